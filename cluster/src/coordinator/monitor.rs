@@ -1,4 +1,4 @@
-//! What a coordinator is watched by.
+//! Metrics, readiness and liveness of a coordinator.
 
 use std::fmt;
 use std::sync::Arc;
@@ -8,10 +8,10 @@ use super::shared_core::SharedCore;
 use crate::core::Status;
 use crate::observe::{Exposition, Monitored};
 
-/// A coordinator whose clock was not looked at for this long is wedged: it looks ten times a second.
+/// A coordinator without a tick for this long is wedged. It ticks ten times a second.
 const WEDGED: Duration = Duration::from_secs(10);
 
-/// A coordinator, as it is watched.
+/// Metrics, readiness and liveness of a coordinator.
 pub(super) struct Monitor(pub(super) Arc<SharedCore>);
 
 impl Monitored for Monitor {
@@ -44,7 +44,7 @@ fn cluster(to: &mut Exposition<'_>, status: &Status, in_flight: usize) -> fmt::R
     let unready = status.workers.len().saturating_sub(status.processes as usize);
     to.gauges(
         "processes",
-        "Workers: those that sample, those that composite (one may do both), and those that are not ready",
+        "Workers by role; a worker with both roles counts twice, unready ones have none",
         [
             ([("role", "sampler")], f64::from(status.samplers)),
             ([("role", "compositor")], f64::from(status.compositors)),
@@ -56,26 +56,26 @@ fn cluster(to: &mut Exposition<'_>, status: &Status, in_flight: usize) -> fmt::R
         [status.samples_per_tick, status.views_per_tick, status.direct_views_per_tick, status.rays_per_tick];
     to.gauges(
         "demand_per_tick",
-        "S, V, D and R: what is asked for per tick",
+        "S, V, D and R: samples, views, direct views and rays demanded per tick",
         kinds.into_iter().zip(per_tick),
     )?;
     let ms = [status.sample_ms, status.view_ms, status.direct_ms, status.ray_ms];
     let seconds = ms.map(|ms| ms * 1e-3);
-    to.gauges("cost_seconds", "g, c, g_direct and g_ray, as measured", kinds.into_iter().zip(seconds))?;
+    to.gauges("cost_seconds", "g, c, g_direct and g_ray: measured cost of a sample, view, direct view and ray", kinds.into_iter().zip(seconds))?;
     to.gauges(
         "tick_seconds",
-        "What the balance formula says a tick's work takes, and how long the busiest worker worked",
+        "Time of a tick's work by the balance formula, and busy time of the busiest worker in a tick",
         [
             ([("which", "predicted")], status.tick_predicted_ms * 1e-3),
             ([("which", "measured")], status.tick_measured_ms * 1e-3),
         ],
     )?;
     to.gauge("views_in_flight", "Views waiting or in work", in_flight as f64)?;
-    to.gauge("sessions_open", "Sessions that are open", status.counters.sessions_open as f64)?;
+    to.gauge("sessions_open", "Open sessions", status.counters.sessions_open as f64)?;
     let refinements = status.refinements;
     to.gauges(
         "refinements",
-        "Samples beside the rig's own, where views have holes",
+        "Samples at refinements of the rig, where views have holes",
         [
             ([("state", "wanted")], f64::from(refinements.wanted)),
             ([("state", "placed")], f64::from(refinements.placed)),
@@ -96,12 +96,12 @@ fn counters(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {
         ],
     )?;
     to.counter("views_retried", "Attempts at a view by another worker", counters.views_retried)?;
-    to.counter("frames_refused", "Frames not good enough for their request", counters.frames_refused)?;
+    to.counter("frames_refused", "Frames rejected because their error exceeded the bound", counters.frames_refused)?;
     let superseded = counters.cameras_superseded;
-    to.counter("cameras_superseded", "Session cameras that a newer one overtook", superseded)?;
+    to.counter("cameras_superseded", "Session cameras superseded by a newer one before they were rendered", superseded)?;
     to.counter("roles_changed", "Changes of role", counters.roles_changed)?;
     to.counter("workers_joined", "Workers that joined", counters.workers_joined)?;
-    to.counter("workers_lost", "Workers that fell silent or ended unannounced", counters.workers_lost)
+    to.counter("workers_lost", "Workers whose lease expired or whose stream ended unannounced", counters.workers_lost)
 }
 
 fn workers(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {

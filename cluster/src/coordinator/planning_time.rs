@@ -1,28 +1,28 @@
-//! What planning takes: how views whose request leaves the way open are to be answered, and by whom.
+//! The time that planning takes, for views whose request leaves the way open.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use argus_scene::View;
 
-/// The views that were planned so far.
+/// Number of planned views, and the total time.
 #[derive(Debug, Default)]
 pub(super) struct PlanningTime {
     views: AtomicU64,
     nanos: AtomicU64,
 }
 
-/// A view that is being planned; nothing is counted of one whose request or pin names the way.
+/// Times the planning of one view. Views whose request or pin names the way are not counted.
 pub(super) struct PlanningTimer<'a>(Option<(&'a PlanningTime, Instant)>);
 
 impl PlanningTime {
-    /// A view is about to be planned.
+    /// Starts planning a view.
     pub(super) fn begin(&self, view: &View) -> PlanningTimer<'_> {
         let is_open = view.pin.is_none() && view.plan.leaves_way_open();
         PlanningTimer(is_open.then(|| (self, Instant::now())))
     }
 
-    /// How many views were planned, and the microseconds that it took in all.
+    /// Number of planned views, and the microseconds that they took in all.
     pub(super) fn so_far(&self) -> (u64, f64) {
         let nanos = self.nanos.load(Ordering::Relaxed);
         (self.views.load(Ordering::Relaxed), nanos as f64 * 1e-3)
@@ -30,7 +30,7 @@ impl PlanningTime {
 }
 
 impl PlanningTimer<'_> {
-    /// It was given to a worker, or waits for one.
+    /// Ends planning: the view is dispatched or waits for a worker.
     pub(super) fn end(self) {
         if let Some((planning, began)) = self.0 {
             planning.views.fetch_add(1, Ordering::Relaxed);
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn views_whose_way_is_named_are_not_counted() {
+    fn only_views_that_leave_the_way_open_are_counted() {
         let planning = PlanningTime::default();
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
         let view = |plan| View { camera, width: 8, height: 8, outputs: Outputs::COLOR, plan, pin: None };

@@ -1,9 +1,9 @@
-//! A session's client while one of its views is under way, as one that may fetch its frame from a worker itself.
+//! Redirects a session's client to the worker that renders its frame.
 //!
-//! The core plans a view and picks its worker as it does for any; then the order goes to the client, as a ticket for the
-//! worker, and what comes back is an acknowledgement with the worker's receipt instead of the frame. So a frame's
-//! pixels do not pass the coordinator. A client that does not get there says so, and has that frame relayed, and those
-//! of a while after.
+//! The core plans the view and picks the worker as usual. Then the client gets the order in a sealed ticket for the
+//! worker, fetches the frame there, and acknowledges it with the worker's receipt. So the pixels do not pass the
+//! coordinator. A client that cannot reach the worker says so. That frame is relayed, and so are those of a pause
+//! after it.
 
 use std::time::Duration;
 
@@ -21,28 +21,27 @@ use super::view_path::{Event, MOST_MISSES};
 use super::view_request::ViewRequest;
 use crate::core::Order;
 
-/// How long a session's frames are relayed after a worker could not be reached; twice as long each time that happens in a
-/// row.
+/// First pause of a session's redirects after a worker could not be reached. It doubles with each failure in a row.
 const FIRST_PAUSE: Duration = Duration::from_secs(5);
 
-/// Longest time that a session's frames are relayed after a worker could not be reached.
+/// Longest pause of a session's redirects.
 const LONGEST_PAUSE: Duration = Duration::from_secs(600);
 
-/// Whether a session's client may be sent to workers now.
+/// The redirects of one session, and their failures.
 #[derive(Debug, Default)]
 pub(super) struct Redirects {
-    /// Of the newest one; whichever worker it leads to, so that no notice about one is taken for one about another.
+    /// Number of the newest redirect. It counts all workers, so that a notice identifies its redirect.
     serial: u64,
-    /// Misses in a row.
+    /// Failed redirects in a row.
     missed: u32,
-    /// Frames in a row that the client says it has and brings no receipt of.
+    /// Frames in a row that the client acknowledged without a receipt.
     unproven: u32,
     relayed_until: Option<Instant>,
 }
 
 impl Redirects {
-    /// The redirect of an order; `None` where clients do not reach its worker, where this one did not lately, or where it has
-    /// as many tickets out as it may have views in work.
+    /// Issues the redirect of an order. `None` during a pause, if clients cannot reach the worker, or if the client
+    /// has too many tickets.
     fn of(&mut self, shared: &SharedCore, request: &ViewRequest, order: &Order) -> Option<IssuedRedirect> {
         if self.relayed_until.is_some_and(|until| Instant::now() < until) {
             return None;
@@ -54,14 +53,14 @@ impl Redirects {
         Some(issued)
     }
 
-    /// The next frames are relayed, for longer each time.
+    /// Pauses redirects, for twice as long each time.
     fn pause(&mut self) {
         let pause = FIRST_PAUSE.saturating_mul(1 << self.missed.min(16)).min(LONGEST_PAUSE);
         self.missed = self.missed.saturating_add(1);
         self.relayed_until = Some(Instant::now() + pause);
     }
 
-    /// A frame arrived, as far as the client says. A receipt may be lost once.
+    /// Records an acknowledged frame. One missing receipt is tolerated.
     fn arrived(&mut self, proven: bool) {
         if proven {
             (self.missed, self.unproven) = (0, 0);
@@ -74,17 +73,17 @@ impl Redirects {
     }
 }
 
-/// A session's client while one of its views is under way.
+/// The client of a session during one view.
 pub(super) struct SessionClient<'a> {
     redirects: &'a mut Redirects,
     pub(super) memory: &'a mut SessionMemory,
     inbox: &'a Inbox,
     camera_seq: u64,
-    /// Whether it can fetch frames from workers at all.
+    /// Whether the client supports redirects.
     pub(super) redirectable: bool,
-    /// Those of this view so far; the last one is the one that holds.
+    /// The redirects of this view so far; the last one is valid.
     given: Vec<IssuedRedirect>,
-    /// When the last one is given up.
+    /// When the last redirect times out.
     until: Instant,
 }
 
@@ -100,9 +99,9 @@ impl<'a> SessionClient<'a> {
         Self { redirects, memory, inbox, camera_seq, redirectable, given: Vec::new(), until }
     }
 
-    /// What to tell the client to have an order's frame fetched, if it can be.
+    /// Issues a redirect for an order, if possible.
     pub(super) fn ticket(&mut self, shared: &SharedCore, request: &ViewRequest, order: &Order) -> Option<v1::Redirect> {
-        // One that says no more could not say that it has its frame.
+        // A client that closed its side cannot acknowledge the frame.
         if self.inbox.is_closed() {
             return None;
         }
@@ -113,18 +112,18 @@ impl<'a> SessionClient<'a> {
         Some(redirect)
     }
 
-    /// What the client says next of this view's frame. One that says nothing for [`REDIRECT_TIMEOUT`] does not reach the worker, so
-    /// that it holds no place there by doing nothing.
+    /// Waits for the client's notice about this view's frame. After [`REDIRECT_TIMEOUT`] without one, the worker
+    /// counts as unreachable, so that a silent client holds no place there.
     pub(super) async fn notice(&self, shared: &SharedCore) -> ClientNotice {
         tokio::select! {
             biased;
             notice = self.inbox.notice(self.camera_seq) => notice,
             () = shared.closing.cancelled() => ClientNotice::unreachable("the coordinator is shutting down"),
-            () = tokio::time::sleep_until(self.until) => ClientNotice::unreachable("nothing is heard of the client"),
+            () = tokio::time::sleep_until(self.until) => ClientNotice::unreachable("the client did not answer in time"),
         }
     }
 
-    /// A notice as what happened to the view. `newest`: the order that the core gave meanwhile.
+    /// Converts a notice to an event of the view. `newest` is an order that the core gave meanwhile.
     pub(super) fn event(
         &mut self,
         notice: ClientNotice,
@@ -133,12 +132,12 @@ impl<'a> SessionClient<'a> {
     ) -> Event {
         match notice {
             ClientNotice::Arrived(receipt) => {
-                // It may have come by an earlier ticket, while another worker was given the view.
+                // The receipt may belong to an earlier ticket, if the core then chose another worker.
                 let returned = receipt.and_then(|receipt| {
                     self.given.iter_mut().rev().find_map(|issued| issued.returned(&receipt))
                 });
                 self.redirects.arrived(returned.is_some());
-                let header = returned.map(|header| Box::new(with_the_way(header, request.age_ms())));
+                let header = returned.map(|header| Box::new(with_fetch_stage(header, request.age_ms())));
                 Event::Fetched { header, newest }
             }
             ClientNotice::Missed(v1::SessionMissed { reason, serial, unreachable }) => {
@@ -148,14 +147,14 @@ impl<'a> SessionClient<'a> {
         }
     }
 
-    /// The session's next frames are relayed.
+    /// Pauses the session's redirects.
     pub(super) fn pause(&mut self) {
         self.redirects.pause();
     }
 }
 
-/// A worker's header with what passed until the client had the frame, `age_ms` after its request, and said so.
-fn with_the_way(mut header: v1::FrameHeader, age_ms: f64) -> v1::FrameHeader {
+/// Adds the stage from the worker's header to the client's acknowledgement. `age_ms` is the time since the request.
+fn with_fetch_stage(mut header: v1::FrameHeader, age_ms: f64) -> v1::FrameHeader {
     let ms = (age_ms - header.age_ms).max(0.0);
     header.stages.push(v1::Stage { name: Stage::DETOUR.to_owned(), ms });
     header.age_ms = age_ms;

@@ -1,46 +1,47 @@
-//! What a client has of a frame that is relayed: what a worker's next chunk adds to it, and what its header tells.
+//! Relaying of a frame: which part of it the client has, and what the next chunk adds.
 //!
-//! A frame's bytes are a function of its provenance. So where a worker fails in the middle of a frame, another one's
-//! chunks continue it: what the client already has is skipped.
+//! A frame's bytes are a function of its provenance. If a worker fails within a frame, another worker's chunks
+//! continue it: those that the client has are skipped.
 
 use argus_proto::v1;
 use argus_proto::v1::frame_chunk::Body;
 use argus_scene::{Prediction, Stage};
 use tonic::Status;
 
-/// What a client already has of a frame.
+/// The part of a frame that a client has.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Relayed {
     header: Option<v1::FrameHeader>,
     bytes: u64,
-    /// Milliseconds of rendering frames that were thrown away.
+    /// Milliseconds of rendering frames that were rejected.
     refused_ms: f64,
 }
 
 impl Relayed {
-    /// The header that the client has.
+    /// The header that was sent to the client.
     pub(super) fn header(&self) -> Option<&v1::FrameHeader> {
         self.header.as_ref()
     }
 
-    /// Counts what a frame cost that was thrown away; what is no number counts as nothing.
+    /// Adds the cost of a rejected frame. A value that is not finite is ignored.
     pub(super) fn refuse(&mut self, ms: f64) {
         if ms.is_finite() {
             self.refused_ms += ms;
         }
     }
 
-    /// Whether the client has, with the chunk passed last, all of the frame.
+    /// Whether the last chunk completed the frame.
     pub(super) fn is_whole(&self) -> bool {
         let due =
             |header: &v1::FrameHeader| header.images.iter().map(|image| image.packed_bytes).sum::<u64>();
         self.header.as_ref().is_some_and(|header| self.bytes == due(header))
     }
 
-    /// What to send on of a chunk that came `age_ms` after the view's request; `None` if the client has it already.
+    /// The part of a chunk to send to the client; `None` if the client has it already. The chunk came `age_ms` after
+    /// the request.
     ///
     /// # Errors
-    /// The chunk is empty, data comes before any header, or the header is of another frame than the client has a part of.
+    /// The chunk is empty, data precede the header, or the header differs from the one that was sent.
     pub(super) fn pass(
         &mut self,
         chunk: v1::FrameChunk,
@@ -52,7 +53,7 @@ impl Relayed {
             Some(Body::Data(_)) if self.header.is_none() => {
                 Err(Status::data_loss("the worker sent a frame without its header"))
             }
-            // Every worker cuts the same bytes at the same places.
+            // All workers cut a frame at the same offsets.
             Some(Body::Data(data)) if data.offset < self.bytes => Ok(None),
             Some(Body::Data(data)) => {
                 self.bytes = data.offset.saturating_add(data.bytes.len() as u64);
@@ -68,13 +69,13 @@ impl Relayed {
         age_ms: f64,
         expected: Option<Prediction>,
     ) -> Result<Option<v1::FrameChunk>, Status> {
-        // No worker repeats a frame that began from an earlier one: a session's client has it anew.
-        if self.header.iter().chain([&header]).any(begun_from_history) {
+        // A frame that was reprojected from an earlier one cannot be repeated: it is sent anew.
+        if self.header.iter().chain([&header]).any(uses_history) {
             (self.header, self.bytes) = (None, 0);
         }
         if let Some(sent) = &self.header {
             let same = sent.provenance == header.provenance && sent.images == header.images;
-            let reason = "the worker failed within a frame, and no other makes the same one";
+            let reason = "the worker failed within a frame, and no other worker can repeat it";
             return if same { Ok(None) } else { Err(Status::unavailable(reason)) };
         }
         let relay_ms = (age_ms - header.age_ms).max(0.0);
@@ -90,19 +91,19 @@ impl Relayed {
     }
 }
 
-fn begun_from_history(header: &v1::FrameHeader) -> bool {
+fn uses_history(header: &v1::FrameHeader) -> bool {
     header.provenance.as_ref().is_some_and(|provenance| provenance.history)
 }
 
-/// Pixels of a frame that none of its samples saw.
+/// Number of pixels that none of the frame's samples saw.
 pub(super) fn uncovered(header: &v1::FrameHeader) -> u64 {
     let pixels = f64::from(header.width) * f64::from(header.height);
-    // What was traced is no longer unresolved. A share that is no number counts as nothing.
+    // Traced pixels are no longer unresolved. A share that is not a number counts as 0.
     let guessed = (header.unresolved_fraction * pixels).round() as u64;
     guessed.saturating_add(header.served.map_or(0, |served| served.traced))
 }
 
-/// Milliseconds of a frame's stages that were spent on rendering it.
+/// Milliseconds of the stages that render the frame, without transfers.
 pub(super) fn rendering_ms(header: &v1::FrameHeader) -> f64 {
     header.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
 }
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_another_worker_continues_is_passed_once() {
+    fn a_frame_that_another_worker_continues_is_sent_once() {
         let mut relayed = Relayed::default();
         let passes =
             |relayed: &mut Relayed, chunk| relayed.pass(chunk, 5.0, None).map(|chunk| chunk.is_some());
@@ -140,13 +141,13 @@ mod tests {
             assert_eq!(passes(&mut relayed, chunk).unwrap(), is_new);
         }
         assert!(relayed.is_whole());
-        assert_eq!(relayed.header().unwrap().stages[0].ms, 2.0, "the way through the relay");
+        assert_eq!(relayed.header().unwrap().stages[0].ms, 2.0, "the relay's own time");
         let other = passes(&mut relayed, header(5)).unwrap_err();
         assert_eq!(other.code(), tonic::Code::Unavailable);
     }
 
     #[test]
-    fn a_frame_that_began_from_history_is_sent_anew() {
+    fn a_reprojected_frame_is_sent_anew() {
         let mut relayed = Relayed::default();
         assert!(relayed.pass(header(2), 5.0, None).unwrap().is_some());
         assert!(relayed.pass(data(0, b"a"), 5.0, None).unwrap().is_some());
@@ -156,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn chunks_that_are_no_part_of_a_frame_are_errors() {
+    fn chunks_outside_of_a_frame_are_errors() {
         let mut relayed = Relayed::default();
         assert!(relayed.pass(data(0, b"a"), 5.0, None).is_err(), "before its header");
         assert!(relayed.pass(v1::FrameChunk { body: None }, 5.0, None).is_err());
@@ -170,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn what_refused_frames_cost_is_in_the_header_and_what_is_no_number_is_not() {
+    fn the_cost_of_rejected_frames_is_in_the_header() {
         let mut relayed = Relayed::default();
         relayed.refuse(f64::NAN);
         relayed.refuse(7.0);

@@ -1,4 +1,4 @@
-//! `Scenes`: how a worker comes by a scene that it does not have.
+//! The `Scenes` service: workers fetch the scene from it.
 
 use std::pin::Pin;
 use std::sync::{Arc, Weak};
@@ -17,14 +17,14 @@ use tracing::info;
 use super::shared_core::SharedCore;
 use crate::SceneSource;
 
-/// The service.
+/// The gRPC service.
 pub(super) struct ScenesService {
     shared: Arc<SharedCore>,
-    /// What is being sent: in memory once, however many fetch it at the same time, and no longer than that.
+    /// The bundle while it is being sent. Concurrent fetches share it, and it is dropped after the last one.
     bundle: Mutex<Weak<Bundle>>,
 }
 
-/// The scene's files, those that are opened first at the beginning.
+/// The scene's files, the root file first.
 struct Bundle {
     files: Vec<(String, Bytes)>,
 }
@@ -46,11 +46,11 @@ impl ScenesService {
         let Some(root) = bundle.files.first().map(|(name, _)| name.clone()) else {
             return Err(Status::internal("the scene has no files"));
         };
-        // These are references to the same bytes.
+        // Clones share the bytes.
         let chunks =
             bundle_chunks(&scene.name, scene.hash, &root, bundle.files.clone()).map_err(Fault::from)?;
         Ok(Box::new(chunks.inspect(move |_| {
-            let _found_by_others_until_sent = &bundle;
+            let _shared_until_sent = &bundle;
         })))
     }
 }
@@ -71,7 +71,7 @@ impl Scenes for ScenesService {
     }
 }
 
-/// What somebody has already, or else what is read. Who comes meanwhile waits for it instead of reading as well.
+/// Returns the shared value if it is alive, else reads it. Concurrent callers wait for one read.
 async fn read_once<T: Send + Sync + 'static>(
     known: &Mutex<Weak<T>>,
     read: impl FnOnce() -> Result<T, Status> + Send + 'static,
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_bundle_is_read_once_for_all_who_fetch_it_at_the_same_time() {
+    async fn concurrent_fetches_read_the_bundle_once() {
         let (known, reads) = (Mutex::default(), Arc::new(AtomicUsize::new(0)));
         let fetch = || {
             let reads = reads.clone();

@@ -1,9 +1,8 @@
-//! A session: one moving camera. The newest position wins, frames are acknowledged, nobody gets stale ones.
+//! Sessions: one moving camera, whose newest position wins.
 //!
-//! Cameras go into a slot of capacity one: a camera that is still there when the next one comes was never
-//! rendered and is counted as superseded. One view is in work at a time, and few frames are on their way to the
-//! client unacknowledged (`inbox`), so that a slow client gets fewer frames instead of older ones. A client that
-//! can reach workers is sent there for its frames (`redirect`), one at a time.
+//! Cameras go into a slot of capacity one. A camera that is replaced there is counted as superseded. One view is in
+//! work at a time, and few frames are unacknowledged (`inbox`), so a slow client gets fewer frames and never stale
+//! ones. A client that can reach workers is redirected to them (`redirect`), one frame at a time.
 
 use std::sync::Arc;
 
@@ -28,7 +27,7 @@ use super::redirect::{Redirects, SessionClient};
 use super::view_request::ViewRequest;
 use crate::core::{Client, Event};
 
-/// Counts the session while it lasts.
+/// An open session, which counts against its client's limit until it is dropped.
 pub(super) struct Open {
     shared: Arc<SharedCore>,
     client: Client,
@@ -36,7 +35,7 @@ pub(super) struct Open {
 
 impl Open {
     /// # Errors
-    /// If the client may not open one now.
+    /// [`Fault::Overloaded`] beyond a limit, [`Fault::Unavailable`] while draining.
     pub(super) fn new(shared: Arc<SharedCore>, client: Client) -> Result<Self, Fault> {
         shared.open_session(&client)?;
         Ok(Self { shared, client })
@@ -49,16 +48,16 @@ impl Drop for Open {
     }
 }
 
-/// What a session keeps from one of its views to the next.
+/// State that a session keeps between its views.
 #[derive(Default)]
 struct Kept {
     redirects: Redirects,
     memory: SessionMemory,
-    /// Names what its frames leave at workers, once one shall leave something.
+    /// The key of this session's frame histories at workers, once one was requested.
     history: Option<String>,
 }
 
-/// Answers the cameras of one client until it closes its side, or the coordinator closes.
+/// Answers the cameras of one client until it closes its side or the coordinator shuts down.
 pub(super) fn run(
     open: Open,
     requests: Streaming<v1::SessionRequest>,
@@ -72,8 +71,8 @@ pub(super) fn run(
         let mut reading = true;
         let mut kept = Kept::default();
         loop {
-            // Listening goes on within this task, so that it ends with it.
-            // It comes first: what has arrived meanwhile overtakes what waits.
+            // Messages are read within this task, so that reading ends with it. Reading comes first, so that new
+            // cameras supersede waiting ones.
             let camera = tokio::select! {
                 biased;
                 () = &mut reader, if reading => { reading = false; continue }
@@ -82,7 +81,7 @@ pub(super) fn run(
             };
             let Some(camera) = camera else { return };
             let camera_seq = camera.0;
-            // In memory of its own: most sessions wait for a camera most of the time.
+            // Boxed, since most sessions wait for a camera most of the time.
             let mut answers = Box::pin(answers(&open, camera, &inbox, &mut kept));
             let mut failed = false;
             loop {
@@ -93,7 +92,7 @@ pub(super) fn run(
                 let Some(body) = answer else { break };
                 if matches!(body, Body::Failure(_)) {
                     failed = true;
-                    // Another coordinator leads now: the session is to be opened there, and nothing has failed.
+                    // Another coordinator leads now, where the client must open its session anew.
                     shared.check_leading()?;
                 }
                 yield v1::SessionResponse { camera_seq, superseded: inbox.superseded(), body: Some(body) };
@@ -105,7 +104,7 @@ pub(super) fn run(
     }
 }
 
-/// Puts what the client says into the inbox, until it says no more.
+/// Reads the client's messages into the inbox until the client closes its side.
 async fn listen(shared: &SharedCore, mut requests: Streaming<v1::SessionRequest>, inbox: &Inbox) {
     while let Ok(Some(request)) = requests.message().await {
         if inbox.receive(request) {
@@ -115,20 +114,20 @@ async fn listen(shared: &SharedCore, mut requests: Streaming<v1::SessionRequest>
     inbox.close();
 }
 
-/// A name for what a session's frames leave at workers, that no other session has.
+/// A random key for a session's frame histories at workers.
 fn drawn_name() -> String {
     format!("{:032x}", SmallRng::from_os_rng().random::<u128>())
 }
 
-/// A view whose search may begin from an earlier frame: by the one search that can.
-fn begun_from_history(mut view: View) -> Result<View, InvalidField> {
+/// A view that may be reprojected from an earlier frame, which only the seeded search can.
+fn with_history(mut view: View) -> Result<View, InvalidField> {
     let reason = match view.plan.search {
         _ if view.pin.is_some() => {
-            "a pinned frame is repeated, and none that began from an earlier one can be".to_owned()
+            "a pinned frame must be repeatable, and reprojected frames are not".to_owned()
         }
-        _ if view.plan.direct => "a view from the triangles is not searched".to_owned(),
+        _ if view.plan.direct => "direct views use no search".to_owned(),
         Some(search) if search != Search::Seeded => {
-            format!("only the seeded search begins from an earlier frame, not the search `{}`", search.name())
+            format!("only the search `seeded` can use an earlier frame, not `{}`", search.name())
         }
         _ => {
             view.plan.search = Some(Search::Seeded);
@@ -138,7 +137,7 @@ fn begun_from_history(mut view: View) -> Result<View, InvalidField> {
     Err(InvalidField::new("history", reason))
 }
 
-/// The frame of one camera, or where to fetch it, or its failure.
+/// The answers to one camera: chunks of its frame, redirects, or a failure.
 fn answers<'a>(
     open: &'a Open,
     camera: SessionCamera,
@@ -165,14 +164,14 @@ fn answers<'a>(
     }
 }
 
-/// The view that a session's client asks for with a camera.
+/// The request for the view of a session's camera.
 fn view_request(
     open: &Open,
     (seq, asked, arrived): SessionCamera,
     kept: &mut Kept,
 ) -> Result<ViewRequest, InvalidField> {
     let view = checked(&open.shared, asked.view.as_ref())?;
-    let view = if asked.history { begun_from_history(view)? } else { view };
+    let view = if asked.history { with_history(view)? } else { view };
     let encoding = checked_encoding(asked.encoding)?;
     let span = debug_span!(target: TARGET, "relay", camera = seq);
     continued_from(&span, &asked.traceparent);

@@ -1,4 +1,4 @@
-//! Surveys of views that were planned a moment ago: who walks or turns sees mostly what was seen then.
+//! Recent surveys: a camera that moves a little sees mostly the same, so its survey reuses rays.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use parking_lot::Mutex;
 
 use crate::core::SurveyWanted;
 
-/// Surveys that are kept: a few views each of some dozen clients. Looking through them takes a few microseconds.
+/// Surveys that are kept: a few views of each of some dozen clients. Searching them takes a few microseconds.
 const KEPT: usize = 128;
 
 /// The newest surveys, of all clients.
@@ -17,7 +17,7 @@ const KEPT: usize = 128;
 pub(super) struct Surveys(Mutex<VecDeque<(SurveyWanted, Arc<Survey>)>>);
 
 impl Surveys {
-    /// Takes a survey, by the one before whose view is nearest.
+    /// Takes a survey, reusing rays of the nearest recent one.
     pub(super) fn take(&self, wanted: SurveyWanted, view: &View, sight: &dyn Sight) -> Box<Survey> {
         let near = self.nearest(&wanted, view);
         let survey = wanted.take_after(near.as_deref(), view, sight);

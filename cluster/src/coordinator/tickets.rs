@@ -1,7 +1,7 @@
-//! RedirectTickets with which clients fetch their frames from workers, and how many each client has out.
+//! Redirect tickets, and how many of them each client holds.
 //!
-//! A ticket is work that a client may have done at a time of its own choosing. So what a client says of its frame ends the
-//! view and not the ticket: that counts as one of the client's until its receipt is here, or for [`REDIRECT_TIMEOUT`].
+//! A client may redeem a ticket at a time of its choosing. So an acknowledgement ends the view, but the ticket counts
+//! against the client until its receipt arrives or [`REDIRECT_TIMEOUT`] passes.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Weak};
@@ -14,25 +14,24 @@ use tokio::time::Instant;
 use crate::core::Client;
 use crate::sealed::{Kind, SealKey};
 
-/// How long a client may say nothing of a frame that it was sent for. A ticket whose receipt does not come is taken to be out
-/// for as long.
+/// Longest time that a client may be silent about a redirected frame. A ticket without a receipt counts for as long.
 pub(super) const REDIRECT_TIMEOUT: Duration = Duration::from_secs(120);
 
-/// A worker's address for a client that shall fetch its frame there, with a ticket.
+/// A redirect that was sent to a client.
 pub(super) struct IssuedRedirect {
-    /// What the client is told.
+    /// The message to the client.
     pub(super) message: v1::Redirect,
-    /// The worker's.
+    /// The key that the coordinator and the worker share.
     pub(super) key: SealKey,
-    /// Of the ticket, at that worker.
+    /// The ticket's serial number at that worker.
     pub(super) serial: u64,
     pub(super) slot: TicketSlot,
-    /// One for each client that is on its way to that worker.
+    /// Counts the redirects in flight to the worker.
     pub(super) _in_flight: Arc<()>,
 }
 
 impl IssuedRedirect {
-    /// What the worker says of the frame, if the receipt is of this ticket, which is good for nothing then.
+    /// The frame's header, if the receipt is genuine and belongs to this ticket. The ticket is then used up.
     pub(super) fn returned(&mut self, receipt: &v1::Sealed) -> Option<v1::FrameHeader> {
         let receipt: v1::Receipt = self.key.open(Kind::Receipt, receipt)?;
         let header = receipt.header.filter(|_| receipt.serial == self.serial)?;
@@ -41,7 +40,7 @@ impl IssuedRedirect {
     }
 }
 
-/// The tickets that each client has out: those of views in work, and those of which nobody knows what became.
+/// The tickets of each client: those of views in flight, and unreturned ones.
 #[derive(Debug, Default)]
 pub(super) struct RedirectTickets(Arc<Mutex<TicketCounts>>);
 
@@ -53,9 +52,9 @@ struct TicketCounts {
 
 #[derive(Debug, Default)]
 struct ClientTickets {
-    /// Of views in work.
+    /// Tickets of views in flight.
     out: usize,
-    /// When each is forgotten that did not come back, in order. Those of a worker that left are good for nothing.
+    /// Tickets without a receipt, each with its expiry and a handle that is alive while its worker is.
     unreturned: VecDeque<(Instant, Weak<()>)>,
 }
 
@@ -66,11 +65,11 @@ impl ClientTickets {
 }
 
 impl RedirectTickets {
-    /// One more of a client's, unless it has `most`. `worker` lives as long as the ticket is good.
+    /// Counts one more ticket of a client, unless it has `most`. `worker` is alive as long as the ticket is valid.
     pub(super) fn take(&self, client: &Client, worker: &Arc<()>, most: usize) -> Option<TicketSlot> {
         let now = Instant::now();
         let mut counts = self.0.lock();
-        // Clients that never come again are forgotten with the others.
+        // Clients without tickets are forgotten, whether or not they come again.
         if counts.swept.is_none_or(|swept| now.duration_since(swept) >= REDIRECT_TIMEOUT) {
             counts.swept = Some(now);
             counts.clients.retain(|_, tickets| {
@@ -91,13 +90,13 @@ impl RedirectTickets {
     }
 }
 
-/// One ticket of a client's.
+/// One counted ticket of a client.
 #[derive(Debug)]
 pub(super) struct TicketSlot {
     counts: Arc<Mutex<TicketCounts>>,
     client: Client,
     worker: Weak<()>,
-    /// Its receipt is here: it is good for nothing any more.
+    /// Whether the receipt arrived, so that the ticket is used up.
     pub(super) returned: bool,
 }
 
@@ -119,14 +118,14 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn a_client_has_as_many_tickets_out_as_it_may_until_they_come_back_or_lapse() {
+    async fn a_client_may_hold_a_limited_number_of_tickets_until_they_return_or_expire() {
         let (tickets, worker) = (RedirectTickets::default(), Arc::new(()));
         let (one, other): (Client, Client) = ("one".into(), "other".into());
         let mut first = tickets.take(&one, &worker, 2).unwrap();
         let second = tickets.take(&one, &worker, 2).unwrap();
         assert!(tickets.take(&one, &worker, 2).is_none());
         assert!(tickets.take(&other, &worker, 2).is_some());
-        // What the client says of its frame frees no slot; a receipt does.
+        // Ending the view frees no slot; a receipt does.
         drop(second);
         assert!(tickets.take(&one, &worker, 2).is_none());
         first.returned = true;
@@ -137,10 +136,10 @@ mod tests {
         let fresh = [tickets.take(&one, &worker, 2).unwrap(), tickets.take(&one, &worker, 2).unwrap()];
         drop(fresh);
         assert!(tickets.take(&one, &worker, 2).is_none());
-        // Nobody takes the tickets of a worker that left.
+        // Tickets of a worker that left do not count.
         drop(worker);
         assert!(tickets.take(&one, &Arc::new(()), 2).is_some());
-        // Nor is a client remembered that never comes again.
+        // A client that never comes again is forgotten.
         tokio::time::advance(REDIRECT_TIMEOUT * 2).await;
         drop(tickets.take(&other, &Arc::new(()), 2));
         assert!(!tickets.0.lock().clients.contains_key(&one));

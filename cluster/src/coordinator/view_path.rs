@@ -1,4 +1,4 @@
-//! One view's path through the coordinator, from its request to its last chunk: state × event → state × commands.
+//! The state machine of one view in the coordinator: state × event → state × commands.
 //!
 //! ```text
 //!  Queued ─ order ───────────────▶ Ordered ── header ─▶ Streaming ── last chunk ─▶ Done
@@ -7,10 +7,9 @@
 //!    └── order, with a ticket ─▶ Redirected ── the client has the frame ─▶ Done
 //! ```
 //!
-//! An attempt that fails, ordered, streaming or redirected, leads back to Queued: the core orders another one, or refuses.
-//! The core may give the view to another worker in every state but the last: an order replaces what was ordered before. It
-//! may refuse the view in each of them, for its deadline among other things, and the client may cancel it in each.
-//! Nothing here waits, reads a clock or opens a socket: `drive` does, and says what happened.
+//! A failed attempt leads back to Queued: the core orders another attempt, or refuses the view. In every state but
+//! Done, the core may replace the order or refuse the view, for example at its deadline, and the client may cancel.
+//! Nothing here waits, reads a clock or opens a socket; `drive` does.
 
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::{Fault, v1};
@@ -20,103 +19,104 @@ use tonic::{Code, Status};
 use super::relayed::{Relayed, rendering_ms, uncovered};
 use crate::core::{Failure, Order};
 
-/// A frame that was missed so often is relayed: each miss may be a frame that was rendered.
+/// A frame is relayed after so many failed redirects, since each of them may have cost a rendering.
 pub(super) const MOST_MISSES: u32 = 2;
 
-/// Where a view is.
+/// The state of a view.
 #[derive(Debug, Clone)]
 pub(super) enum State {
-    /// The core was asked, and no worker has the view. `failed` is how the last attempt at a relayed frame ended.
+    /// No worker has the view. `failed` is the error of the last relayed attempt.
     Queued { failed: Option<Status> },
-    /// A worker has the view, and nothing of its frame is here.
+    /// A worker has the view; no chunk has arrived.
     Ordered(Box<Order>),
-    /// The frame's header waits until the core says whether the frame is good enough.
+    /// The header arrived and waits for the core's judgement of the frame.
     Judged { order: Box<Order>, header: Box<v1::FrameHeader>, age_ms: f64 },
-    /// The frame's chunks are passed on as they come.
+    /// Chunks are relayed as they arrive.
     Streaming(Box<Order>),
-    /// The client fetches the frame from the worker with the ticket of that number.
+    /// The client fetches the frame from the worker. `ticket` is the redirect's serial number.
     Redirected { order: Box<Order>, ticket: u64 },
-    /// The client has its frame, or knows why not, or went away.
+    /// The view is answered, failed or cancelled.
     Done,
 }
 
-/// What happened to a view.
+/// An event of a view.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Event {
-    /// The core gives the view to a worker, and an earlier attempt is void. With a ticket where [`ViewPath::may_redirect`]
-    /// allows one and there is one.
+    /// The core gave the view to a worker, which voids earlier attempts. With a redirect, if
+    /// [`ViewPath::may_redirect`] allows it and one was issued.
     Ordered { order: Box<Order>, ticket: Option<v1::Redirect> },
-    /// The core lets the frame pass that was judged.
+    /// The core accepted the judged frame.
     Delivered { attempt: u32, expected: Prediction },
-    /// The core gave the view up: its deadline is over, or no worker is left, or the like.
+    /// The core refused the view, for example at its deadline.
     Refused(Fault),
-    /// A chunk came from the worker, `age_ms` after the view's request.
+    /// A chunk arrived from the worker, `age_ms` after the request.
     Chunk { chunk: v1::FrameChunk, age_ms: f64 },
-    /// The worker's stream did not open, broke, or ended.
+    /// The worker's stream did not open, failed, or ended early.
     Broken(Status),
-    /// The client has the frame that it was sent for; with its header if a receipt proves it. `newest` is the order that the
-    /// core gave meanwhile, if it gave one.
+    /// The client has the redirected frame; with its header if a receipt proves it. `newest` is an order that the
+    /// core gave meanwhile.
     Fetched { header: Option<Box<v1::FrameHeader>>, newest: Option<Box<Order>> },
-    /// The client did not get the frame with that ticket (0: with any). `unreachable`: nor will it get others.
+    /// The client could not fetch the frame with this ticket (0: any ticket). `unreachable`: it cannot reach workers
+    /// at all.
     Missed { ticket: u64, unreachable: bool },
-    /// Nobody waits for the view any more.
+    /// The client cancelled the view.
     Cancelled,
 }
 
-/// What is to be done about a view, in order.
+/// A command to the driver of a view.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant, reason = "most are chunks, and a box for each would cost more")]
 pub(super) enum Command {
-    /// Ask the worker of [`ViewPath::order`] for the frame, in place of an earlier one.
+    /// Request the frame from the worker of [`ViewPath::order`], in place of an earlier request.
     Open,
-    /// Send the client to a worker.
+    /// Redirect the client to a worker.
     Redirect(v1::Redirect),
-    /// Relay the session's next frames: its client does not reach workers.
+    /// Pause the session's redirects: its client cannot reach workers.
     PauseRedirects,
-    /// Let the core look at the frame; [`Event::Delivered`] follows, or another order.
+    /// Let the core judge the frame. [`Event::Delivered`] or another order follows.
     Judge { attempt: u32, observed: Option<v1::Observed>, ms: f64 },
-    /// Tell the core how an attempt failed; unless that is final, another order follows, or a refusal.
+    /// Tell the core how an attempt failed. Unless that is final, another order or a refusal follows.
     Failed { attempt: u32, failure: Failure },
-    /// Tell the core, and those who count frames, that the client has its frame.
+    /// Tell the core and the metrics that the client has its frame.
     Answered(Answered),
-    /// Tell the core that nobody waits.
+    /// Tell the core that the view is cancelled.
     Cancel,
-    /// Pass a chunk on to the client.
+    /// Send a chunk to the client.
     Send(v1::FrameChunk),
-    /// Read the worker's stream to its end, soon.
+    /// Read the worker's stream to its end, within a timeout.
     CloseStream,
-    /// Tell the client that it gets no frame.
+    /// Send the client an error.
     Fail(Status),
 }
 
-/// A frame that a client has.
+/// A frame that its client has.
 #[derive(Debug, Clone)]
 pub(super) struct Answered {
     pub(super) attempt: u32,
-    /// Absent where nothing is known of a frame that was fetched.
+    /// The header; absent for a fetched frame without a receipt.
     pub(super) header: Option<Box<v1::FrameHeader>>,
-    /// Pixels that no sample saw.
+    /// Number of pixels that no sample saw.
     pub(super) uncovered: Option<u64>,
-    /// Milliseconds of rendering; absent where they were said when the frame was judged.
+    /// Milliseconds of rendering; absent if they were reported with the judgement.
     pub(super) ms: Option<f64>,
-    /// Whether the frame passed this process.
+    /// Whether this process relayed the frame.
     pub(super) relayed: bool,
 }
 
-/// A view's path.
+/// The state machine of one view.
 #[derive(Debug)]
 pub(super) struct ViewPath {
     state: State,
     relayed: Relayed,
-    /// Whether its client may fetch frames from workers; no more once this frame was to be relayed.
+    /// Whether the client may be redirected; false once the frame is relayed.
     redirectable: bool,
-    /// How often the client missed this frame.
+    /// Number of failed redirects of this frame.
     missed: u32,
 }
 
 impl ViewPath {
-    /// Of a view that the core was just asked for.
+    /// Starts with a view that was just submitted to the core.
     pub(super) fn new(redirectable: bool) -> Self {
         let state = State::Queued { failed: None };
         Self { state, relayed: Relayed::default(), redirectable, missed: 0 }
@@ -126,7 +126,7 @@ impl ViewPath {
         &self.state
     }
 
-    /// The order that is being carried out.
+    /// The current order.
     pub(super) fn order(&self) -> Option<&Order> {
         match &self.state {
             State::Queued { .. } | State::Done => None,
@@ -135,12 +135,12 @@ impl ViewPath {
         }
     }
 
-    /// Whether the client may fetch that order's frame itself. One that is judged passes here.
+    /// Whether the client may be redirected for this order. Judged frames pass the coordinator.
     pub(super) fn may_redirect(&self, order: &Order) -> bool {
         self.redirectable && self.missed < MOST_MISSES && !order.judged
     }
 
-    /// Takes one event in. What is about nothing that is awaited changes nothing.
+    /// Processes an event. Events that do not fit the state are ignored.
     pub(super) fn step(&mut self, event: Event) -> Vec<Command> {
         let state = std::mem::replace(&mut self.state, State::Done);
         let (state, commands) = self.next(state, event);
@@ -152,9 +152,9 @@ impl ViewPath {
         match (state, event) {
             (State::Done, _) => (State::Done, Vec::new()),
 
-            // What may happen wherever the view is.
+            // In any state.
             (_, Event::Cancelled) => (State::Done, vec![Command::Cancel]),
-            // Where no other worker is left, what the last one said tells more than that it was the last.
+            // If no worker is left, the last worker's error says more than the refusal.
             (State::Queued { failed: Some(status) }, Event::Refused(Fault::Unavailable(_))) => {
                 (State::Done, vec![Command::Fail(status)])
             }
@@ -169,7 +169,7 @@ impl ViewPath {
                 self.relay(order)
             }
 
-            // The frame comes here.
+            // The frame is relayed.
             (State::Ordered(order), Event::Chunk { chunk, age_ms }) if self.is_to_be_judged(&order) => {
                 self.judge(order, chunk, age_ms)
             }
@@ -186,7 +186,7 @@ impl ViewPath {
                 broken(&order, status)
             }
 
-            // The client fetches it.
+            // The client fetches the frame.
             (State::Redirected { order, .. }, Event::Fetched { header, newest }) => {
                 let order = newest.unwrap_or(order);
                 (State::Done, vec![Command::Answered(answered(&order, header, false))])
@@ -201,13 +201,13 @@ impl ViewPath {
         }
     }
 
-    /// The frame is relayed, and so is whatever another worker makes of the view.
+    /// Relays the frame, and all further attempts at the view.
     fn relay(&mut self, order: Box<Order>) -> (State, Vec<Command>) {
         self.redirectable = false;
         (State::Ordered(order), vec![Command::Open])
     }
 
-    /// Whether the core looks at the frame first: not once the client has a part of it.
+    /// Whether the core must judge the frame first: not if the client has a part of it.
     fn is_to_be_judged(&self, order: &Order) -> bool {
         order.judged && self.relayed.header().is_none()
     }
@@ -226,14 +226,14 @@ impl ViewPath {
             Ok(Some(chunk)) if self.relayed.is_whole() => {
                 let header = self.relayed.header().cloned().map(Box::new);
                 let answered = Command::Answered(answered(&order, header, true));
-                // Said before the client has the last chunk: it may go as soon as it does.
+                // Reported before the last chunk is sent, since the client may leave right after it.
                 (State::Done, vec![answered, Command::Send(chunk), Command::CloseStream])
             }
             Ok(Some(chunk)) => (State::Streaming(order), vec![Command::Send(chunk)]),
         }
     }
 
-    /// The client did not get the frame from the worker. If it reaches no worker, the frame that is ordered is relayed.
+    /// Handles a failed redirect. If the client can reach no worker, the ordered frame is relayed.
     fn miss(&mut self, order: Box<Order>, unreachable: bool) -> (State, Vec<Command>) {
         self.missed += 1;
         let pause = unreachable || self.missed >= MOST_MISSES;
@@ -247,18 +247,18 @@ impl ViewPath {
     }
 }
 
-/// An attempt at a relayed frame failed. Another may succeed unless the request itself is at fault.
+/// Handles a failed attempt at a relayed frame. Another attempt follows unless the request itself is at fault.
 fn broken(order: &Order, status: Status) -> (State, Vec<Command>) {
     match status.code() {
         Code::InvalidArgument | Code::DeadlineExceeded | Code::Unimplemented => {
             let failed = Command::Failed { attempt: order.attempt, failure: Failure::Final };
             (State::Done, vec![failed, Command::Fail(status)])
         }
-        // The worker does not work.
+        // The worker is at fault.
         Code::Unavailable | Code::Internal | Code::DataLoss | Code::Unknown => {
             retry(order, Failure::OfWorker, Some(status))
         }
-        // It has no room, or may not do what it was asked.
+        // The worker has no room, or refused.
         _ => retry(order, Failure::TryElsewhere, Some(status)),
     }
 }

@@ -1,4 +1,4 @@
-//! A view that a client wants, and the request that its worker gets.
+//! A client's request for a view, and the request to its worker.
 
 use std::time::Duration;
 
@@ -10,36 +10,36 @@ use tracing::Span;
 use crate::core::{Client, Order};
 use crate::wire;
 
-/// A view that is asked for.
+/// A client's request for a view.
 pub(super) struct ViewRequest {
-    /// Who asks.
+    /// The client's name or address.
     pub(super) client: Client,
-    /// Checked.
+    /// The validated view.
     pub(super) view: View,
-    /// As it came, to be sent on.
+    /// The view as it arrived, to be forwarded.
     pub(super) wire: v1::View,
     pub(super) view_id: String,
     pub(super) deadline: Option<Duration>,
     pub(super) encoding: i32,
-    /// Under which name its worker keeps what it leaves for its session's next frame; empty: it does not.
+    /// The key of the session's frame histories at workers; empty: no reprojection.
     pub(super) history: String,
-    /// When its request arrived.
+    /// Time of arrival.
     pub(super) arrived: Instant,
-    /// Its way through this process.
+    /// The tracing span in this process.
     pub(super) span: Span,
 }
 
 impl ViewRequest {
-    /// Milliseconds since its request arrived.
+    /// Milliseconds since arrival.
     pub(super) fn age_ms(&self) -> f64 {
         self.arrived.elapsed().as_secs_f64() * 1e3
     }
 
-    /// An order as its worker gets it, from the coordinator of that term.
+    /// The request that forwards an order to its worker. `term` is the coordinator's.
     pub(super) fn for_worker(&self, term: u64, order: &Order) -> v1::RenderRequest {
         let age = self.arrived.elapsed();
         let left = self.deadline.map_or(0, |deadline| {
-            // 0 would mean: no deadline.
+            // 0 means no deadline.
             u32::try_from(deadline.saturating_sub(age).as_millis()).unwrap_or(u32::MAX).max(1)
         });
         v1::RenderRequest {

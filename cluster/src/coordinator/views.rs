@@ -1,4 +1,4 @@
-//! `Views`: what clients call.
+//! The `Views` service, which clients call.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ use super::view_request::ViewRequest;
 use crate::security::guard::Caller;
 use crate::send_timeout::in_time;
 
-/// The service.
+/// The gRPC service.
 pub(super) struct ViewsService {
     pub(super) shared: Arc<SharedCore>,
     description: Description,
@@ -106,7 +106,7 @@ impl Views for ViewsService {
         };
         let frame = answer(self.shared.clone(), view_request, None).filter_map(async |answer| match answer {
             Ok(Answer::Chunk(chunk)) => Some(Ok(chunk)),
-            // The client of a single view is sent nowhere.
+            // Single views are never redirected.
             Ok(Answer::Redirect(_)) => None,
             Err(status) => Some(Err(status)),
         });
@@ -130,7 +130,7 @@ impl Views for ViewsService {
         &self,
         _request: Request<v1::RedeemRequest>,
     ) -> Result<Response<Self::RedeemStream>, Status> {
-        Err(invalid(InvalidField::new("ticket", "is for the worker at the address that it came with")))
+        Err(invalid(InvalidField::new("ticket", "must be redeemed at the worker whose address came with it")))
     }
 
     async fn session(

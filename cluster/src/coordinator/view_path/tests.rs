@@ -1,4 +1,4 @@
-//! Every state × every event, then paths that take several steps.
+//! Tests of every state with every event, then of paths of several steps.
 
 use std::time::Duration;
 
@@ -39,7 +39,7 @@ fn chunk(body: Option<Body>) -> Event {
     Event::Chunk { chunk: v1::FrameChunk { body }, age_ms: 9.0 }
 }
 
-/// Of a frame of four bytes that took 5 ms.
+/// The header of a frame of four bytes that took 5 ms.
 fn a_header() -> v1::FrameHeader {
     v1::FrameHeader {
         images: vec![v1::ImageHeader { packed_bytes: 4, ..v1::ImageHeader::default() }],
@@ -76,7 +76,7 @@ fn none_left() -> Event {
     Event::Refused(Fault::Unavailable("3 workers failed at this view".to_owned()))
 }
 
-/// A view after these events.
+/// The state machine after these events.
 fn after(events: &[Event]) -> ViewPath {
     let mut path = ViewPath::new(true);
     for event in events {
@@ -85,8 +85,8 @@ fn after(events: &[Event]) -> ViewPath {
     path
 }
 
-/// A state in a word, and what was done, in words.
-fn told(path: &ViewPath, commands: &[Command]) -> String {
+/// The names of the state and of the commands.
+fn describe(path: &ViewPath, commands: &[Command]) -> String {
     let state = match path.state() {
         State::Queued { failed: None } => "queued",
         State::Queued { failed: Some(_) } => "failed",
@@ -115,7 +115,7 @@ fn told(path: &ViewPath, commands: &[Command]) -> String {
 }
 
 #[test]
-fn every_event_in_every_state_leads_where_the_table_says() {
+fn every_event_in_every_state_follows_the_table() {
     let broken = || Event::Broken(Status::unavailable("it went away"));
     let states = [
         ("queued", after(&[])),
@@ -128,7 +128,7 @@ fn every_event_in_every_state_leads_where_the_table_says() {
         ("done", after(&[Event::Cancelled])),
     ];
     let all = |what: &'static str| [what, what, what, what, what, what, what, "done"];
-    // "." : nothing changes and nothing is done.
+    // ".": the state stays and no command is issued.
     let table: [(Event, [&str; 8]); 19] = [
         (ordered(order(2)), all("ordered open")),
         (with_ticket(order(2), 8), all("redirected redirect")),
@@ -162,16 +162,16 @@ fn every_event_in_every_state_leads_where_the_table_says() {
     for (event, row) in table {
         for ((name, path), expected) in states.iter().zip(row) {
             let mut path = ViewPath { relayed: path.relayed.clone(), state: path.state.clone(), ..*path };
-            assert_eq!(told(&path, &[]), *name);
+            assert_eq!(describe(&path, &[]), *name);
             let commands = path.step(event.clone());
             let expected = if expected == "." { name } else { expected };
-            assert_eq!(told(&path, &commands), expected, "{name} × {event:?}");
+            assert_eq!(describe(&path, &commands), expected, "{name} × {event:?}");
         }
     }
 }
 
 #[test]
-fn a_worker_that_fails_before_its_first_chunk_costs_the_client_nothing() {
+fn a_failure_before_the_first_chunk_is_hidden_from_the_client() {
     let mut path = after(&[ordered(order(1)), Event::Broken(Status::unavailable("x")), ordered(order(2))]);
     let mut sent = Vec::new();
     for event in [header(), data(0, b"abcd")] {
@@ -183,27 +183,27 @@ fn a_worker_that_fails_before_its_first_chunk_costs_the_client_nothing() {
 }
 
 #[test]
-fn a_worker_that_fails_within_its_frame_is_continued_by_another_one() {
+fn another_worker_continues_the_frame_of_a_failed_one() {
     let mut path = after(&[ordered(order(1)), header(), data(0, b"ab")]);
     path.step(Event::Broken(Status::data_loss("x")));
     path.step(ordered(order(2)));
-    assert_eq!(told(&path, &[]), "ordered");
+    assert_eq!(describe(&path, &[]), "ordered");
     for known in [header(), data(0, b"ab")] {
         let commands = path.step(known);
-        assert_eq!(told(&path, &commands), "streaming", "the client has it already");
+        assert_eq!(describe(&path, &commands), "streaming", "the client has it already");
     }
     let commands = path.step(data(2, b"cd"));
-    assert_eq!(told(&path, &commands), "done answered send close");
+    assert_eq!(describe(&path, &commands), "done answered send close");
 }
 
 #[test]
-fn a_frame_that_no_other_worker_makes_alike_is_tried_elsewhere_until_none_is_left() {
+fn a_frame_that_cannot_be_continued_is_retried_until_no_worker_is_left() {
     let mut path = after(&[ordered(order(1)), header()]);
     path.step(ordered(order(2)));
     let mut other = a_header();
     other.images.clear();
     let commands = path.step(chunk(Some(Body::Header(other))));
-    assert_eq!(told(&path, &commands), "failed blame");
+    assert_eq!(describe(&path, &commands), "failed blame");
     let commands = path.step(none_left());
     let [Command::Fail(status)] = &commands[..] else { panic!("{commands:?}") };
     assert!(
@@ -213,7 +213,7 @@ fn a_frame_that_no_other_worker_makes_alike_is_tried_elsewhere_until_none_is_lef
 }
 
 #[test]
-fn a_deadline_within_a_retry_is_told_as_a_deadline() {
+fn a_deadline_during_a_retry_is_reported_as_a_deadline() {
     let mut path = after(&[ordered(order(1)), Event::Broken(Status::unavailable("x"))]);
     let commands = path.step(deadline());
     let [Command::Fail(status)] = &commands[..] else { panic!("{commands:?}") };
@@ -221,10 +221,10 @@ fn a_deadline_within_a_retry_is_told_as_a_deadline() {
 }
 
 #[test]
-fn a_frame_that_is_not_good_enough_is_made_anew_and_the_next_header_tells_its_cost() {
+fn the_cost_of_a_rejected_frame_is_in_the_next_header() {
     let mut path = after(&[ordered(judged(1)), header()]);
     let commands = path.step(ordered(judged(2)));
-    assert_eq!(told(&path, &commands), "ordered* open");
+    assert_eq!(describe(&path, &commands), "ordered* open");
     assert!(matches!(&path.step(header())[..], [Command::Judge { attempt: 2, ms: 5.0, .. }]));
     let commands = path.step(delivered(2));
     let [Command::Send(v1::FrameChunk { body: Some(Body::Header(sent)) })] = &commands[..] else {
@@ -232,43 +232,43 @@ fn a_frame_that_is_not_good_enough_is_made_anew_and_the_next_header_tells_its_co
     };
     assert!(sent.stages.iter().any(|stage| stage.name == argus_scene::Stage::REFUSED && stage.ms == 5.0));
     assert_eq!(sent.predicted.map(|predicted| predicted.error), Some(0.1));
-    // What it cost was said when it was judged.
+    // Its cost was reported with the judgement.
     let commands = path.step(data(0, b"abcd"));
     assert!(matches!(&commands[0], Command::Answered(Answered { ms: None, relayed: true, .. })));
 }
 
 #[test]
-fn a_frame_of_which_the_client_has_a_part_is_not_judged_again() {
+fn a_partly_sent_frame_is_not_judged_again() {
     let mut path = after(&[ordered(judged(1)), header(), delivered(1), data(0, b"ab")]);
     path.step(ordered(judged(2)));
     let commands = path.step(header());
-    assert_eq!(told(&path, &commands), "streaming");
+    assert_eq!(describe(&path, &commands), "streaming");
 }
 
 #[test]
-fn a_client_that_misses_its_frame_twice_has_it_relayed() {
+fn a_frame_is_relayed_after_two_failed_redirects() {
     let mut path = after(&[with_ticket(order(1), 1), missed(1, false)]);
     assert!(path.may_redirect(&order(2)));
     path.step(with_ticket(order(2), 2));
     let commands = path.step(missed(2, false));
-    assert_eq!(told(&path, &commands), "queued pause elsewhere");
+    assert_eq!(describe(&path, &commands), "queued pause elsewhere");
     assert!(!path.may_redirect(&order(3)));
     let commands = path.step(none_left());
-    assert_eq!(told(&path, &commands), "done fail");
+    assert_eq!(describe(&path, &commands), "done fail");
 }
 
 #[test]
-fn a_client_that_reaches_no_worker_has_the_same_attempt_relayed_under_the_same_view() {
+fn the_same_attempt_is_relayed_to_a_client_that_reaches_no_worker() {
     let mut path = after(&[with_ticket(order(1), 1), missed(1, true)]);
     assert_eq!(path.order().map(|order| order.attempt), Some(1));
     assert!(!path.may_redirect(&order(1)));
     path.step(header());
     let commands = path.step(data(0, b"abcd"));
-    assert_eq!(told(&path, &commands), "done answered send close");
+    assert_eq!(describe(&path, &commands), "done answered send close");
 }
 
 #[test]
-fn a_frame_fetched_while_another_worker_was_given_the_view_answers_the_newest_attempt() {
+fn a_fetched_frame_answers_the_newest_attempt() {
     let mut path = after(&[with_ticket(order(1), 1)]);
     let commands = path.step(fetched(Some(a_header()), Some(order(2))));
     let [Command::Answered(Answered { attempt: 2, header: Some(_), ms: Some(5.0), relayed: false, .. })] =
@@ -279,7 +279,7 @@ fn a_frame_fetched_while_another_worker_was_given_the_view_answers_the_newest_at
 }
 
 #[test]
-fn only_frames_that_are_neither_judged_nor_begun_here_may_be_fetched() {
+fn neither_judged_nor_partly_relayed_frames_are_redirected() {
     let path = after(&[]);
     assert!(path.may_redirect(&order(1)));
     assert!(!path.may_redirect(&judged(1)), "they pass here to be looked at");
@@ -289,7 +289,7 @@ fn only_frames_that_are_neither_judged_nor_begun_here_may_be_fetched() {
 }
 
 #[test]
-fn the_order_is_known_wherever_a_worker_has_the_view() {
+fn every_state_with_a_worker_has_an_order() {
     let has_order = |events: &[Event]| after(events).order().is_some();
     assert!(!has_order(&[]));
     assert!(has_order(&[ordered(order(1))]));
