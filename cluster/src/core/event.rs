@@ -1,4 +1,4 @@
-//! What the core is told, and what it tells its shell to do.
+//! Inputs and outputs of the core: events, actions, and what they carry.
 
 use std::ops::Add;
 use std::sync::Arc;
@@ -12,19 +12,19 @@ use serde::Serialize;
 
 use super::quality::{Cost, Observed};
 
-/// A client, as it is told apart from others: the name of its token, or else its address.
+/// A client's identity: the name of its token, or else its address.
 pub type Client = Arc<str>;
 
-/// One joining of one worker process. A process that joins again gets another, so that what its earlier
-/// stream still says cannot be mistaken for news.
+/// Identifies one joining of a worker process. A process that joins again gets a new id, so that messages of its
+/// earlier stream are ignored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 pub struct WorkerId(pub u64);
 
-/// One view on its way through the cluster.
+/// Identifies a view within the core. Ids ascend with arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 pub struct ViewId(pub u64);
 
-/// What a worker does.
+/// The role of a worker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
@@ -32,57 +32,58 @@ pub enum Role {
     Sampler,
     /// Reconstructs views from samples.
     Compositor,
-    /// Both: the only worker of a cluster.
+    /// Both roles: the only worker of a cluster.
     Both,
 }
 
 impl Role {
-    /// Whether samples and direct views are its work.
+    /// Whether the role renders samples and direct views.
     pub fn samples(self) -> bool {
         matches!(self, Self::Sampler | Self::Both)
     }
 
-    /// Whether reconstructed views are its work.
+    /// Whether the role reconstructs views.
     pub fn composites(self) -> bool {
         matches!(self, Self::Compositor | Self::Both)
     }
 
-    /// Whether taking this role after `before` gives something up, so that a queue must be drained first.
+    /// Whether changing from `before` to this role gives up kinds of work, so that a queue must be drained first.
     pub fn gives_up_something_of(self, before: Role) -> bool {
         (before.samples() && !self.samples()) || (before.composites() && !self.composites())
     }
 }
 
-/// What a worker says of itself when it joins.
+/// A worker's introduction when it joins.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Hello {
-    /// Chosen by the worker, the same when it joins again.
+    /// A name chosen by the worker, which it keeps when it joins again.
     pub name: String,
     /// Process id on its machine.
     pub pid: u32,
-    /// Where others reach it.
+    /// The address for other processes of the cluster.
     pub address: String,
-    /// Where clients reach it, whose sessions may then be sent there.
+    /// The address for clients, whose sessions may be redirected there; `None`: clients cannot reach it.
     pub public_address: Option<String>,
-    /// Adapter, driver and version.
+    /// Adapter, driver and version of its device.
     pub device: String,
-    /// CPU cores of its machine.
+    /// Number of CPU cores of its machine.
     pub cores: u32,
 }
 
-/// Frames from samples of which a few pixels were traced, to see how well their error was predicted.
+/// Probed frames: frames from samples of which some pixels were traced, to measure the error.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Probed {
-    /// How many.
+    /// Number of probed frames.
     pub count: u64,
-    /// Sum of the errors that were found: mean FLIP above that of a direct view.
+    /// Sum of the measured errors, mean FLIP above that of a direct view.
     pub error: f64,
-    /// Sum of the errors that were predicted.
+    /// Sum of the predicted errors, in the same measure.
     pub predicted: f64,
 }
 
 impl Probed {
-    /// The mean error found and the mean error predicted, of the frames that were probed since; `None` of none.
+    /// The mean measured error and the mean predicted error of frames probed since `before`; `None` if there are
+    /// none.
     pub fn since(&self, before: &Self) -> Option<(f64, f64)> {
         let count = self.count.checked_sub(before.count).filter(|count| *count > 0)? as f64;
         Some(((self.error - before.error) / count, (self.predicted - before.predicted) / count))
@@ -101,89 +102,89 @@ impl Add for Probed {
     }
 }
 
-/// What a worker measured. Counts and busy times are since its process started.
+/// A worker's report of its measurements. Counts and busy times are since its process started.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Report {
-    /// Sequence of the newest assignment that has taken effect; 0: none yet.
+    /// Sequence number of the newest assignment in effect; 0: none yet.
     pub applied: u64,
-    /// Milliseconds of one process for a sample, over what it rendered lately.
+    /// Recent milliseconds of one process for a sample.
     pub sample_ms: Option<f64>,
-    /// Milliseconds of one process for a direct view, over what it rendered lately.
+    /// Recent milliseconds of one process for a direct view.
     pub direct_ms: Option<f64>,
-    /// Milliseconds of one process for a reconstructed view, over what it rendered lately.
+    /// Recent milliseconds of one process for a reconstructed view.
     pub view_ms: Option<f64>,
-    /// Milliseconds of one process for a single ray of a pixel that no sample saw, over what it traced lately.
+    /// Recent milliseconds of one process for a single ray, for a pixel that no sample saw.
     pub ray_ms: Option<f64>,
-    /// Samples that wait or are in work.
+    /// Samples queued or in work.
     pub queued_samples: u32,
-    /// Views that wait or are in work.
+    /// Views queued or in work.
     pub queued_views: u32,
-    /// Samples rendered.
+    /// Number of samples rendered.
     pub samples_rendered: u64,
-    /// Views reconstructed.
+    /// Number of views reconstructed.
     pub views_composed: u64,
-    /// Views rendered directly.
+    /// Number of views rendered from triangles.
     pub views_direct: u64,
-    /// Rays of pixels that no sample saw.
+    /// Number of rays traced for pixels that no sample saw.
     pub rays_traced: u64,
-    /// Milliseconds spent on samples, direct views and single rays.
+    /// Busy milliseconds of samples, direct views and single rays.
     pub sampling_busy_ms: f64,
-    /// Milliseconds spent on reconstructing.
+    /// Busy milliseconds of reconstruction.
     pub compositing_busy_ms: f64,
-    /// Samples that came from other workers.
+    /// Number of samples received from other workers.
     pub samples_received: u64,
-    /// Milliseconds spent on unpacking them, beside rendering.
+    /// Milliseconds of unpacking them, outside of the render thread.
     pub unpacking_ms: f64,
-    /// Milliseconds of its render thread, part of what reconstructing took, for taking samples up.
+    /// Milliseconds of its render thread for uploading samples; part of the time of reconstruction.
     pub holding_ms: f64,
-    /// Samples it can serve and reconstruct from.
+    /// Samples that it can serve and reconstruct from.
     pub held: Vec<SampleId>,
-    /// It is about to leave.
+    /// Whether it is about to leave.
     pub leaving: bool,
-    /// Milliseconds that its render thread has been at the piece of work that it is at; 0 while it waits, or gets ready.
+    /// Milliseconds since its render thread began its present piece of work; 0 while it waits or starts.
     pub piece_ms: f64,
-    /// Milliseconds of one process for a part of a sample that nobody waits for: how long a view waits that comes while one
-    /// is rendered.
+    /// Milliseconds of one process for a slice of a sample that no view waits for. A view that arrives meanwhile
+    /// waits for as long.
     pub part_ms: Option<f64>,
     /// Share of the samples in work that is rendered, 0 to 1; `None` while none is in work.
     pub sample_progress: Option<f64>,
-    /// Texel bytes of the largest sample that it keeps; 0: it keeps none.
+    /// Texel bytes of the largest sample that it holds; 0: none.
     pub sample_bytes: u64,
-    /// What a view from triangles costs there; measured before it is ready.
+    /// Cost of a view from triangles, measured before the worker is ready.
     pub direct_cost: Option<Cost>,
-    /// What a view from samples costs there.
+    /// Cost of a view from samples.
     pub warp_cost: Option<Cost>,
-    /// How well the errors of frames from samples are predicted.
+    /// Measured and predicted errors of probed frames.
     pub probed: Probed,
     /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }
 
-/// A session's last answered view whose request left the way open.
+/// A session's last answered view, whose request left the way open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LastView {
-    /// What was asked for.
+    /// The requested view.
     pub view: View,
-    /// What its frame was made of.
+    /// Its frame's provenance.
     pub provenance: Provenance,
-    /// Why it was answered so.
+    /// The planner's reason for its plan.
     pub reason: Reason,
-    /// Time since the session's frames last changed their way; `None`: they never did.
+    /// Time since the session last changed between triangles and samples; `None`: it never did.
     pub since_change: Option<Duration>,
 }
 
-/// How an attempt at a view ended without its frame.
+/// Why an attempt at a view failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Failure {
-    /// Another worker may succeed, and nothing says that this one is at fault.
+    /// Another worker may succeed; this one is not at fault.
     TryElsewhere,
-    /// Another worker may succeed: the failure is this worker's own.
+    /// Another worker may succeed; this one is at fault.
     OfWorker,
-    /// The failure is the view's own, or part of the frame is already with the client.
+    /// No other worker can succeed: the view itself is at fault, or the client has part of the frame.
     Final,
 }
 
-/// What happened.
+/// An event: an input of the core.
 #[derive(Debug, Clone)]
 #[allow(
     clippy::large_enum_variant,
@@ -192,16 +193,16 @@ pub enum Failure {
 pub enum Event {
     /// A worker joined.
     Joined {
-        /// Given by the shell, never used before.
+        /// A new id from the shell.
         worker: WorkerId,
-        /// What it says of itself.
+        /// Its introduction.
         hello: Hello,
     },
     /// A worker reported.
     Reported {
-        /// Which.
+        /// The worker.
         worker: WorkerId,
-        /// What.
+        /// The report.
         report: Report,
     },
     /// A worker's stream ended.
@@ -209,180 +210,180 @@ pub enum Event {
         /// Which.
         worker: WorkerId,
     },
-    /// A validated view is asked for.
+    /// A client requested a view, which was validated.
     Requested {
-        /// Given by the shell, never used before.
+        /// A new id from the shell.
         view_id: ViewId,
-        /// Which client asks.
+        /// The client.
         client: Client,
-        /// What is asked for.
+        /// The view.
         view: Box<View>,
-        /// The answer is worthless after this.
+        /// Time until the answer is worthless; `None`: no deadline.
         deadline: Option<Duration>,
-        /// What the view will show, where that is known: see [`super::Core::survey_wanted`].
+        /// A survey of the view, if [`super::Core::survey_wanted`] asked for one.
         survey: Option<Box<Survey>>,
-        /// Its session's last view, where it has one.
+        /// The session's last view, if there is one.
         last: Option<Box<LastView>>,
     },
-    /// What a view shows is known, and which samples would show it: see [`super::Core::bundle_survey_wanted`].
+    /// A survey that [`super::Core::bundle_survey_wanted`] asked for was taken.
     Surveyed {
-        /// Of the view, sub-pixels counted.
+        /// Pixels of the view, with sub-pixels.
         pixels: u64,
-        /// What it shows.
+        /// The survey.
         survey: Box<Survey>,
     },
-    /// The frame of an attempt that is to be judged begins to arrive; [`Action::Deliver`] or another
-    /// [`Action::Dispatch`] follows.
+    /// The header of a frame that must be judged arrived. [`Action::Deliver`] or another [`Action::Dispatch`]
+    /// follows.
     Judged {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// Of [`Order::attempt`].
+        /// The number of the attempt, [`Order::attempt`].
         attempt: u32,
-        /// What its pixels say; absent if the worker did not tell.
+        /// The statistics of its pixels; `None` if the worker sent none.
         observed: Option<Observed>,
-        /// Milliseconds that rendering it took.
+        /// Milliseconds of rendering.
         ms: f64,
     },
-    /// The frame of an attempt was relayed whole.
+    /// The client has the whole frame of an attempt.
     Answered {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// Of [`Order::attempt`].
+        /// The number of the attempt, [`Order::attempt`].
         attempt: u32,
-        /// Pixels that none of the plan's samples saw, whatever became of them; absent where nobody says.
+        /// Number of pixels that none of the plan's samples saw, whether or not they were traced; `None` if unknown.
         uncovered: Option<u64>,
-        /// Milliseconds that rendering it took, unless [`Event::Judged`] said so already.
+        /// Milliseconds of rendering, unless [`Event::Judged`] reported them.
         ms: Option<f64>,
     },
     /// An attempt failed.
     Failed {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// Of [`Order::attempt`].
+        /// The number of the attempt, [`Order::attempt`].
         attempt: u32,
-        /// What may still help.
+        /// Whether a retry may help.
         failure: Failure,
     },
-    /// Nobody waits for the view any more.
+    /// The client cancelled the view.
     Cancelled {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
     },
-    /// A client opened a session; [`super::Core::check_session`] let it.
+    /// A client opened a session, which [`super::Core::check_session`] allowed.
     SessionOpened {
-        /// Who.
+        /// The client.
         client: Client,
     },
     /// A session ended.
     SessionClosed {
-        /// Whose.
+        /// The client.
         client: Client,
     },
-    /// A session's camera was overtaken by a newer one before it was rendered.
+    /// A session's camera was superseded before it was rendered.
     CameraSuperseded,
-    /// No new views from here on.
+    /// Refuse new views from now on.
     Drain,
-    /// Time passed; sent several times a tick.
+    /// Time passed. Sent several times a tick.
     Tick,
 }
 
-/// What a worker is told to do.
+/// An assignment: what a worker must do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Assignment {
-    /// Ascending for a worker, from 1.
+    /// Sequence number, ascending from 1 for each worker.
     pub sequence: u64,
-    /// What it shall do once what it then no longer does is finished.
+    /// The role. Work that the role gives up is finished first.
     pub role: Role,
-    /// Samples that it shall have at hand ahead of demand, in place of those it was told before;
-    /// without an address, it renders them itself when nothing else waits.
+    /// Samples to hold ahead of demand. Replaces the previous list. The worker renders a sample without addresses
+    /// itself, when nothing else waits.
     pub prefetch: Vec<Source>,
-    /// Samples of versions with a lower number are of no use any more.
+    /// Samples of versions below this number can be dropped.
     pub kept_from: u64,
-    /// It shall measure what each way to see triangles costs, and report that with this assignment.
+    /// Whether to measure each visibility backend, and to report the costs with this assignment.
     pub measure_ways: bool,
-    /// Addresses of workers that seem to hang: what is awaited from there is to be had elsewhere.
+    /// Addresses of suspected workers: samples awaited from them must be fetched elsewhere.
     pub suspected: Vec<String>,
 }
 
-/// The workers that hold or can render a sample, best first. Where none of them has it, the worker renders it itself.
+/// Where to get a sample. A worker that finds it at no address renders it itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// Which sample.
+    /// The sample.
     pub id: SampleId,
-    /// Addresses of workers.
+    /// Addresses of workers that hold or can render it, best first.
     pub addresses: Vec<String>,
-    /// The view can do without it: where none of them has it, it goes back ([`Failure::TryElsewhere`]) and gets a plan
-    /// without it, since no view waits for a refinement to be rendered.
+    /// Whether the view can do without it. If no address has it, the attempt fails with [`Failure::TryElsewhere`],
+    /// and the view gets a plan without it: no view waits for a refinement.
     pub dispensable: bool,
 }
 
-/// A view for a worker.
+/// An order: a view for a worker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
-    /// Number of the attempt at the view, from 1.
+    /// Number of the attempt, from 1.
     pub attempt: u32,
-    /// Which worker shall answer.
+    /// The worker.
     pub worker: WorkerId,
-    /// Where it is.
+    /// The worker's address.
     pub address: String,
-    /// What of the scene it shows: what the version of the plan's samples shows.
+    /// The state of the scene that the view shows.
     pub state: SceneState,
-    /// How.
+    /// The plan.
     pub plan: Plan,
-    /// Where the plan's samples are, for those the worker may lack.
+    /// Where to get the plan's samples that the worker may lack.
     pub sources: Vec<Source>,
-    /// Addresses of those who can trace the pixels that no sample saw, best first; none where the plan does not
-    /// want that, or where the worker is the only one who can.
+    /// Addresses of workers that trace the pixels that no sample saw, best first. Empty if the plan traces none, or
+    /// if only this worker can.
     pub tracers: Vec<String>,
-    /// What is expected of the frame.
+    /// The predicted error and time of the frame.
     pub expected: Option<Prediction>,
-    /// Whether the worker shall look at the frame, and [`Event::Judged`] decide whether it is delivered.
+    /// Whether the worker must report statistics of the frame, by which [`Event::Judged`] accepts or rejects it.
     pub judged: bool,
-    /// How the plan was chosen; `None` where the request, or its pin, named it.
+    /// The planner's decision; `None` if the request or its pin named the plan.
     pub decision: Option<Decision>,
-    /// Samples a pixel of the direct view that the worker renders instead, where it lacks a sample of the plan or its frame
-    /// from samples is not good enough.
+    /// Samples per pixel of the direct view that replaces the frame, if the worker lacks a sample or the frame from
+    /// samples is not good enough.
     pub fallback: Option<u32>,
 }
 
-/// What the shell must do.
+/// An action that the shell must execute.
 #[derive(Debug, Clone)]
 pub enum Action {
-    /// Tell a worker its role.
+    /// Send a worker its assignment.
     Assign {
-        /// Which worker.
+        /// The worker.
         worker: WorkerId,
         /// What.
         assignment: Assignment,
     },
-    /// End a worker's stream: it is lost, replaced or unknown. If it lives it joins again.
+    /// End a worker's stream, since the worker is lost, replaced or unknown. If it lives, it joins again.
     Expel {
-        /// Which worker.
+        /// The worker.
         worker: WorkerId,
-        /// Why, for the log and for the worker.
+        /// The reason, for the log and for the worker.
         reason: String,
     },
-    /// Send a view to a worker; an earlier attempt at it, if any, is void.
+    /// Send a view to a worker. Earlier attempts are void.
     Dispatch {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// To whom and how.
+        /// The order.
         order: Box<Order>,
     },
-    /// Let the frame that was judged pass.
+    /// Deliver the judged frame.
     Deliver {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// Of [`Order::attempt`].
+        /// The number of the attempt, [`Order::attempt`].
         attempt: u32,
-        /// What is expected of it, now that it was looked at.
+        /// The prediction after the judgement.
         expected: Prediction,
     },
-    /// Answer a view with a fault; it is forgotten.
+    /// Answer a view with a fault, and forget it.
     Refuse {
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// Why.
+        /// The fault.
         fault: Fault,
     },
 }

@@ -1,7 +1,7 @@
-//! The machine itself: which part each event concerns, and what one part decides that the others have to know.
+//! The state machine: passes each event to the part that it concerns, and each part's results to the other parts.
 //!
-//! `workers` reads neither of the other parts, `samples` reads `workers`, `views` reads both. What goes back is a returned
-//! value, and it is passed on here and nowhere else.
+//! `workers` reads neither of the other parts, `samples` reads `workers`, `views` reads both. Results that concern
+//! another part are returned values, passed on only here.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ use super::views::{Cluster, Output, NewView, SurveyWanted, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
-/// The cluster as its coordinator sees it. [`Core::step`] is the only way it changes.
+/// The coordinator's state of the cluster. Only [`Core::step`] changes it.
 #[derive(Debug)]
 pub struct Core {
     config: Arc<Config>,
@@ -30,7 +30,7 @@ pub struct Core {
 }
 
 impl Core {
-    /// A cluster without workers that serves samples of one set, from uptime zero on.
+    /// A cluster without workers, at uptime zero, that serves samples of one set.
     pub fn new(config: Config, set: Arc<SampleSetInfo>) -> Self {
         let config = Arc::new(config);
         Self {
@@ -42,14 +42,14 @@ impl Core {
         }
     }
 
-    /// Plans views by what the rig's cameras see.
+    /// Sets the ray queries by which cameras are chosen; `None`: by distance.
     #[must_use]
     pub fn with_sight(mut self, sight: Option<Arc<dyn Sight>>) -> Self {
         self.samples.plan_by(sight);
         self
     }
 
-    /// With what calibration measured of the scene that is served; models of other scenes and rigs are dropped.
+    /// Adds calibrated models. Models of other scenes or rigs are dropped.
     #[must_use]
     pub fn with_models(mut self, mut models: Vec<Model>) -> Self {
         let set = self.samples.set();
@@ -58,55 +58,54 @@ impl Core {
         self
     }
 
-    /// Expects so many workers to join: the first ones then take the roles that they will have among all, and not those of
-    /// a cluster of one or two.
+    /// Expects this many workers, so that the first ones take the roles that they will have among all.
     pub fn expecting(mut self, workers: usize) -> Self {
         self.workers.expect(workers);
         self
     }
 
-    /// What it was configured with.
+    /// The configuration.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// The set that all samples belong to, in the version that is served. Its lighting is that of epoch 0: who renders
-    /// asks the scene.
+    /// The sample set in the served version. Its lighting is that of epoch 0: renderers take the present lighting
+    /// from the scene.
     pub fn set(&self) -> &Arc<SampleSetInfo> {
         self.samples.set()
     }
 
-    /// The versions whose samples workers may be told of.
+    /// The versions whose samples may be in assignments and orders.
     pub fn live_versions(&self) -> Vec<Version> {
         self.samples.live_versions()
     }
 
-    /// Whether it is settled how triangles are seen: until then no samples are rendered.
+    /// Whether the visibility backend of samples is chosen. Until then no samples are rendered.
     pub fn visibility_is_settled(&self) -> bool {
         self.workers.visibility_is_settled()
     }
 
-    /// Views waiting or in work.
+    /// Number of views waiting or in work.
     pub fn views_in_flight(&self) -> usize {
         self.views.len()
     }
 
-    /// Whether there is a worker to render a view that is asked for now.
+    /// Whether a new view could be answered now.
     pub fn can_answer(&self) -> bool {
         !self.views.is_draining() && self.workers.members().any(Worker::seems_well)
     }
 
-    /// Whether that view waits or is in work.
+    /// Whether a view is waiting or in work.
     pub fn is_open(&self, view_id: ViewId) -> bool {
         self.views.is_open(view_id)
     }
 
-    /// Whether new views are turned away since the process is about to end.
+    /// Whether new views are refused because the process shuts down.
     pub fn is_draining(&self) -> bool {
         self.views.is_draining()
     }
 
-    /// Whether that client may open a session now; what is decided is so until the next event.
+    /// Checks whether a client may open a session. The answer holds until the next event.
     ///
     /// # Errors
     /// [`Fault::Overloaded`].
@@ -114,19 +113,19 @@ impl Core {
         self.views.check_session(client)
     }
 
-    /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
-    /// open, or no worker holds a sample near it.
+    /// The survey that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
+    /// is not open, or no worker holds a sample nearby.
     pub fn survey_wanted(&self, view: &View, last: Option<&LastView>) -> Option<SurveyWanted> {
         self.cluster().survey_wanted(view, last)
     }
 
-    /// What is to be found out about a view, while no client waits for it, to see which samples would be worth their price;
-    /// [`Event::Surveyed`] brings the answer. `None` for most views: a few a second tell enough.
+    /// The survey that tells which bundle of samples would have served a view. No client waits for it;
+    /// [`Event::Surveyed`] brings the result. `None` for most views: a few per tick are enough.
     pub fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
         self.views.bundle_survey_wanted(view, self.cluster())
     }
 
-    /// The cluster at a glance.
+    /// A snapshot of the cluster.
     pub fn status(&self) -> Status {
         Status::of(&self.workers, &self.samples, &self.views)
     }
@@ -135,13 +134,13 @@ impl Core {
         Cluster { config: &self.config, workers: &self.workers, samples: &self.samples }
     }
 
-    /// Views to change, and the cluster that they read.
+    /// The views, to be changed, and the other parts, to be read.
     fn parts(&mut self) -> (&mut Views, Cluster<'_>) {
         let cluster = Cluster { config: &self.config, workers: &self.workers, samples: &self.samples };
         (&mut self.views, cluster)
     }
 
-    /// Takes one event in, at `now`, which never goes back. The actions are to be done in order.
+    /// Processes one event at `now`, which never decreases. The shell executes the actions in order.
     pub fn step(&mut self, event: Event, now: Uptime) -> Vec<Action> {
         let mut actions = Vec::new();
         match event {
@@ -183,7 +182,7 @@ impl Core {
         actions
     }
 
-    /// Changes views by what workers and samples are, and passes on what follows for these.
+    /// Changes the views, and applies their outputs.
     fn on_views<E: IntoIterator<Item = Output>>(
         &mut self,
         now: Uptime,
@@ -224,13 +223,13 @@ impl Core {
             self.views.move_waiting(version);
         }
         self.seek_visibility(actions);
-        // It may have what the next version waits for; then the one after it is issued at once.
+        // The worker may hold the last samples of the next version; then the one after it is issued at once.
         if has_news && self.samples.scene_moves() && self.advance(now) {
             self.refine(now, actions);
         }
     }
 
-    /// Forgets a worker; its views go to others.
+    /// Removes a lost worker, and retries its views.
     fn lose(&mut self, id: WorkerId, now: Uptime, actions: &mut Vec<Action>) {
         let Some(worker) = self.workers.lose(id) else { return };
         self.samples.forget(id);
@@ -251,7 +250,7 @@ impl Core {
         self.on_views(now, actions, |views, cluster| views.expire(cluster, now));
         let elapsed = now.since(self.tick_began);
         if elapsed >= self.config.tick {
-            // A shell that was held up for several ticks closes one: what came meanwhile is counted in it.
+            // A shell that was held up for several ticks closes one, which counts everything since.
             self.tick_began = now;
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             let ordered = self.samples.tick(&self.workers, ticks, now);
@@ -268,7 +267,8 @@ impl Core {
         }
     }
 
-    /// Gives views that wait to workers with room, one after the other: each changes what the next one goes by.
+    /// Dispatches waiting views to workers with room, one after the other: each dispatch changes the state for the
+    /// next.
     fn pump(&mut self, now: Uptime, actions: &mut Vec<Action>) {
         let mut round = self.views.begin_round();
         loop {
@@ -287,7 +287,7 @@ impl Core {
         }
     }
 
-    /// Passes on what follows from a view.
+    /// Applies one output of a view to the other parts.
     fn apply(&mut self, output: Output, now: Uptime, actions: &mut Vec<Action>) {
         match output {
             Output::Act(action) => actions.push(action),
@@ -308,33 +308,33 @@ impl Core {
         }
     }
 
-    /// Serves the next version once it is ready, and issues the one after it. S counts its samples. Whether anything
-    /// changed.
+    /// Serves the next version once it is ready, and issues the one after it. S counts its samples. Returns whether
+    /// anything changed.
     fn advance(&mut self, now: Uptime) -> bool {
         let advanced = self.samples.advance(&self.workers, self.views.needed_versions(), now);
         self.workers.count(WorkKind::Samples, advanced.ordered as u64);
         advanced.changed
     }
 
-    /// Has a worker measure, where samples are wanted and it is open how triangles are seen.
+    /// Has a worker measure the visibility backends, if samples are wanted and the backend is not chosen.
     fn seek_visibility(&mut self, actions: &mut Vec<Action>) {
         let samples_are_wanted =
             self.views.want_samples() || self.samples.placement().placed().next().is_some();
         self.workers.seek_visibility(samples_are_wanted, actions);
     }
 
-    /// A worker became ready, or no longer is.
+    /// Divides the roles anew, after a worker became ready or stopped being so.
     fn processes_changed(&mut self, actions: &mut Vec<Action>) {
         let split = self.workers.split_of_change();
         self.divide(split, actions);
     }
 
-    /// Gives workers the roles that they have under a split.
+    /// Assigns roles by a split.
     fn divide(&mut self, split: Split, actions: &mut Vec<Action>) {
         self.workers.divide(split, &self.samples.stakes(), actions);
     }
 
-    /// Tells workers what to have at hand, where that is news.
+    /// Sends changed prefetch lists.
     fn refine(&mut self, now: Uptime, actions: &mut Vec<Action>) {
         let prefetch = self.samples.refine(&self.workers, self.views.needed_versions(), now);
         self.workers.assign_prefetch(prefetch, actions);

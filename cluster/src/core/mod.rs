@@ -1,8 +1,7 @@
 //! The cluster's decisions as a pure machine: `(state, event, now) → (state, actions)`.
 //!
-//! [`Core::step`] takes an [`Event`] and the time, and returns what is to be done as [`Action`]s. It reads no clock, opens
-//! no socket and throws no dice: the same events at the same times give the same actions. The tests here rely on that, and
-//! so does the simulator.
+//! [`Core::step`] takes an [`Event`] and the time, and returns [`Action`]s. It reads no clock, opens no socket and
+//! uses no randomness: the same events at the same times give the same actions. Tests and the simulator rely on that.
 //!
 //! The state has three parts, each a folder with a struct of private fields. A part reads the parts to its left, by shared
 //! reference, and changes none of them:
@@ -14,16 +13,16 @@
 //!      └────── calls ───────┴───────── machine ◄── events
 //! ```
 //!
-//! * `workers`: which workers there are, what each can be given, their roles, their measured costs, and which are suspected.
-//! * `samples`: which worker has which sample, which one renders it, how it reaches the others, which samples are worth
-//!   their price, and which moment of an animated scene is served.
-//! * `views`: what clients may ask for, how a view is answered, which worker answers it, and what follows when that fails.
+//! * `workers`: the joined workers, their roles, measured costs and queues, and which of them are suspected.
+//! * `samples`: which worker holds or renders which sample, how samples reach other workers, which samples are worth
+//!   their price, and which version is served.
+//! * `views`: limits of clients, plans of views, the choice of workers, and retries.
 //!
-//! What has to go back is a returned value: what workers shall have at hand, how many samples are to be
-//! rendered, and the effects of a view. `machine` passes it on, and is the only module that changes more than one part.
+//! What must go back is a returned value: prefetch lists, the number of samples to render, and the outputs of views.
+//! `machine` passes it on, and is the only module that changes more than one part.
 //!
-//! All parts share `event` (what the core is told and what it tells), `config`, `time`, [`smooth`] and [`quality`] (the model
-//! of errors and costs). `status` tells it all.
+//! All parts share `event` (inputs and outputs of the core), `config`, `time`, [`smooth`] and [`quality`] (models of
+//! errors and costs). `status` takes a snapshot of all parts.
 
 mod config;
 mod event;

@@ -1,10 +1,10 @@
-//! The cluster as views see it: workers and samples, read and never changed.
+//! A read-only view of the parts that views read.
 
 use crate::core::config::Config;
 use crate::core::samples::Samples;
 use crate::core::workers::Workers;
 
-/// What is decided on when a view is given to a worker.
+/// The state by which plans and workers are chosen.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::core) struct Cluster<'a> {
     pub(in crate::core) config: &'a Config,

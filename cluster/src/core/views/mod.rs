@@ -1,13 +1,12 @@
-//! Views on their way: admitted or turned away, planned, given to a worker, and given to another if that one fails.
+//! Views: admission, planning, dispatch and retries.
 //!
-//! This part reads `workers` and `samples` ([`Cluster`]) and changes neither. What follows from a view for them is
-//! returned as [`Output`]s, which the machine passes on.
+//! This part reads `workers` and `samples` ([`Cluster`]) and changes neither. What a view means for them is returned
+//! as [`Output`]s, which the machine applies.
 //!
-//! `admission` keeps what clients may ask for. [`plan`] says how a view is answered whose request names that, [`planner`]
-//! how one is whose request leaves it open, by the offers that `open` collects; `session_memory` weighs them against the
-//! session's last view. `targets` says what becomes of requests with
-//! a bound on the error. `new_view` lets views in, `dispatch` gives them to the workers that `choose` picks, and `outcome` says
-//! what becomes of frames and failures.
+//! `admission` holds the limits of clients, and `new_view` admits views. [`plan`] makes the plan of an explicit
+//! request. [`planner`] chooses the plan of a request that leaves the way open, among the offers that `open`
+//! collects; `session_memory` compares them with the session's last view. `targets` handles bounds on the error.
+//! `dispatch` gives views to the workers that `choose` picks, and `outcome` handles frames and failures.
 
 mod admission;
 mod choose;
@@ -47,46 +46,46 @@ use super::time::Uptime;
 use admission::Admission;
 use pending::{InFlight, Pending, Waiting};
 
-/// Views a tick of demand that are looked at to see which samples would be worth their price: that changes slowly.
+/// Most surveys for bundles in a tick. Demand for samples changes slowly.
 const MOST_BUNDLE_SURVEYS: u32 = 4;
 
-/// What happened to views since the coordinator started.
+/// Counts of views since the coordinator started.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct ViewCounts {
-    /// Those whose frame was relayed whole.
+    /// Views whose client got the whole frame.
     pub(super) answered: u64,
-    /// Those that ended with a fault other than overload.
+    /// Views that ended with a fault other than overload.
     pub(super) failed: u64,
-    /// Those turned away because of overload.
+    /// Views refused because of overload.
     pub(super) rejected: u64,
-    /// Those sent to another worker after the first one failed.
+    /// Attempts by another worker, after one failed.
     pub(super) retried: u64,
-    /// Session cameras that a newer one overtook before they were rendered.
+    /// Session cameras that were superseded before they were rendered.
     pub(super) superseded: u64,
-    /// Frames that were thrown away because they were not good enough for their request.
+    /// Frames that were rejected because of their error.
     pub(super) frames_refused: u64,
 }
 
-/// All views that were admitted and are not over, and what clients have of what they may.
+/// All open views, and the usage of clients.
 #[derive(Debug)]
 pub(super) struct Views {
     config: Arc<Config>,
     views: BTreeMap<ViewId, Pending>,
     admission: Admission,
     in_flight: InFlight,
-    /// Views that no worker has room for yet.
+    /// Views that wait for a worker with room.
     waiting: Waiting,
-    /// When which view's deadline or patience is over.
+    /// The times at which deadlines and patience end, in order.
     due: BTreeSet<(Uptime, ViewId)>,
-    /// What calibration measured of the scene, of each kind of device; none where it was not calibrated.
+    /// Calibrated models of the scene, one for each kind of device; empty without calibration.
     models: Vec<Arc<Model>>,
-    /// How costs differ from what the models say.
+    /// Corrections of the models' costs.
     pace: Pace,
-    /// Views that may still be looked at to see which samples are worth their price, in the tick that runs.
+    /// Surveys for bundles that are left in this tick.
     bundle_surveys_left: Cell<u32>,
-    /// Views from triangles since the last one that was looked at.
+    /// Views from triangles since the last survey for a bundle.
     unsurveyed: u32,
-    /// No new views.
+    /// Whether new views are refused.
     draining: bool,
     counts: ViewCounts,
 }
@@ -110,22 +109,22 @@ impl Views {
         }
     }
 
-    /// What calibration measured of the scene that is served.
+    /// Sets the calibrated models of the scene.
     pub(super) fn learn_models(&mut self, models: Vec<Model>) {
         self.models = models.into_iter().map(Into::into).collect();
     }
 
-    /// Views waiting or in work.
+    /// Number of views waiting or in work.
     pub(super) fn len(&self) -> usize {
         self.views.len()
     }
 
-    /// Whether that view waits or is in work.
+    /// Whether a view is waiting or in work.
     pub(super) fn is_open(&self, view_id: ViewId) -> bool {
         self.views.contains_key(&view_id)
     }
 
-    /// Samples are rendered otherwise from now on: views that wait are made of the new version, unless they are pinned.
+    /// Moves waiting views to a new version, since samples are rendered differently from now on. Pinned views stay.
     pub(in crate::core) fn move_waiting(&mut self, version: Version) {
         for view in self.views.values_mut().filter(|view| view.worker.is_none() && !view.pinned) {
             self.in_flight.subtract(view);
@@ -137,37 +136,37 @@ impl Views {
         }
     }
 
-    /// The versions whose samples views in flight need.
+    /// The versions whose samples are needed by views in flight.
     pub(super) fn needed_versions(&self) -> &NeededVersions {
         self.in_flight.needed()
     }
 
-    /// Whether a view waits that is made from samples and from nothing else.
+    /// Whether a view waits that can only be made from samples.
     pub(super) fn want_samples(&self) -> bool {
         !self.waiting.composed.is_empty()
     }
 
-    /// Pixels that are rendered for the largest view in flight, sub-pixels counted.
+    /// Pixels of the largest view in flight, with sub-pixels.
     pub(super) fn largest(&self) -> u64 {
         self.views.values().map(Pending::work).max().unwrap_or(0)
     }
 
-    /// What happened to views so far.
+    /// The counts so far.
     pub(super) fn counts(&self) -> ViewCounts {
         self.counts
     }
 
-    /// New views are turned away from here on.
+    /// Refuses new views from now on.
     pub(super) fn drain(&mut self) {
         self.draining = true;
     }
 
-    /// Whether new views are turned away since the process is about to end.
+    /// Whether new views are refused because the process shuts down.
     pub(super) fn is_draining(&self) -> bool {
         self.draining
     }
 
-    /// Whether that client may open a session now.
+    /// Checks whether a client may open a session.
     ///
     /// # Errors
     /// [`Fault::Overloaded`], [`Fault::Unavailable`].
@@ -178,34 +177,34 @@ impl Views {
         }
     }
 
-    /// A client opened a session.
+    /// Counts a session that a client opened.
     pub(super) fn open_session(&mut self, client: &Client) {
         self.admission.open_session(client);
     }
 
-    /// A client's session ended.
+    /// Uncounts a session that ended.
     pub(super) fn close_session(&mut self, client: &str) {
         self.admission.close_session(client);
     }
 
-    /// Sessions that are open.
+    /// Number of open sessions.
     pub(super) fn sessions(&self) -> usize {
         self.admission.sessions()
     }
 
-    /// A session's camera was overtaken by a newer one before it was rendered.
+    /// Counts a superseded camera of a session.
     pub(super) fn camera_superseded(&mut self) {
         self.counts.superseded += 1;
     }
 
-    /// A tick has passed.
+    /// Ends a tick.
     pub(super) fn tick(&mut self, now: Uptime) {
         self.bundle_surveys_left.set(MOST_BUNDLE_SURVEYS);
         self.admission.prune(now);
     }
 
-    /// What is to be found out about a view, while no client waits for it, to see which samples would be worth their price.
-    /// `None` for most views: a few a second tell enough.
+    /// The survey that tells which bundle of samples would have served a view. `None` for most views: a few per tick
+    /// are enough.
     pub(super) fn bundle_survey_wanted(&self, view: &View, cluster: Cluster<'_>) -> Option<SurveyWanted> {
         let left = self.bundle_surveys_left.get().checked_sub(1)?;
         let wanted = cluster.bundle_survey_wanted(view)?;
@@ -213,8 +212,8 @@ impl Views {
         Some(wanted)
     }
 
-    /// What a view of so many pixels, sub-pixels counted, shows is known: its bundle would have saved some time of that
-    /// view, and of those like it since the last one that was looked at.
+    /// Processes a survey for a bundle. `pixels` counts sub-pixels. The bundle would have saved time for this view
+    /// and for the similar ones since the last survey.
     pub(super) fn learn_bundle_survey(
         &mut self,
         pixels: u64,

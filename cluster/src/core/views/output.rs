@@ -1,72 +1,72 @@
-//! What follows from a view for workers and samples: returned here, passed on by the machine.
+//! Outputs of views for the other parts. They are returned here, and applied by the machine.
 
 use argus_scene::{Camera, SampleId};
 
 use crate::core::event::{Action, ViewId, WorkerId};
 use crate::core::workers::WorkKind;
 
-/// One thing that follows from what became of a view.
+/// One output of a view for workers, samples or the shell.
 #[derive(Debug, Clone)]
 pub(in crate::core) enum Output {
-    /// The shell has something to do.
+    /// An action for the shell.
     Act(Action),
-    /// A view of that kind is asked for.
+    /// Demand for a view of this kind.
     Demand(WorkKind),
-    /// A plan names the samples of these cameras.
+    /// A plan uses samples of these cameras.
     Used {
-        /// Which.
+        /// The cameras.
         cameras: Vec<u64>,
     },
     /// A worker answered a view.
     Answered {
-        /// Which worker.
+        /// The worker.
         worker: WorkerId,
-        /// From the triangles.
+        /// Whether it was rendered from triangles.
         direct: bool,
-        /// Pixels that were rendered for it, sub-pixels counted.
+        /// Pixels that were rendered, with sub-pixels.
         work: u64,
     },
-    /// A worker failed at a view by its own fault.
+    /// A worker failed at a view, and is at fault.
     Blamed {
-        /// Which worker.
+        /// The worker.
         worker: WorkerId,
-        /// Which view.
+        /// The view.
         view_id: ViewId,
     },
-    /// A worker no longer has a view.
+    /// A view left a worker's queue.
     TakenBack {
-        /// Which worker.
+        /// The worker.
         worker: WorkerId,
-        /// Which view.
+        /// The view.
         view_id: ViewId,
-        /// What the view was made from.
+        /// The samples of the view's plan.
         samples: Vec<SampleId>,
-        /// Its frame is there: the worker holds what it needed.
+        /// Whether it was answered, so that the worker holds its samples.
         answered: bool,
     },
-    /// A frame has pixels that none of its samples saw.
+    /// Holes of a frame: pixels that none of its samples saw.
     Holes {
-        /// Where the view was.
+        /// The view's camera.
         camera: Camera,
-        /// Whose samples it used.
+        /// The cameras whose samples it used.
         used: Vec<u64>,
-        /// How many pixels no sample saw.
+        /// Number of pixels that no sample saw.
         uncovered: u64,
-        /// How many pixels there are.
+        /// Number of all pixels.
         pixels: u64,
     },
-    /// Samples of these cameras saved a view some time.
+    /// Samples saved rendering time.
     Saved {
-        /// Whose samples it used.
+        /// The cameras whose samples the view used.
         cameras: Vec<u64>,
-        /// Seconds of one process.
+        /// Saved seconds of one process.
         secs: f64,
     },
-    /// Samples of these cameras would have saved views some time.
+    /// Samples would have saved rendering time.
     WouldSave {
-        /// Whose samples they would have used.
+        /// The cameras of the bundle.
         cameras: Vec<u64>,
-        /// Seconds of one process.
+        /// Seconds of one process that would have been saved.
         secs: f64,
     },
 }
