@@ -207,7 +207,7 @@ pub enum Event {
     },
     /// A worker's stream ended.
     Left {
-        /// Which.
+        /// The worker.
         worker: WorkerId,
     },
     /// A client requested a view, which was validated.
@@ -353,7 +353,7 @@ pub enum Action {
     Assign {
         /// The worker.
         worker: WorkerId,
-        /// What.
+        /// The assignment.
         assignment: Assignment,
     },
     /// End a worker's stream, since the worker is lost, replaced or unknown. If it lives, it joins again.

@@ -1,8 +1,8 @@
-//! What clients may ask for, in all and each: views at the same time, open sessions, pixels a second.
+//! Limits of clients, for each and for all: views in flight, open sessions, pixels per second.
 //!
-//! Pixels flow through token buckets. A bucket holds a second's worth; a view is let in while anything is left, and what
-//! it takes beyond that is owed: so views larger than a second's worth pass as well, and in the long run the rate is
-//! kept exactly. The library at hand counts in whole tokens of 32 bits and reads a clock; this is (state, now) → state.
+//! Pixels are limited by token buckets of one second's capacity. A view is admitted while the bucket is not empty,
+//! and may overdraw it. So views larger than the bucket pass, and the long-term rate is exact. The available library
+//! counts in 32 bits and reads a clock; this is (state, now) → state.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -13,33 +13,33 @@ use crate::core::config::Config;
 use crate::core::event::Client;
 use crate::core::time::Uptime;
 
-/// A hint to come again sooner than this would only be more requests, and one later than that a guess.
+/// Shortest and longest hint when to retry: sooner only causes more requests, later is a guess.
 const RETRY: [Duration; 2] = [Duration::from_millis(50), Duration::from_secs(5)];
 
-/// Pixels that may be asked for.
+/// A token bucket of pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bucket {
     per_sec: f64,
-    /// Below zero where pixels are owed.
+    /// Pixels in the bucket; negative if overdrawn.
     level: f64,
     at: Uptime,
 }
 
 impl Bucket {
-    /// A full one.
+    /// A full bucket.
     fn new(per_sec: f64, now: Uptime) -> Self {
         Self { per_sec, level: per_sec, at: now }
     }
 
-    /// What is in it at `now`.
+    /// Its level at `now`.
     fn level(&self, now: Uptime) -> f64 {
         (self.level + self.per_sec * now.since(self.at).as_secs_f64()).min(self.per_sec)
     }
 
-    /// How long until something is in it; `None` if something is.
+    /// Time until it is no longer empty; `None` if it is not empty.
     fn empty_for(&self, now: Uptime) -> Option<Duration> {
         let level = self.level(now);
-        // Written so that NaN, which a rate of zero would make, waits.
+        // A NaN, from a rate of zero, waits.
         if level > 0.0 { None } else { Some(secs((1.0 - level) / self.per_sec)) }
     }
 
@@ -52,7 +52,7 @@ fn secs(secs: f64) -> Duration {
     Duration::try_from_secs_f64(secs).unwrap_or(RETRY[1])
 }
 
-/// What a client has.
+/// Usage of one client.
 #[derive(Debug, Clone, Default)]
 struct Usage {
     views: usize,
@@ -60,7 +60,7 @@ struct Usage {
     bucket: Option<Bucket>,
 }
 
-/// What all clients have. A client that has nothing is forgotten.
+/// Usage of all clients. Clients without usage are forgotten.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Admission {
     clients: BTreeMap<Client, Usage>,
@@ -69,10 +69,10 @@ pub(super) struct Admission {
 }
 
 impl Admission {
-    /// Whether a view of so many pixels may come in.
+    /// Checks whether a client may have one more view. `retry_after` is when views in flight leave room.
     ///
     /// # Errors
-    /// [`Fault::Overloaded`]; `retry_after` is when views in flight leave room.
+    /// [`Fault::Overloaded`] beyond a limit.
     pub(super) fn check(
         &self,
         client: &str,
@@ -92,7 +92,7 @@ impl Admission {
             let bucket = bucket?;
             Some((bucket.empty_for(now)?, who, bucket.per_sec))
         });
-        // Whoever comes back sooner would only hear of the other one.
+        // The hint is the longer of the two waits, since both buckets must be filled.
         match empty.max_by_key(|(wait, ..)| *wait) {
             Some((wait, who, per_sec)) => {
                 overloaded(format!("{who} for more than {per_sec} pixels a second"), wait)
@@ -101,7 +101,7 @@ impl Admission {
         }
     }
 
-    /// A view was let in.
+    /// Counts an admitted view.
     pub(super) fn enter(&mut self, client: &Client, pixels: u64, config: &Config, now: Uptime) {
         let pixels = pixels as f64;
         let pay = |bucket: &mut Option<Bucket>, per_sec: Option<f64>| {
@@ -115,20 +115,20 @@ impl Admission {
         pay(&mut usage.bucket, config.pixels_per_sec_per_client);
     }
 
-    /// A view ended, however it did.
+    /// Uncounts a view that ended.
     pub(super) fn leave(&mut self, client: &str) {
         if let Some(usage) = self.clients.get_mut(client) {
             usage.views = usage.views.saturating_sub(1);
         }
     }
 
-    /// Whether a session may be opened.
+    /// Checks whether a client may open a session.
     ///
     /// # Errors
     /// [`Fault::Overloaded`].
     pub(super) fn check_session(&self, client: &str, config: &Config) -> Result<(), Fault> {
         let own = self.clients.get(client).map_or(0, |usage| usage.sessions);
-        // Nobody knows when a session ends.
+        // When a session will end is unknown.
         let retry_after = RETRY[1];
         if self.sessions >= config.max_sessions {
             return overloaded(format!("{} sessions are open", self.sessions), retry_after);
@@ -155,7 +155,7 @@ impl Admission {
         self.sessions
     }
 
-    /// Forgets clients who have nothing and owe nothing, so that memory follows those who are here.
+    /// Forgets clients without usage and debt, so that memory is bounded by the active clients.
     pub(super) fn prune(&mut self, now: Uptime) {
         let is_full = |bucket: &Bucket| bucket.level(now) >= bucket.per_sec;
         self.clients.retain(|_, usage| {
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn one_clients_limit_leaves_room_for_others_until_that_of_all_is_reached() {
+    fn clients_have_limits_of_their_own_and_a_common_one() {
         let mut all = Admission::default();
         assert_eq!(asks(&mut all, "a", 600, at(0.0)), Ok(()));
         assert!(asks(&mut all, "a", 1, at(0.0)).is_err());
@@ -218,10 +218,10 @@ mod tests {
     }
 
     #[test]
-    fn a_view_larger_than_a_seconds_worth_is_paid_back() {
+    fn a_view_larger_than_the_bucket_is_paid_back() {
         let mut all = Admission::default();
         assert_eq!(asks(&mut all, "a", 3000, at(0.0)), Ok(()));
-        // 2400 pixels are owed by this client; the hint is as far as hints go, and true.
+        // The client is overdrawn by 2400 pixels. The hint is the longest one, and sufficient.
         let hint = asks(&mut all, "a", 1, at(0.0)).unwrap_err();
         assert!(hint > Duration::from_secs(4) && hint <= RETRY[1], "{hint:?}");
         assert!(asks(&mut all, "a", 1, at(hint.as_secs_f64() - 0.1)).is_err());
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn views_in_flight_and_sessions_have_bounds_of_their_own() {
+    fn views_in_flight_and_sessions_are_limited_separately() {
         let (mut all, config) = (Admission::default(), Config { pixels_per_sec: None, ..config() });
         let a: Client = "a".into();
         let check = |all: &Admission, who| all.check(who, &config, Duration::ZERO, at(0.0));
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_client_who_left_is_forgotten_once_nothing_is_owed() {
+    fn an_idle_client_is_forgotten_once_its_bucket_is_full() {
         let mut all = Admission::default();
         assert_eq!(asks(&mut all, "a", 600, at(0.0)), Ok(()));
         all.prune(at(0.5));
@@ -263,9 +263,9 @@ mod tests {
     }
 
     proptest! {
-        /// Over any time a client gets its rate, a second's worth at the beginning and one view more.
+        /// In any time a client gets at most its rate, one second's capacity, and one view more.
         #[test]
-        fn no_pattern_of_asking_gets_more_than_the_rate(
+        fn no_pattern_of_requests_exceeds_the_rate(
             asked in proptest::collection::vec((0_u64..900, 0.0_f64..0.7), 1..200)
         ) {
             let (mut all, mut now, mut got, mut largest) = (Admission::default(), 0.0, 0, 0);

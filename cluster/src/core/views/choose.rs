@@ -1,44 +1,44 @@
-//! Which worker a view is given to: the one that will probably answer first.
+//! Worker selection for explicit views: the worker that will probably answer first.
 //!
-//! That is the one with the fewest views in its queue, each sample that it lacks counted as
-//! [`crate::core::Config::missing_sample_views`]; among equals the one that had the fewest views so far. So views go where
-//! their samples are as long as nobody there is much busier than others, and load spreads.
+//! The cost of a worker is its queue length, plus [`crate::core::Config::missing_sample_views`] for each sample that
+//! it lacks. Ties go to the worker that had the fewest views so far. So views go to workers that hold their samples,
+//! unless these are much busier than others, and load spreads.
 //!
-//! In a large cluster not everybody is looked at: those with the shortest queues, and those who have the rarest of
-//! the view's samples, hold the best one or one nearly as good.
+//! In a large cluster only some workers are examined: those with the shortest queues, and those that hold the rarest
+//! of the view's samples. The best of them is the best of all, or nearly as good.
 
 use super::cluster::Cluster;
 use super::pending::Pending;
 use crate::core::event::WorkerId;
 use crate::core::workers::{QueueEntry, Worker};
 
-/// Samplers that are named in an order as those who can trace: a second and a third chance.
+/// Tracers in an order: a first choice and two fallbacks.
 const MOST_TRACERS: usize = 3;
 
-/// Views that a sampler with time to spare has at the same time: half a batch, of which half are rendered while the
+/// Most views in flight at a sampler that composes in spare time: half a batch, of which half are rendered while the
 /// others are packed and sent.
 const MOST_SPARE_VIEWS: usize = 32;
 
-/// In a cluster of so many workers each one is looked at; in a larger one so many of each kind.
-const LOOKED_AT: usize = 64;
+/// Up to this many workers all are examined; in larger clusters, this many of each kind.
+const MOST_EXAMINED: usize = 64;
 
 impl Cluster<'_> {
     /// The best worker with room for a view, if any has room.
     ///
-    /// Roles decide who is asked. Where nobody plays the role (the moment before roles change), or everybody
-    /// who does has failed at this view, anybody is: a worker can do both, it is only slower to start.
+    /// Roles decide which workers are considered. If no worker has the role, or all of them failed at this view, any
+    /// worker is considered: each can do both, it only starts slower.
     pub(super) fn choose(&self, view: &Pending) -> Option<WorkerId> {
         let queue = if view.is_direct() {
             self.workers.queues().samplers()
         } else {
             self.workers.queues().compositors()
         };
-        let few = self.workers.queues().ready() <= LOOKED_AT || queue.len() <= view.tried.len();
+        let few = self.workers.queues().ready() <= MOST_EXAMINED || queue.len() <= view.tried.len();
         if few || !view.device.is_empty() {
             return self.choose_among_all(view);
         }
         let mut best: Option<(f64, QueueEntry)> = None;
-        // A worker costs what its queue is long, at the least.
+        // A worker's cost is at least the length of its queue.
         let beaten = |best: &Option<(f64, QueueEntry)>, entry: &QueueEntry| {
             entry.queued >= self.config.max_views_per_worker
                 || best.is_some_and(|(cost, _)| cost <= entry.queued as f64)
@@ -51,7 +51,7 @@ impl Cluster<'_> {
                 *best = Some(offer);
             }
         };
-        for entry in queue.iter().take(LOOKED_AT) {
+        for entry in queue.iter().take(MOST_EXAMINED) {
             if beaten(&best, entry) {
                 break;
             }
@@ -60,7 +60,7 @@ impl Cluster<'_> {
         if view.is_direct() {
             return best.map(|(_, entry)| entry.worker);
         }
-        for entry in self.workers.queues().samplers().iter().take(LOOKED_AT) {
+        for entry in self.workers.queues().samplers().iter().take(MOST_EXAMINED) {
             if entry.queued >= MOST_SPARE_VIEWS || beaten(&best, entry) {
                 break;
             }
@@ -76,10 +76,10 @@ impl Cluster<'_> {
         if best.is_none_or(|(_, entry)| lacks(entry)) {
             let counted = view.samples().iter().map(|&id| (self.samples.locations().count_near(id), id));
             let rarest = counted.filter(|(count, _)| *count > 0).min();
-            // Whoever is looked at first changes from view to view.
+            // The first worker to examine differs between views.
             let from = best.map_or(WorkerId(0), |(_, entry)| entry.worker);
             let near = rarest.into_iter().flat_map(|(_, id)| self.samples.locations().near(id, from));
-            for worker in near.take(LOOKED_AT).filter_map(|id| self.workers.get(id)) {
+            for worker in near.take(MOST_EXAMINED).filter_map(|id| self.workers.get(id)) {
                 if worker.takes_views() && worker.queued() < self.config.max_views_per_worker {
                     consider(&mut best, worker.queue_entry());
                 }
@@ -95,8 +95,8 @@ impl Cluster<'_> {
         queued + fetched + self.refining_views(worker)
     }
 
-    /// Views that are composed while a sampler renders what it may be busy with: views go before refinements, and in between
-    /// the parts that a sampler makes of one.
+    /// The number of views that could be composed while a sampler renders one slice of a refinement. Views go before
+    /// refinements, and between their slices.
     fn refining_views(&self, worker: &Worker) -> f64 {
         let placement = self.samples.placement();
         if !(worker.takes_samples()
@@ -121,7 +121,7 @@ impl Cluster<'_> {
             .filter(|w| w.is_ready() && (view.is_direct() || w.knows_set()))
             .filter(|w| view.device.is_empty() || w.hello().device == view.device)
             .collect();
-        // Who seems to hang, or fails, is asked where there is nobody else.
+        // Suspected and failing workers are the last resort.
         let awake: Vec<&Worker> = able.iter().filter(|w| w.answers()).copied().collect();
         let able = if awake.is_empty() { able } else { awake };
         let untried: Vec<&Worker> = able.iter().filter(|w| !view.tried.contains(&w.id())).copied().collect();
@@ -139,8 +139,8 @@ impl Cluster<'_> {
             .map(|(_, w)| w.id())
     }
 
-    /// Whether a sampler has time to compose a view: it holds the view's samples, there is none that it has yet to
-    /// render but at refinements, which can wait, and it has few views, so that the next sample does not wait for long.
+    /// Whether a sampler can compose a view in spare time: it holds the view's samples, has few views, and has
+    /// nothing to render but refinements, which can wait.
     fn may_help_out(&self, sampler: &Worker, view: &Pending) -> bool {
         self.config.samplers_composite
             && sampler.takes_samples()
@@ -149,17 +149,17 @@ impl Cluster<'_> {
             && !self.samples.has_to_render(sampler.id(), |index| !self.samples.placement().is_placed(index))
     }
 
-    /// The workers that trace pixels for a view that `reader` composes: itself if it samples, since that needs no transfer,
-    /// then samplers of the same kind of device, whose bytes are the same, then others; those with least to do
-    /// first; also those on their way to that role. None where nobody samples.
+    /// Addresses of the workers that trace pixels for a view that `reader` composes, best first. First comes `reader`
+    /// itself if it samples, which needs no transfer. Samplers of the same kind of device follow, whose bytes are the
+    /// same, then other samplers; each group by queue length. Empty without samplers.
     pub(super) fn tracers(&self, reader: WorkerId) -> Vec<String> {
         let itself = self.workers.get(reader);
         let device = itself.map(|w| &w.hello().device);
         let rank = |w: &&Worker| (w.id() != reader, Some(&w.hello().device) != device, w.queued(), w.id());
-        let mut samplers: Vec<&Worker> = match self.workers.queues().ready() <= LOOKED_AT {
+        let mut samplers: Vec<&Worker> = match self.workers.queues().ready() <= MOST_EXAMINED {
             true => self.workers.iter().filter(|w| w.answers() && w.assigned().role.samples()).collect(),
             false => {
-                let front = self.workers.queues().samplers().iter().take(LOOKED_AT);
+                let front = self.workers.queues().samplers().iter().take(MOST_EXAMINED);
                 let others = front.filter(|entry| entry.worker != reader);
                 let others = others.filter_map(|entry| self.workers.get(entry.worker));
                 itself.filter(|w| w.takes_samples()).into_iter().chain(others).collect()

@@ -1,6 +1,6 @@
-//! Views that wait, given to workers with room.
+//! Dispatch of waiting views to workers with room.
 //!
-//! Worker selection is in `choose`, and for views whose request leaves the way open in `open` and [`super::planner`].
+//! Worker selection is in `choose`. For views that leave the way open it is in `open` and [`super::planner`].
 
 use argus_scene::{Plan, Prediction, SampleId};
 
@@ -12,46 +12,46 @@ use crate::core::event::{Order, Source, ViewId, WorkerId};
 use crate::core::samples::Access;
 use crate::core::workers::{QueuedView, WorkKind};
 
-/// Views bound to certain workers that are looked at in one go.
+/// Most views bound to certain workers that are examined in one round.
 const MOST_BOUND: usize = 64;
 
-/// Attempts that end where a refinement is not where it was thought to be, before it is rendered for the view after all.
+/// Attempts that may fail since a refinement was lost. The next attempt renders it for the view.
 const MOST_WITHOUT: u32 = 3;
 
-/// A view that a worker is given.
+/// A view that was given to a worker.
 #[derive(Debug, Clone)]
 pub(in crate::core) struct Given {
     /// Which view.
     pub(in crate::core) view_id: ViewId,
     /// Which worker.
     pub(in crate::core) worker: WorkerId,
-    /// The samples of its plan, and how much it depends on each.
+    /// The samples of its plan, and how much the view depends on each.
     pub(in crate::core) samples: Vec<(SampleId, Access)>,
-    /// What it is counted as, where that was open until now.
+    /// The demand to count, if the way was open until now.
     pub(in crate::core) decided: Option<WorkKind>,
 }
 
-/// What came of the attempt to give a view to a worker.
+/// The result of trying to dispatch a view.
 #[derive(Debug)]
 enum Attempt {
     Given(Given),
-    /// No worker has room for it.
+    /// No worker has room.
     Full,
-    /// The view is over.
+    /// The view has ended.
     Over,
 }
 
-/// One pass over the views that wait.
+/// One pass over the waiting views.
 #[derive(Debug)]
 pub(in crate::core) struct Round {
     /// Views that only certain workers can answer, oldest first.
     bound: std::vec::IntoIter<ViewId>,
-    /// The queues whose first view has to wait.
+    /// The queues whose first view found no room.
     full: [bool; BLOCKING_QUEUES],
 }
 
 impl Views {
-    /// A view waits for a worker, among the others by its age.
+    /// Queues a view, in the order of its age.
     pub(super) fn wait(&mut self, view_id: ViewId) {
         let Some(view) = self.views.get_mut(&view_id) else { return };
         self.waiting.insert(view_id, view);
@@ -61,7 +61,7 @@ impl Views {
         self.due.insert((view.due, view_id));
     }
 
-    /// A view that was put back for another plan waits anew.
+    /// Queues a view again, with another plan.
     pub(super) fn begin_again(
         &mut self,
         view_id: ViewId,
@@ -76,15 +76,14 @@ impl Views {
         self.wait(view_id);
     }
 
-    /// Begins to give waiting views to workers.
+    /// Begins a pass over the waiting views.
     pub(in crate::core) fn begin_round(&self) -> Round {
         let bound: Vec<ViewId> = self.waiting.bound.iter().copied().take(MOST_BOUND).collect();
         Round { bound: bound.into_iter(), full: [false; BLOCKING_QUEUES] }
     }
 
-    /// The next view that a worker is given: the oldest first of those that are reconstructed and of those rendered
-    /// directly, until one has to wait; a view that is bound to certain workers holds no other up. `None`: all that are
-    /// left have to wait.
+    /// Dispatches the next view: the oldest first in each queue, until its first view finds no room. A view that is
+    /// bound to certain workers blocks no other. `None`: all remaining views must wait.
     pub(in crate::core) fn next(&mut self, round: &mut Round, cluster: Cluster<'_>) -> Option<Given> {
         loop {
             let (view_id, queue) = match round.bound.next() {
@@ -102,7 +101,7 @@ impl Views {
         }
     }
 
-    /// Finds the best worker for a view.
+    /// Finds a worker for an explicit view.
     fn place(&mut self, view_id: ViewId, cluster: Cluster<'_>) -> Attempt {
         let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         if view.open.is_some() {
@@ -114,7 +113,7 @@ impl Views {
         self.leave_out_lost(view_id, cluster);
         let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         let Some(worker) = cluster.choose(view) else { return Attempt::Full };
-        // What was lost before anybody knew of it shall not send a view to and fro.
+        // A sample that was lost unnoticed must not send a view back and forth.
         let may_come_back = view.attempts() < MOST_WITHOUT;
         let lacks = |sample: SampleId| !cluster.samples.locations().has(sample, worker);
         let access = |&sample: &SampleId| {
@@ -125,7 +124,7 @@ impl Views {
         Attempt::Given(Given { view_id, worker, samples, decided: None })
     }
 
-    /// Decides how a view is answered and by which worker.
+    /// Chooses plan and worker of a view that leaves the way open.
     fn place_open(&mut self, view_id: ViewId, cluster: Cluster<'_>) -> Attempt {
         let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
@@ -146,7 +145,7 @@ impl Views {
         Attempt::Given(Given { view_id, worker: offer.worker, samples, decided })
     }
 
-    /// A view that names refinements which were lost meanwhile gets the next best samples that some worker has.
+    /// Replaces refinements in a plan that no worker holds any more.
     fn leave_out_lost(&mut self, view_id: ViewId, cluster: Cluster<'_>) {
         let Some(view) = self.views.get_mut(&view_id) else { return };
         let Cluster { workers, samples, .. } = cluster;
@@ -163,7 +162,7 @@ impl Views {
         }
     }
 
-    /// A view goes to a worker: what the worker is told, and what stands in its queue.
+    /// Makes the order for a dispatched view, and its entry in the worker's queue.
     pub(in crate::core) fn give(
         &mut self,
         given: &Given,
@@ -198,7 +197,7 @@ impl Views {
     }
 }
 
-/// Whether a view's plan could be made without a sample.
+/// Whether a view can be planned without a sample.
 fn is_dispensable(view: &Pending, id: SampleId, cluster: Cluster<'_>) -> bool {
     !view.pinned && cluster.samples.is_dispensable(id)
 }

@@ -23,11 +23,11 @@ pub(in crate::core) struct NewView<'a> {
     pub(in crate::core) view_id: ViewId,
     pub(in crate::core) client: Client,
     pub(in crate::core) view: &'a View,
-    /// The answer is worthless after this.
+    /// Time until the answer is worthless; `None`: no deadline.
     pub(in crate::core) deadline: Option<Duration>,
-    /// What the view will show, where that is known.
+    /// A survey of the view, if one was taken.
     pub(in crate::core) survey: Option<Box<Survey>>,
-    /// Its session's last view.
+    /// The session's last view, if there is one.
     pub(in crate::core) last: Option<Box<LastView>>,
 }
 
@@ -52,7 +52,7 @@ impl Views {
         }
     }
 
-    /// A view is let in with a plan.
+    /// Adds an admitted view with its plan.
     fn enter(
         &mut self,
         new: NewView<'_>,
@@ -85,7 +85,7 @@ impl Views {
             tried: BTreeSet::new(),
         };
         let mut outputs = Vec::new();
-        // One whose way is open is counted once it is decided.
+        // A view that leaves the way open is counted at dispatch.
         if pending.open.is_none() {
             outputs.push(Output::NewView(pending.kind()));
         }
@@ -98,7 +98,7 @@ impl Views {
         outputs
     }
 
-    /// The plan of a view that may come in.
+    /// Checks whether a view may be admitted, and makes its plan.
     fn admit(&self, new: &NewView<'_>, cluster: Cluster<'_>, now: Uptime) -> Result<Planned, Fault> {
         let &NewView { ref client, view, deadline, .. } = new;
         if self.draining {
@@ -106,7 +106,7 @@ impl Views {
         }
         let Cluster { samples, workers, .. } = cluster;
         samples.check_version(view)?;
-        // Who is turned away anyway costs no planning: where many are, that is what the coordinator would spend its time on.
+        // Limits are checked first, so that refused views cost no planning under overload.
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let least = match open {
             true => self.expected_wait_anywhere(cluster),
@@ -133,7 +133,7 @@ impl Views {
         Ok(planned)
     }
 
-    /// Whether a view that has to wait so long until its turn may come in.
+    /// Checks whether a view with this expected wait may be admitted.
     fn check_load(
         &self,
         client: &str,
@@ -142,19 +142,19 @@ impl Views {
         now: Uptime,
     ) -> Result<(), Fault> {
         let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
-        // By then half of what is in flight is done.
+        // Half of the views in flight are done by then.
         let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
         if self.views.len() >= self.config.max_views || expected > bearable {
             let (count, secs) = (self.views.len(), expected.as_secs_f64());
             let what =
-                format!("{count} views are waiting or in work, {secs:.1} s of it before this one's turn");
+                format!("{count} views are waiting or in work, {secs:.1} s of work before this one");
             return Err(Fault::Overloaded { what, retry_after });
         }
         self.admission.check(client, &self.config, retry_after, now)
     }
 
-    /// How long the views of one kind that are in flight will take those who play that role, as far as their
-    /// cost was measured. Where nothing but direct views is in flight, all will soon render them.
+    /// Time until the views in flight of one kind are done by the workers of that role, by measured costs. If only
+    /// direct views are in flight, all workers will soon render them.
     pub(super) fn expected_wait(&self, direct: bool, cluster: Cluster<'_>) -> Duration {
         let (costs, queues) = (cluster.workers.believed_costs(), cluster.workers.queues());
         let (cost, ahead) = match direct {
@@ -169,7 +169,7 @@ impl Views {
         Duration::try_from_secs_f64(cost * ahead as f64 / hands.max(1) as f64).unwrap_or(Duration::MAX)
     }
 
-    /// How long the views that any worker can answer will take all of them, as far as that is predicted.
+    /// Predicted time until the views that any worker can answer are done.
     fn expected_wait_anywhere(&self, cluster: Cluster<'_>) -> Duration {
         let workers = cluster.workers;
         let queued_ms: f64 = workers.iter().map(Worker::queued_ms).sum();
@@ -181,7 +181,7 @@ impl Views {
     }
 }
 
-/// The version that a view is of: the one that is served, or that of its pin.
+/// The version of a view: the served one, or its pin's.
 fn version_of(view: &View, cluster: Cluster<'_>) -> Version {
     let served = cluster.samples.set().version;
     let Some(pin) = &view.pin else { return served };
@@ -192,8 +192,8 @@ fn version_of(view: &View, cluster: Cluster<'_>) -> Version {
     Version::of_epoch(number, pin.epoch)
 }
 
-/// A plan whose request leaves it open takes further samples, those that are at hand anyway: what none of the first ones
-/// saw, another camera may have seen, and a new sample costs more.
+/// Adds samples to a plan whose request leaves their number open, if most compositors hold them. Another camera may
+/// have seen what the first ones did not, and a new sample costs more.
 fn widen(view: &View, plan: &mut Plan, cluster: Cluster<'_>) {
     let open = view.plan.samples.is_none() && matches!(view.plan.preset, None | Some(Preset::Balanced));
     let (true, Plan::Warp(warp)) = (open, plan) else { return };
@@ -203,7 +203,7 @@ fn widen(view: &View, plan: &mut Plan, cluster: Cluster<'_>) {
     let all = samples.sample_ids(&view.camera, MOST_SAMPLES, samples.set().version.number).into_iter();
     let further: Vec<SampleId> =
         all.filter(|id| !id.is_surroundings() && !warp.samples.contains(id) && at_hand(id)).collect();
-    // What surrounds the scene comes last.
+    // Reflection maps come last.
     let own = warp.samples.iter().filter(|id| !id.is_surroundings()).count();
     warp.samples.splice(own..own, further.into_iter().take(MOST_SAMPLES.saturating_sub(own)));
 }

@@ -1,4 +1,4 @@
-//! Views whose request leaves the way open: what workers could do about them, for the planner to choose from.
+//! Offers of workers for views that leave the way open. The planner chooses among them.
 
 use std::collections::HashMap;
 
@@ -16,30 +16,30 @@ use crate::core::event::{LastView, WorkerId};
 use crate::core::quality::Cost;
 use crate::core::workers::Worker;
 
-/// Workers with the shortest queues that are asked for an offer, and holders of samples beside them.
+/// Most workers that are asked for offers: of those with the shortest queues, and of those that hold the best sample.
 const MOST_ASKED: usize = 64;
 
-/// Cameras around a viewer that are looked at for samples that somebody holds, nearest first.
+/// Cameras around a viewer that are checked for held samples, nearest first.
 const AROUND: usize = 24;
 
-/// Cameras of held samples that a view is surveyed for, at most.
+/// Most cameras of held samples in a survey.
 const MOST_HELD: usize = 8;
 
 /// The finest level of refinement that a bundle may have: finer cameras serve too few viewers.
 const FINEST_LEVEL: u32 = 2;
 
-/// Longest time that a view waits for work that nobody waits for, milliseconds: half of a slice, on the mean.
+/// Mean time that a view waits for a slice of background work, milliseconds: half of a slice.
 const HALF_SLICE_MS: f64 = 10.0;
 
-/// Time that a view waits for a worker that measures, milliseconds: most of what it measures is done in slices, but drivers compile
-/// a program in one piece.
+/// Time that a view waits for a worker that measures, milliseconds. Most measurements run in slices, but drivers
+/// compile a program in one piece.
 const MEASURING_MS: f64 = 200.0;
 
-/// A view from some samples.
+/// A view from samples.
 #[derive(Debug, Clone)]
 struct FromSamples {
     plan: Plan,
-    /// Share of the view that the samples miss, and that is traced.
+    /// Share of the view that the samples miss, whose pixels are traced.
     uncovered: f64,
     /// Predicted mean FLIP above that of a direct view.
     excess: f64,
@@ -47,12 +47,12 @@ struct FromSamples {
     is_sound: bool,
 }
 
-/// What sets of samples come to for one view, by their cameras: workers mostly hold the same.
+/// Cached results for one view, by cameras: most workers hold the same samples.
 type Known = HashMap<Vec<u64>, Option<FromSamples>>;
 
 impl Cluster<'_> {
-    /// What is to be found out about a view before it is asked for; `None` where that would change nothing: its way is not
-    /// open, or no worker holds a sample near it.
+    /// The survey that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
+    /// is not open, or no worker holds a sample nearby.
     pub(in crate::core) fn survey_wanted(
         &self,
         view: &View,
@@ -60,13 +60,13 @@ impl Cluster<'_> {
     ) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
-        // A frame may be repeated from samples that are no longer among the nearest ones.
+        // The last frame's samples may no longer be the nearest ones.
         let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
         let repeated = memory.iter().flat_map(Memory::samples).map(|id| id.camera).collect();
         SurveyWanted::of(self.samples.set(), repeated, candidates)
     }
 
-    /// What is to be found out about a view to see which samples would be worth their price; `None` where that cannot pay.
+    /// The survey that tells which bundle of samples would have served a view; `None` if no bundle can pay.
     pub(super) fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
@@ -74,7 +74,7 @@ impl Cluster<'_> {
         SurveyWanted::of(self.samples.set(), candidates, Vec::new())
     }
 
-    /// Cameras near a viewer whose samples somebody holds, nearest first.
+    /// Cameras near a viewer whose samples are held by a worker, nearest first.
     fn held_around(&self, camera: &Camera) -> Vec<u64> {
         let placed: Vec<u64> = self.samples.placement().placed().collect();
         let around =
@@ -84,8 +84,7 @@ impl Cluster<'_> {
         held.take(MOST_HELD).collect()
     }
 
-    /// Cameras near a viewer that a bundle could take, whether or not somebody holds their samples: the corners of the
-    /// viewer's cell, then nearer ones.
+    /// Cameras near a viewer for a bundle, held or not: the corners of the viewer's cell, then refinements.
     fn cameras_around(&self, camera: &Camera) -> Vec<u64> {
         let rig = &self.samples.set().rig;
         let own = rig.nearest_among(camera, MOST_HELD, Among::default());
@@ -95,7 +94,7 @@ impl Cluster<'_> {
         around
     }
 
-    /// What a view whose way was open, and which took so many milliseconds of rendering, saved by the samples that it used.
+    /// The time that a view saved by its samples. Rendering it took `ms`.
     pub(super) fn savings(&self, view: &Pending, open: &OpenView, ms: f64) -> Option<Output> {
         let worker = view.worker.and_then(|id| self.workers.get(id))?;
         let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
@@ -103,21 +102,22 @@ impl Cluster<'_> {
         Some(Output::Saved { cameras: view.cameras(), secs: (direct.ms(work) - ms) * 1e-3 })
     }
 
-    /// Seconds that a view of so many pixels, sub-pixels counted, takes less from samples than from triangles; `None` until
+    /// Seconds that a view from samples is cheaper than one from triangles. `pixels` counts sub-pixels. `None` until
     /// a worker measured both.
     pub(super) fn saved_secs(&self, pixels: u64) -> Option<f64> {
         let ms = |w: &Worker| Some(w.report().direct_cost?.ms(pixels) - w.report().warp_cost?.ms(pixels));
         self.workers.iter().find_map(ms).map(|ms| ms * 1e-3)
     }
 
-    /// The cameras whose samples would have served a view well: the rig's own where these are enough. `None` where none are.
+    /// The cameras whose samples would have kept the view's bound: only the rig's own if these are enough. `None` if
+    /// no cameras would.
     pub(super) fn bundle(&self, survey: &Survey) -> Option<Vec<u64>> {
         let own = survey.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
         let is_sound = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
         Some(own).filter(is_sound).or_else(|| Some(survey.choose(|_| true, MOST_SAMPLES)).filter(is_sound))
     }
 
-    /// What workers with room could do about a view.
+    /// The offers of workers with room for a view.
     pub(super) fn offers(&self, view: &Pending, open: &OpenView) -> Vec<Offer> {
         let asked = self.asked(view, open);
         let mut known = Known::new();
@@ -134,7 +134,7 @@ impl Cluster<'_> {
             let (id, excess, is_sound) = (worker.id(), 0.0, true);
             let base = Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats };
             let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
-            for from_samples in self.ways_from_samples(worker, view, open, &mut known) {
+            for from_samples in self.plans_from_samples(worker, view, open, &mut known) {
                 let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
                 let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
                 let render_ms = warp_ms.map(|ms| ms + rays_ms);
@@ -146,7 +146,7 @@ impl Cluster<'_> {
         offers
     }
 
-    /// Workers that are asked for an offer: those that answer, with room, which have not failed at the view.
+    /// Workers that are asked for offers: healthy, with room, and without a failure at this view.
     fn asked(&self, view: &Pending, open: &OpenView) -> Vec<&Worker> {
         let has_room = |worker: &&Worker| worker.queued() < self.config.max_views_per_worker;
         let untried = |worker: &&Worker| !view.tried.contains(&worker.id());
@@ -175,11 +175,11 @@ impl Cluster<'_> {
         if !asked.is_empty() || !self.workers.queues().anyone().is_empty() {
             return asked;
         }
-        // Whoever seems to hang, or fails, is asked where there is nobody else.
+        // Suspected and failing workers are the last resort.
         self.workers.iter().filter(|w| w.is_ready()).filter(has_room).collect()
     }
 
-    /// What a view from triangles costs at a worker: what it measured, or else what those with the same device did.
+    /// Cost of a view from triangles at a worker, as measured by it or by a worker with the same device.
     fn direct_cost(&self, worker: &Worker) -> Option<Cost> {
         let alike = || {
             let same = self.workers.iter().filter(|other| other.hello().device == worker.hello().device);
@@ -188,7 +188,7 @@ impl Cluster<'_> {
         worker.report().direct_cost.or_else(alike)
     }
 
-    /// Milliseconds of what a worker has to do before another view.
+    /// Milliseconds until a worker can begin another view.
     fn wait_before(&self, worker: &Worker) -> f64 {
         let samples = f64::from(worker.report().queued_samples) * worker.report().sample_ms.unwrap_or(0.0);
         let slices = if self.samples.is_refining(worker) { HALF_SLICE_MS } else { 0.0 };
@@ -196,7 +196,8 @@ impl Cluster<'_> {
         worker.queued_ms() + samples + slices + measuring
     }
 
-    /// The cameras that were surveyed whose samples a worker holds; without a survey, the nearest ones if it has all.
+    /// The surveyed cameras whose samples a worker holds. Without a survey: the nearest cameras, if the worker holds
+    /// all of them.
     fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<u64> {
         let has = |index: u64| self.samples.locations().has(self.samples.served(index), worker.id());
         match &open.survey {
@@ -209,9 +210,9 @@ impl Cluster<'_> {
         }
     }
 
-    /// What a view could be from the samples that a worker holds: from the best of them, and from those of the frame that is to be
-    /// repeated. Empty for a worker that has not measured what views from samples cost.
-    fn ways_from_samples(
+    /// Plans of a view from samples that a worker holds: from the best ones, and from those of the frame to be
+    /// repeated. Empty if the worker did not measure the cost of views from samples.
+    fn plans_from_samples(
         &self,
         worker: &Worker,
         view: &Pending,
@@ -232,7 +233,7 @@ impl Cluster<'_> {
         best.into_iter().chain(again).collect()
     }
 
-    /// The cameras of the frame that is to be repeated, if a worker holds all of their samples.
+    /// The cameras of the frame to be repeated, if a worker holds all of their samples.
     fn held_again(&self, worker: &Worker, open: &OpenView) -> Option<Vec<u64>> {
         let again: Vec<SampleId> = open.memory.as_ref()?.samples().collect();
         let has = |id: &SampleId| self.samples.locations().has(*id, worker.id());
@@ -240,13 +241,13 @@ impl Cluster<'_> {
         has_all.then(|| again.iter().map(|id| id.camera).collect())
     }
 
-    /// Whether that plan at that worker repeats the session's last frame.
+    /// Whether a plan at a worker repeats the session's last frame.
     fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
         let (device, epoch) = (&worker.hello().device, self.samples.set().version.state.epoch);
         open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, epoch, device))
     }
 
-    /// What a view would be from those cameras' samples; `None` without samples.
+    /// The plan of a view from the samples of these cameras; `None` without cameras.
     fn warp_from(&self, cameras: &[u64], open: &OpenView) -> Option<FromSamples> {
         if cameras.is_empty() {
             return None;

@@ -1,4 +1,4 @@
-//! What is known of a view whose request leaves open how it is answered.
+//! State of a view that leaves the way open.
 
 use argus_scene::View;
 use argus_scene::frame::Decision;
@@ -9,22 +9,22 @@ use super::planner::Aim;
 use super::session_memory::Memory;
 use crate::core::event::LastView;
 
-/// What the planner goes by for one view.
+/// What the planner needs to know about one view.
 #[derive(Debug, Clone)]
 pub(super) struct OpenView {
-    /// Of a direct view.
+    /// Samples per pixel of a direct view.
     pub(super) samples_per_pixel: u32,
     pub(super) aim: Aim,
-    /// What it will show, where that is known.
+    /// A survey of the view, if one was taken.
     pub(super) survey: Option<Box<Survey>>,
-    /// What its session remembers.
+    /// The session's memory of its last view.
     pub(super) memory: Option<Memory>,
-    /// How it was last decided to be answered.
+    /// The planner's latest decision.
     pub(super) decision: Option<Decision>,
 }
 
 impl OpenView {
-    /// Of a view that is not pinned and whose request leaves the way open.
+    /// Makes the state; `None` for a view that is pinned or whose request names the way.
     pub(super) fn of(
         view: &View,
         survey: Option<Box<Survey>>,

@@ -1,4 +1,4 @@
-//! What becomes of views: answered, failed and tried elsewhere, given up, cancelled.
+//! Outcomes of views: answered, retried, failed, expired and cancelled.
 
 use argus_proto::Fault;
 
@@ -9,7 +9,7 @@ use crate::core::time::Uptime;
 use crate::core::workers::Worker;
 
 impl Views {
-    /// A frame was relayed whole.
+    /// Handles an answered attempt.
     pub(in crate::core) fn answered(
         &mut self,
         (view_id, attempt): (ViewId, u32),
@@ -39,7 +39,7 @@ impl Views {
         outputs
     }
 
-    /// An attempt failed.
+    /// Handles a failed attempt.
     pub(in crate::core) fn failed(
         &mut self,
         (view_id, attempt): (ViewId, u32),
@@ -66,14 +66,14 @@ impl Views {
         outputs
     }
 
-    /// No client waits for a view any more.
+    /// Cancels a view.
     pub(in crate::core) fn cancel(&mut self, view_id: ViewId) -> Option<Output> {
         let taken_back = self.take_back(view_id, false);
         self.forget(view_id);
         taken_back
     }
 
-    /// Views whose worker is lost go to others.
+    /// Retries views whose worker is lost.
     pub(in crate::core) fn retry_all(
         &mut self,
         view_ids: impl IntoIterator<Item = ViewId>,
@@ -85,10 +85,10 @@ impl Views {
         outputs
     }
 
-    /// The views of workers that are suspected go to others.
+    /// Retries the views of suspected workers.
     pub(in crate::core) fn leave_suspected(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Output> {
         let workers = cluster.workers;
-        // Where no other worker can have it a view stays, until one can; so does one that has gone round already.
+        // A view stays if no other worker can have it, or if it was retried too often.
         let can =
             |w: &Worker, v: &Pending| w.answers() && (v.device.is_empty() || w.hello().device == v.device);
         let elsewhere = |v: &Pending| workers.iter().any(|w| can(w, v));
@@ -100,7 +100,7 @@ impl Views {
         self.retry_all(views, cluster, now)
     }
 
-    /// Ends the deadlines and the patience that are over.
+    /// Handles deadlines and patience that have ended.
     pub(in crate::core) fn expire(&mut self, cluster: Cluster<'_>, now: Uptime) -> Vec<Output> {
         let mut outputs = Vec::new();
         while let Some(&(due, view_id)) = self.due.first().filter(|(due, _)| now >= *due) {
@@ -110,12 +110,12 @@ impl Views {
         outputs
     }
 
-    /// Whether another attempt would leave one more to fail.
+    /// Whether one attempt would be left after another one.
     fn may_be_retried(&self, view: &Pending) -> bool {
         view.attempts() + 1 < self.config.max_attempts
     }
 
-    /// Puts a view whose worker failed first in the queue, or gives it up after too many attempts.
+    /// Queues a view again by its age, or refuses it after too many attempts.
     fn retry(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime, outputs: &mut Vec<Output>) {
         outputs.extend(self.take_back(view_id, false));
         let Some(view) = self.views.get_mut(&view_id) else { return };
@@ -142,7 +142,7 @@ impl Views {
             let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
             self.refuse(view_id, fault, outputs);
         } else {
-            // In work: what is left is its deadline.
+            // In work: only the deadline remains.
             view.due = at;
             self.due.insert((at, view_id));
         }
@@ -154,7 +154,7 @@ impl Views {
         outputs.push(Output::Act(Action::Refuse { view_id, fault }));
     }
 
-    /// A view is over.
+    /// Removes an ended view.
     fn forget(&mut self, view_id: ViewId) -> Option<Pending> {
         let view = self.views.remove(&view_id)?;
         self.admission.leave(&view.client);
@@ -164,12 +164,12 @@ impl Views {
         Some(view)
     }
 
-    /// Whether that attempt is the one the view's answer is awaited from.
+    /// Whether an attempt is the current one of a view.
     pub(super) fn is_current(&self, view_id: ViewId, attempt: u32) -> bool {
         self.views.get(&view_id).is_some_and(|view| view.attempt == attempt && view.worker.is_some())
     }
 
-    /// Takes a view off the worker that has it.
+    /// Removes a view from its worker's queue.
     pub(super) fn take_back(&self, view_id: ViewId, answered: bool) -> Option<Output> {
         let view = self.views.get(&view_id)?;
         let samples = view.samples().to_vec();
@@ -177,7 +177,7 @@ impl Views {
     }
 }
 
-/// What a frame says of the samples that it was made from; a pinned plan says nothing of those that are made here.
+/// The holes of a frame. Pinned plans are not counted, since their samples were not chosen here.
 fn holes(view: &Pending, uncovered: Option<u64>) -> Option<Output> {
     if view.is_direct() || view.pinned {
         return None;

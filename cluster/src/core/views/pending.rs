@@ -1,5 +1,4 @@
-//! Views that were admitted: what each one is, the queues in which those wait that no worker has room for yet, and how
-//! many there are of each kind.
+//! Admitted views: their state, the queues of those that wait for a worker, and counts by kind.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -18,42 +17,42 @@ use crate::core::workers::WorkKind;
 pub(super) struct Pending {
     pub(super) client: Client,
     pub(super) camera: Camera,
-    /// How many the frame has.
+    /// Pixels of the frame.
     pub(super) pixels: u64,
     pub(super) version: Version,
-    /// How it is answered; of a view whose way is open, how it was last decided to be.
+    /// The plan; if the way is open, the latest one.
     pub(super) plan: Plan,
-    /// What the planner goes by, if the request leaves the way open.
+    /// What the planner needs to know, if the request leaves the way open.
     pub(super) open: Option<Box<OpenView>>,
-    /// What is expected of its frame.
+    /// The prediction for its frame.
     pub(super) expected: Option<Prediction>,
     /// The search for a frame within a bound.
     pub(super) target_search: Option<Box<TargetSearch>>,
-    /// Its plan was pinned: what it lacks says nothing of the plans made here.
+    /// Whether the plan was pinned. Its holes then say nothing about plans made here.
     pub(super) pinned: bool,
-    /// Pinned kind of device; empty: any.
+    /// The pinned kind of device; empty: any.
     pub(super) device: String,
-    /// When its answer is worthless, and how long that was when it was asked.
+    /// The deadline, and the duration from the request to it.
     pub(super) deadline: (Uptime, Duration),
     pub(super) requested: Uptime,
-    /// When it is looked at next, to see whether its time is over.
+    /// The next time to check whether its deadline or patience has ended.
     pub(super) due: Uptime,
     pub(super) attempt: u32,
     pub(super) worker: Option<WorkerId>,
     pub(super) tried: BTreeSet<WorkerId>,
 }
 
-/// Lines whose first view holds the others up.
+/// Number of queues whose first view blocks the others.
 pub(super) const BLOCKING_QUEUES: usize = 3;
 
-/// Views that no worker has room for yet. Tickets ascend with arrival, so the least is the oldest.
+/// Views that wait for a worker with room. Ids ascend with arrival, so the least is the oldest.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Waiting {
     pub(super) composed: BTreeSet<ViewId>,
     pub(super) direct: BTreeSet<ViewId>,
-    /// Those that any worker can answer, in one way or another.
+    /// Views that leave the way open, which any worker can answer.
     pub(super) open: BTreeSet<ViewId>,
-    /// Those that only certain workers can answer: they hold nobody up.
+    /// Views that only certain workers can answer. They block no other view.
     pub(super) bound: BTreeSet<ViewId>,
 }
 
@@ -68,7 +67,7 @@ impl Waiting {
         queue.insert(view_id);
     }
 
-    /// The oldest view that waits, leaving out the queues that are `full`; and its queue.
+    /// The oldest view in the queues that are not `full`, and the index of its queue.
     pub(super) fn first(&self, full: &[bool; BLOCKING_QUEUES]) -> Option<(ViewId, usize)> {
         let queues = [&self.direct, &self.composed, &self.open];
         let first = |queue: usize| queues[queue].first().map(|view_id| (*view_id, queue));
@@ -82,12 +81,12 @@ impl Waiting {
     }
 }
 
-/// Views in flight of each kind, and the versions whose samples they need, each with how many need it.
+/// Counts of views in flight by kind, and of the versions whose samples they need.
 #[derive(Debug, Clone, Default)]
 pub(super) struct InFlight {
     pub(super) direct: usize,
     pub(super) composed: usize,
-    /// Those whose way is open.
+    /// Views that leave the way open.
     pub(super) open: usize,
     needed: NeededVersions,
 }
@@ -115,13 +114,13 @@ impl InFlight {
         }
     }
 
-    /// The versions whose samples views in flight need.
+    /// The versions whose samples are needed by views in flight.
     pub(super) fn needed(&self) -> &NeededVersions {
         &self.needed
     }
 }
 
-/// What is rendered for a pixel.
+/// Sub-pixels rendered for each pixel.
 pub(super) fn sub_pixels(plan: &Plan) -> u64 {
     match plan {
         Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
@@ -130,23 +129,23 @@ pub(super) fn sub_pixels(plan: &Plan) -> u64 {
 }
 
 impl Pending {
-    /// Its frame was not good enough: another is made, by whomever.
+    /// Starts anew with another plan, since the frame was rejected. Any worker may answer.
     pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, target_search: Box<TargetSearch>) {
         (self.plan, self.expected, self.target_search) = (plan, Some(expected), Some(target_search));
         (self.worker, self.tried) = (None, BTreeSet::new());
     }
 
-    /// Attempts that failed, or are in work: without those whose frame was thrown away.
+    /// Attempts that failed or are in work, without those whose frame was rejected.
     pub(super) fn attempts(&self) -> u32 {
         self.attempt - self.target_search.as_ref().map_or(0, |target_search| target_search.thrown_away())
     }
 
-    /// Whether not just anybody can answer it.
+    /// Whether only certain workers can answer it.
     pub(super) fn is_bound(&self) -> bool {
         !self.device.is_empty() || !self.tried.is_empty()
     }
 
-    /// What it is counted as where its request says how it is answered.
+    /// The kind of demand of an explicit view.
     pub(super) fn kind(&self) -> WorkKind {
         if self.is_direct() { WorkKind::Direct } else { WorkKind::Views }
     }
@@ -155,7 +154,7 @@ impl Pending {
         matches!(self.plan, Plan::Direct { .. })
     }
 
-    /// What is rendered for it: pixels with their sub-pixels.
+    /// Pixels to render, with sub-pixels.
     pub(super) fn work(&self) -> u64 {
         self.pixels.saturating_mul(sub_pixels(&self.plan))
     }
@@ -164,12 +163,12 @@ impl Pending {
         matches!(&self.plan, Plan::Warp(warp) if warp.holes == Holes::Trace)
     }
 
-    /// The cameras whose samples its plan names.
+    /// The cameras of its plan's samples.
     pub(super) fn cameras(&self) -> Vec<u64> {
         self.samples().iter().map(|id| id.camera).collect()
     }
 
-    /// Number of the version whose samples it needs, if it needs any.
+    /// The version of its samples, if it needs samples.
     pub(super) fn sampled_version(&self) -> Option<u64> {
         self.samples().first().map(|id| id.version)
     }
