@@ -1,12 +1,12 @@
-//! Smoothing of what is measured: costs with outliers, counts per tick.
+//! Smoothing of measurements: costs with outliers, and counts per tick.
 
-/// Observations that the median looks at: two of five may be wild.
+/// Observations in the median: two of five may be outliers.
 const WINDOW: usize = 5;
 
-/// A cost as it is believed: the moving average of the median of the last five observations.
+/// A smoothed cost: the moving average of the median of the last five observations.
 ///
-/// First renders compile pipelines, a busy machine stalls one batch in a hundred: a mean would carry each such
-/// outlier for seconds, the median never sees it. A real change passes the median at the third observation.
+/// First renders compile pipelines, and a busy machine stalls one batch in a hundred. A mean would carry such
+/// outliers for seconds, the median ignores them. A real change passes the median at the third observation.
 #[derive(Debug, Clone)]
 pub struct Smoothed {
     weight: f64,
@@ -15,12 +15,12 @@ pub struct Smoothed {
 }
 
 impl Smoothed {
-    /// Nothing measured yet; `weight` of the newest median in (0, 1].
+    /// Starts without measurements; `weight` of the newest median is in (0, 1].
     pub fn new(weight: f64) -> Self {
         Self { weight, recent: Vec::with_capacity(WINDOW), value: None }
     }
 
-    /// Takes an observation in; one that is not a positive finite number is no measurement and is ignored.
+    /// Adds an observation. One that is not positive and finite is ignored.
     pub fn observe(&mut self, x: f64) {
         if !(x > 0.0 && x.is_finite()) {
             return;
@@ -31,7 +31,7 @@ impl Smoothed {
         self.recent.push(x);
         let mut sorted = self.recent.clone();
         sorted.sort_by(f64::total_cmp);
-        // The lower of two middles: the first observations are the slow ones.
+        // Of two middle values the lower one, since the first observations are slow.
         let median = sorted[(sorted.len() - 1) / 2];
         self.value = Some(match self.value {
             Some(value) if self.recent.len() == WINDOW => value + self.weight * (median - value),
@@ -39,14 +39,14 @@ impl Smoothed {
         });
     }
 
-    /// What is believed, if anything was measured.
+    /// The smoothed cost; `None` without measurements.
     pub fn value(&self) -> Option<f64> {
         self.value
     }
 }
 
-/// After this many ticks without a count a rate is zero: a moving average alone would never get there, and
-/// whether there is any demand at all decides between rendering everything directly and dividing the roles.
+/// After this many empty ticks a rate is zero. A moving average alone would never reach zero, but whether there is
+/// any demand decides about the roles.
 const EMPTY_TICKS: u32 = 10;
 
 /// A count per tick, averaged over ticks.
@@ -59,7 +59,7 @@ pub struct Rate {
 }
 
 impl Rate {
-    /// Nothing counted yet; `weight` of the newest tick in (0, 1].
+    /// Starts without counts; `weight` of the newest tick is in (0, 1].
     pub fn new(weight: f64) -> Self {
         Self { weight, current: 0, average: 0.0, empty_ticks: 0 }
     }
@@ -79,7 +79,7 @@ impl Rate {
         self.current = 0;
     }
 
-    /// Per tick, over the ticks that are closed.
+    /// The average count per closed tick.
     pub fn per_tick(&self) -> f64 {
         self.average
     }
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_wild_observations_of_five_leave_the_cost_where_it_was() {
+    fn two_outliers_of_five_do_not_change_the_cost() {
         let mut cost = Smoothed::new(0.3);
         for x in [400.0, 10.0, 10.2, 9.8, 500.0, 10.0, 10.1, 9.9] {
             cost.observe(x);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_measurement_is_ignored() {
+    fn values_that_are_no_measurement_are_ignored() {
         let mut cost = Smoothed::new(0.3);
         for x in [f64::NAN, f64::INFINITY, -1.0, 0.0] {
             cost.observe(x);

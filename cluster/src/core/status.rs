@@ -1,4 +1,4 @@
-//! What `Status` answers: a snapshot of everything that was decided and of what it was decided on.
+//! A snapshot of the core's decisions and of their inputs, for the RPC `Status`.
 
 use argus_scene::Visibility;
 use serde::Serialize;
@@ -9,83 +9,84 @@ use super::views::Views;
 use super::workers::balance::Load;
 use super::workers::{Worker, Workers};
 
-/// What happened since the coordinator started.
+/// Counts since the coordinator started.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Counters {
-    /// Views whose frame was relayed whole.
+    /// Views whose client got the whole frame.
     pub views_answered: u64,
     /// Views that ended with a fault other than overload.
     pub views_failed: u64,
-    /// Views turned away because of overload.
+    /// Views refused because of overload.
     pub views_rejected: u64,
-    /// Session cameras that a newer one overtook before they were rendered.
+    /// Session cameras that were superseded before they were rendered.
     pub cameras_superseded: u64,
-    /// Views sent to another worker after the first one failed.
+    /// Attempts by another worker, after one failed.
     pub views_retried: u64,
-    /// Frames that were thrown away because they were not good enough for their request.
+    /// Frames that were rejected because of their error.
     pub frames_refused: u64,
-    /// Roles that a worker was told in place of another.
+    /// Changes of a worker's role.
     pub roles_changed: u64,
     /// Workers that joined.
     pub workers_joined: u64,
-    /// Workers that fell silent or whose stream ended unannounced.
+    /// Workers whose lease expired or whose stream ended unannounced.
     pub workers_lost: u64,
-    /// Sessions that are open now.
+    /// Open sessions.
     pub sessions_open: u64,
 }
 
-/// The cluster at a glance.
+/// A snapshot of the cluster.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Status {
-    /// P: workers that are ready.
+    /// P: ready workers.
     pub processes: u32,
-    /// K: those that sample, the one that plays both roles among them.
+    /// K: samplers, including a worker with both roles.
     pub samplers: u32,
-    /// Those that composite, the one that plays both roles among them.
+    /// Compositors, including a worker with both roles.
     pub compositors: u32,
-    /// S.
+    /// S: samples demanded per tick.
     pub samples_per_tick: f64,
-    /// g; 0 until measured.
+    /// g: milliseconds of a sample; 0 until measured.
     pub sample_ms: f64,
-    /// V.
+    /// V: views from samples demanded per tick.
     pub views_per_tick: f64,
-    /// c; 0 until measured.
+    /// c: milliseconds of a view from samples; 0 until measured.
     pub view_ms: f64,
-    /// D.
+    /// D: views from triangles demanded per tick.
     pub direct_views_per_tick: f64,
-    /// g_direct; 0 until measured.
+    /// g_direct: milliseconds of a view from triangles; 0 until measured.
     pub direct_ms: f64,
-    /// R.
+    /// R: single rays demanded per tick.
     pub rays_per_tick: f64,
-    /// g_ray; 0 until measured.
+    /// g_ray: milliseconds of a single ray; 0 until measured.
     pub ray_ms: f64,
-    /// max(a/K, b/(P−K)), or less where samplers compose as well: what the work demanded per tick takes the slower stage. More than a tick means that
-    /// demand exceeds what the cluster can do. With work and nobody to do it, what one worker would take.
+    /// Predicted milliseconds of the slower stage for a tick's demand: max(a/K, b/(P−K)), or less if samplers compose
+    /// as well. More than a tick means overload. If a stage has work and no worker: the time that one worker would
+    /// take.
     pub tick_predicted_ms: f64,
-    /// How long the busiest worker really worked per tick; never more than a tick.
+    /// Measured busy milliseconds of the busiest worker per tick; at most a tick.
     pub tick_measured_ms: f64,
-    /// How triangles are seen; `None` until that is measured.
+    /// The visibility backend of samples; `None` until it is chosen.
     pub visibility: Option<Visibility>,
-    /// Samples beside the rig's own cameras.
+    /// Counts of samples at refinements of the rig.
     pub refinements: Refinements,
     /// Every worker, ready or not, oldest first.
     pub workers: Vec<WorkerStatus>,
-    /// By what predicted errors of frames from samples are multiplied, as probes have found.
+    /// Factor on predicted errors of frames from samples, learnt from probes.
     pub error_factor: f64,
-    /// Since the start.
+    /// Counts since the start.
     pub counters: Counters,
 }
 
-/// One worker.
+/// The status of one worker.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct WorkerStatus {
-    /// What it said when it joined.
+    /// Its introduction.
     pub hello: Hello,
     /// Its newest report.
     pub report: Report,
-    /// The role it counts for; `None` while it starts or leaves.
+    /// Its role; `None` while it starts or leaves.
     pub role: Option<Role>,
-    /// It still finishes what its last role gave it.
+    /// Whether it still finishes work of its previous role.
     pub draining: bool,
 }
 

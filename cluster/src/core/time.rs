@@ -1,4 +1,4 @@
-//! Time as the core sees it: handed in, never read.
+//! Time in the core: an argument, never read from a clock.
 
 use std::time::Duration;
 
@@ -9,12 +9,12 @@ use serde::Serialize;
 pub struct Uptime(pub Duration);
 
 impl Uptime {
-    /// Time that passed since `earlier`; zero if that lies ahead.
+    /// Time since `earlier`; zero if that is later.
     pub fn since(self, earlier: Uptime) -> Duration {
         self.0.saturating_sub(earlier.0)
     }
 
-    /// The moment that lies `duration` ahead.
+    /// The time `duration` later.
     pub fn after(self, duration: Duration) -> Uptime {
         Uptime(self.0.saturating_add(duration))
     }

@@ -1,4 +1,4 @@
-//! How a view shall be answered: the plan that follows from what its request leaves open, or the pinned one.
+//! Plans of explicit requests, and checks of pins.
 
 use argus_proto::Fault;
 use argus_scene::{
@@ -9,19 +9,18 @@ use argus_scene::{
 use crate::core::config::Config;
 use crate::core::samples::MOST_SAMPLES;
 
-/// Samples a pixel of the view that stands for the truth where nothing is known of a scene's errors.
+/// Samples per pixel that count as exact where no model of the scene's errors exists.
 const NEAR_THE_TRUTH: u32 = 16;
-/// Samples of an interactive view: the pair that the splat takes its depth from.
+/// Samples of an interactive view: the pair from which the splat takes its depth.
 const INTERACTIVE_SAMPLES: u32 = 2;
 
-/// The plan of a validated view as its request alone has it; a model of the scene may know better
-/// ([`crate::core::quality`]). Without one, a bound on the error is kept by rendering from the triangles, unless the
-/// request says how to reconstruct. `nearest` gives the best samples, so many, of the set's version.
+/// The plan of a validated view by its request alone; a model of the scene may choose another
+/// ([`crate::core::quality`]). Without a model, a bound on the error is kept by rendering from triangles, unless the
+/// request names a search. `nearest` returns the given number of best samples.
 ///
 /// # Errors
-/// [`Fault::Pin`] for a pinned scene or specification that is not the one served (which versions are is for
-/// `Samples::check_version` to say), [`Fault::Invalid`] for
-/// a pinned plan that nobody could follow.
+/// [`Fault::Pin`] for a pin of another scene or specification; `Samples::check_version` checks its version.
+/// [`Fault::Invalid`] for a malformed pinned plan.
 pub fn plan(
     view: &View,
     set: &SampleSetInfo,
@@ -34,7 +33,7 @@ pub fn plan(
     }
     let request = &view.plan;
     if request.leaves_way_open() {
-        // Until the planner has looked at who holds what.
+        // Until the planner chooses by the samples that workers hold.
         return Ok(Plan::Direct { samples_per_pixel: samples_per_pixel(request) });
     }
     let exact = request.preset == Some(Preset::Exact);
@@ -63,14 +62,14 @@ pub fn plan(
     }))
 }
 
-/// Samples a pixel, to be had from triangles, of a request that leaves the way open.
+/// Samples per pixel from triangles, for a request that leaves the way open.
 pub(super) fn samples_per_pixel(request: &PlanRequest) -> u32 {
     let usual = if request.preset == Some(Preset::Exact) { 2 } else { 1 };
     request.supersampling.unwrap_or(usual).pow(2)
 }
 
-/// Whether a pinned provenance is one that this cluster can repeat. The device is not looked at here: it decides which
-/// workers may answer.
+/// Checks that this cluster can repeat a pinned provenance. The device is not checked here: it decides which workers
+/// may answer.
 fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     let differs = |what: &str, theirs: String, ours: String| {
         Err(Fault::Pin(format!("{what} {theirs} is not served here, {what} {ours} is")))
@@ -78,12 +77,12 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     if pin.scene != set.scene {
         return differs("scene", pin.scene.to_string(), set.scene.to_string());
     }
-    // Views from triangles use no samples, so their bytes do not depend on where samples are taken.
+    // Views from triangles use no samples, so their bytes do not depend on the sampling options.
     let sampled = matches!(pin.plan, Plan::Warp(_));
     if let Some(theirs) = pin.specification {
         let mut ours = set.specification();
         if !sampled {
-            // A view from triangles is rendered by the backend that its pin names.
+            // A view from triangles uses the backend of its pin.
             ours.visibility = theirs.visibility;
         }
         if let Some(Difference { field, first, second }) = theirs.difference(&ours, &pin.plan) {
@@ -93,7 +92,7 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
     Ok(check_plan(&pin.plan, set)?)
 }
 
-/// Plans come from outside only as pins; what [`View::validate`] checks of a request is checked here of a plan.
+/// Checks a pinned plan, which comes from outside, by the rules of [`View::validate`].
 fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
     let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
         true => Ok(()),
@@ -161,13 +160,13 @@ mod tests {
         }
     }
 
-    /// A view that asks for samples.
+    /// A view whose request names a search.
     fn searched() -> View {
         let search = PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() };
         View { plan: search, ..view() }
     }
 
-    /// The plan of a view with nothing known of the scene.
+    /// The plan of a view without a model.
     fn plan(view: &View) -> Result<Plan, Fault> {
         let set = set_info();
         let id = |camera| SampleId { version: set.version.number, camera };
@@ -203,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn a_search_without_more_is_that_search_of_the_four_nearest_samples() {
+    fn a_request_of_a_search_alone_uses_the_four_nearest_samples() {
         let set = set_info();
         let search = PlanRequest { search: Some(Search::Splat), ..PlanRequest::default() };
         let plan = plan(&View { plan: search, ..view() }).unwrap();
@@ -215,14 +214,14 @@ mod tests {
     }
 
     #[test]
-    fn a_direct_view_takes_the_square_of_its_supersampling() {
+    fn a_direct_view_has_the_square_of_its_supersampling_as_samples_per_pixel() {
         let request = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
         let plan = plan(&View { plan: request, ..view() }).unwrap();
         assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
     }
 
     #[test]
-    fn without_a_model_presets_of_explicit_searches_are_taken_by_what_they_are_called() {
+    fn presets_of_explicit_searches_have_fixed_plans_without_a_model() {
         let plan = |request| plan(&View { plan: request, ..view() }).unwrap();
         let search = Some(Search::Splat);
         let preset =
@@ -243,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pin_is_repeated_as_it_is() {
+    fn a_pinned_plan_is_not_changed() {
         let free = plan(&searched()).unwrap();
         assert_eq!(pinned(|_| ()).unwrap(), free);
         let direct = Plan::Direct { samples_per_pixel: 9 };
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pin_of_other_samples_is_refused_and_one_of_none_is_not() {
+    fn the_sampling_of_a_pin_matters_only_if_its_plan_uses_samples() {
         let usual = set_info().specification();
         let mapped = Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual };
         let refused = pinned(|p| p.specification = Some(mapped)).unwrap_err();
@@ -275,7 +274,7 @@ mod tests {
             let refused = pinned(|p| p.specification = Some(other)).unwrap_err();
             assert!(matches!(&refused, Fault::Pin(text) if text.starts_with(field)), "{refused:?}");
         }
-        // Of a view from triangles, the backend is the pin's to name, and its indirect light is not.
+        // The pin of a view from triangles may name another backend, but no other indirect light.
         let direct = |specification| {
             pinned(|p| {
                 let plan = Plan::Direct { samples_per_pixel: 1 };

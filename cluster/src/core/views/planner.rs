@@ -1,9 +1,9 @@
-//! How a view is answered whose request leaves that open, and by which worker.
+//! Chooses plan and worker of a view that leaves the way open.
 //!
-//! Both are one decision, taken when the view is given to a worker, and again at each retry. Every worker with room makes
-//! *offers*: from triangles, which any worker that holds the scene can do, and from the samples that this worker holds.
-//! The offer with the least predicted finish wins, among those whose predicted error is within the view's bound.
-//! Nothing here waits for a sample: one that the worker does not hold is no part of an offer.
+//! Both are one decision, made at dispatch and at each retry. Each worker with room makes *offers*: from triangles,
+//! and from the samples that it holds. The offer with the earliest predicted finish wins, among those whose predicted
+//! error is within the view's bound. Samples that a worker does not hold are no part of its offers, so no view waits
+//! for a sample.
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::rig::Coverage;
@@ -11,55 +11,55 @@ use argus_scene::{Plan, PlanRequest, Preset};
 
 use crate::core::event::WorkerId;
 
-/// Mean FLIP above that of a direct view that a frame may have by default.
+/// Default bound on a frame's excess: mean FLIP above that of a direct view.
 const BALANCED_EXCESS: f64 = 0.03;
 
-/// Mean FLIP above that of a direct view that a frame may have with [`Preset::Exact`].
+/// Bound on a frame's excess with [`Preset::Exact`].
 const EXACT_EXCESS: f64 = 0.005;
 
-/// Samples of a plan at most: further ones cost more than they show.
+/// Most samples of a plan: further ones cost more than they show.
 pub(super) const MOST_SAMPLES: usize = 4;
 
-/// A frame from samples is within bound only where they see this share of what the view shows at least.
+/// Least share of the view that the samples of a frame within bound cover.
 pub(super) const LEAST_COVERED: f64 = 0.99;
 
-/// A frame from samples is within bound only where texels are fine for this share of what the view shows at least.
+/// Least share of the view that has fine texels, in a frame within bound.
 pub(crate) const LEAST_FINE: f64 = 0.95;
 
-/// A texel is fine where it covers at most this many pixels of the view to a side.
+/// A texel is fine if its side covers at most this many pixels of the view.
 pub(crate) const MOST_TEXEL_PIXELS: f64 = 1.5;
 
-/// Predicted mean FLIP above that of a direct view, of a frame from samples that cover the view with fine texels: samples
-/// are rendered with several sub-samples, and lose a little in fetching. `study service` found 0.008 for Sponza at 320×240,
-/// 0.009 for `terrain:20000` at 96×72, and 0.014 to 0.018 for `terrain:500000` at 128×96, all with `--walk stand`; probes
-/// correct it for the scene that is served.
+/// Predicted excess of a frame whose samples cover the view with fine texels. It comes from the samples' few
+/// sub-samples, and from interpolation. `study service` measured 0.008 for Sponza at 320×240, 0.009 for
+/// `terrain:20000` at 96×72, and 0.014 to 0.018 for `terrain:500000` at 128×96, all with `--walk stand`. Probes
+/// correct it for the served scene.
 const EXCESS_OF_FINE: f64 = 0.015;
 
-/// What each uncovered part of the view adds to the predicted error: its pixels show something else, whose FLIP is about that
-/// of two unrelated parts of a scene. A guess that no measurement backs yet; such frames are outside of every bound anyway.
+/// Predicted excess of the uncovered share: FLIP of about two unrelated parts of a scene. This is an unmeasured
+/// guess, but such frames are outside of every bound anyway.
 const EXCESS_OF_UNCOVERED: f64 = 0.4;
 
-/// What each part of the view with coarse texels adds to the predicted error: the excess of a `terrain:500000` that is seen from
-/// near the ground, all of whose texels are coarse, is 0.12.
+/// Predicted excess of the share with coarse texels. For `terrain:500000` seen from near the ground, with coarse
+/// texels only, the measured excess is 0.12.
 const EXCESS_OF_COARSE: f64 = 0.15;
 
-/// Where the best offer within bound waits longer than this, milliseconds, the cluster has too much to do: an offer beyond the bound
-/// that keeps the rate is taken, and labelled.
+/// The cluster is overloaded if the best offer within bound waits longer than this, milliseconds. Then an offer
+/// beyond the bound that keeps the rate is chosen, and labelled.
 const OVERLOADED_MS: f64 = 500.0;
 
-/// What a view's request asks of the choice.
+/// What a request demands of the chosen offer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aim {
-    /// Greatest mean FLIP above that of a direct view.
+    /// Bound on the excess: mean FLIP above that of a direct view.
     pub most_excess: f64,
-    /// Milliseconds until the frame is worthless to its viewer.
+    /// Milliseconds until the frame is worthless; `None`: no deadline.
     pub deadline_ms: Option<f64>,
-    /// Time goes before error: the least finish, whatever its error.
+    /// Whether the earliest finish wins, whatever its error.
     pub time_first: bool,
 }
 
 impl Aim {
-    /// What a request that leaves the way open asks for.
+    /// The demands of a request that leaves the way open.
     pub fn of(request: &PlanRequest) -> Self {
         let most_excess = match request.preset {
             Some(Preset::Exact) => EXACT_EXCESS,
@@ -70,29 +70,29 @@ impl Aim {
     }
 }
 
-/// What one worker could do about a view.
+/// An offer of one worker for one view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Offer {
-    /// Who.
+    /// The worker.
     pub worker: WorkerId,
-    /// Views in its queue, and views that it was ever given: whose tie_break it is among equals.
+    /// Views in its queue, and views that it ever got: the order among equal offers.
     pub tie_break: (usize, u64),
-    /// How.
+    /// The plan.
     pub plan: Plan,
-    /// Milliseconds until it can begin.
+    /// Milliseconds until the worker can begin.
     pub wait_ms: f64,
-    /// Milliseconds of rendering; `None` where no worker has measured any.
+    /// Milliseconds of rendering; `None` if no worker measured such a cost.
     pub render_ms: Option<f64>,
-    /// Predicted mean FLIP above that of a direct view.
+    /// Predicted excess: mean FLIP above that of a direct view.
     pub excess: f64,
-    /// Whether the samples of the plan pass the tests of coverage and fineness; a direct view does.
+    /// Whether the plan's samples cover enough of the view with fine texels; true for a direct view.
     pub is_sound: bool,
-    /// Whether its frame would have the bytes of the session's last one, whose camera stands still.
+    /// Whether its frame would repeat the bytes of the session's last frame, whose camera stands still.
     pub repeats: bool,
 }
 
 impl Offer {
-    /// Milliseconds until its frame would be done; what is unknown comes after all that is known.
+    /// Milliseconds until its frame is done; infinite if unknown.
     pub(super) fn finish_ms(&self) -> f64 {
         self.render_ms.map_or(f64::INFINITY, |render_ms| self.wait_ms + render_ms)
     }
@@ -102,22 +102,21 @@ impl Offer {
         self.is_sound && self.excess <= aim.most_excess
     }
 
-    /// Whether its frame comes too late: for the request, or for a cluster that has too much to do.
+    /// Whether its frame would be too late: after the deadline, or by so much that the cluster is overloaded.
     pub(super) fn is_late(&self, aim: &Aim) -> bool {
         self.wait_ms > OVERLOADED_MS || aim.deadline_ms.is_some_and(|most| self.finish_ms() > most)
     }
 }
 
-/// Predicted mean FLIP above that of a direct view of a frame from samples that cover the view so, by the factor that probes of
-/// the scene have found, and whether they pass the tests by which a frame is within bound. Where nothing is known of the view,
-/// a frame shows how good it is.
+/// Predicted excess of a frame from samples, and whether their coverage allows it to be within bound. `factor` is the
+/// scene's correction from probes. Without a coverage, the frame itself must show its error.
 pub fn predicted_excess(coverage: Option<Coverage>, factor: f64) -> (f64, bool) {
     let Some(Coverage { covered, fine }) = coverage else { return (EXCESS_OF_FINE * factor, true) };
     let excess = EXCESS_OF_FINE + EXCESS_OF_UNCOVERED * (1.0 - covered) + EXCESS_OF_COARSE * (covered - fine);
     (excess * factor, covered >= LEAST_COVERED && fine >= LEAST_FINE)
 }
 
-/// The best offer, and why it is; `None` of none.
+/// The best offer, and the reason; `None` without offers.
 pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
     let within = |offer: &&Offer| offer.keeps_bound(aim);
     let best_of = |offers: &mut dyn Iterator<Item = &Offer>| -> Option<Offer> {
@@ -134,7 +133,7 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
         Some(offer) if !(aim.time_first || offer.is_late(aim)) => (offer, false),
         in_bound => {
             let any = any?;
-            // Beyond the bound only for what is gained by it.
+            // An offer beyond the bound is chosen only if it finishes earlier.
             match in_bound.filter(|offer| offer.finish_ms() <= any.finish_ms()) {
                 Some(offer) => (offer, false),
                 None => (any, true),
@@ -203,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn swapping_two_measured_costs_swaps_the_way() {
+    fn the_cheaper_of_triangles_and_samples_is_chosen() {
         let offers =
             |direct_ms, warp_ms| vec![direct(1, 0.0, Some(direct_ms)), warp(1, 0.0, Some(warp_ms), FULL)];
         assert_eq!(by_default(offers(20.0, 10.0)), (1, true, Reason::Soonest));
@@ -217,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_miss_a_part_or_are_too_coarse_are_no_way_however_fast() {
+    fn samples_that_miss_a_part_or_are_too_coarse_lose_however_fast_they_are() {
         for coverage in [Coverage { covered: 0.95, fine: 0.95 }, Coverage { covered: 1.0, fine: 0.9 }] {
             let offers = || vec![direct(1, 0.0, Some(40.0)), warp(1, 0.0, Some(1.0), coverage)];
             assert_eq!(by_default(offers()), (1, false, Reason::SamplesFallShort));
@@ -230,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn where_views_would_queue_for_long_the_bound_gives_way_and_the_frame_says_so() {
+    fn under_overload_an_offer_beyond_the_bound_is_chosen_and_labelled() {
         let half = Coverage { covered: 0.5, fine: 0.5 };
         let at = |wait| vec![direct(1, wait, Some(40.0)), warp(1, wait, Some(4.0), half)];
         assert_eq!(by_default(at(100.0)).2, Reason::SamplesFallShort);
@@ -238,19 +237,19 @@ mod tests {
     }
 
     #[test]
-    fn a_cost_that_nobody_measured_is_never_taken_for_none() {
+    fn an_unmeasured_cost_loses_to_any_measured_one() {
         let offers = vec![warp(1, 0.0, None, FULL), direct(2, 0.0, Some(400.0))];
         assert_eq!(by_default(offers).0, 2);
         let mut idle = direct(3, 0.0, None);
         idle.tie_break = (0, 5);
         let mut busy = direct(2, 0.0, None);
         busy.tie_break = (2, 1);
-        assert_eq!(by_default(vec![busy, idle]).0, 3, "by their queues, where nothing is known");
+        assert_eq!(by_default(vec![busy, idle]).0, 3, "without costs, the queues decide");
         assert_eq!(choose(Vec::new(), &Aim::of(&PlanRequest::default())), None);
     }
 
     #[test]
-    fn samples_whose_frames_were_found_worse_than_the_bound_are_no_way() {
+    fn samples_whose_corrected_error_exceeds_the_bound_lose() {
         let offers = |factor: f64| {
             let (excess, is_sound) = predicted_excess(Some(FULL), factor);
             vec![direct(1, 0.0, Some(40.0)), Offer { excess, is_sound, ..warp(1, 0.0, Some(1.0), FULL) }]
@@ -261,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn exact_frames_come_from_samples_only_within_a_bound_that_these_do_not_keep() {
+    fn typical_samples_exceed_the_bound_of_exact_frames() {
         let exact = PlanRequest { preset: Some(Preset::Exact), ..PlanRequest::default() };
         let offers = vec![direct(1, 0.0, Some(40.0)), warp(1, 0.0, Some(1.0), FULL)];
         assert_eq!(chosen(offers, exact), (1, false, Reason::SamplesFallShort));

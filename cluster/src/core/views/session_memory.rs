@@ -1,10 +1,10 @@
-//! What a session remembers of its last view, so that its frames do not change without a reason that its viewer would see.
+//! A session's memory of its last view, so that frames change only for a visible reason.
 //!
-//! Two rules. While a session's camera stands still, its frames repeat the plan of the last one, and so its bytes, until
-//! another plan is predicted to have less error: an upgrade, which the frame names. And a session changes its way, from
-//! triangles or from samples, at most once in [`CALM`]. Both give way where the remembered offer is none any more: the
-//! samples were lost, or its error is beyond the bound. The first also gives way to time: where repeating a frame would take
-//! too long, under load or for a request's deadline, what is done sooner is chosen, once the way has been calm.
+//! There are two rules. While a session's camera stands still, its frames repeat the last plan, and so its bytes,
+//! until another plan has less predicted error; that frame is labelled an upgrade. A session changes between
+//! triangles and samples at most once in [`CALM`]. Neither rule holds if the last offer is lost: its samples are
+//! gone, or its error exceeds the bound. The first rule also yields to time: if repeating the frame would be too
+//! late, an earlier offer is chosen, once [`CALM`] has passed.
 
 use std::time::Duration;
 
@@ -14,28 +14,28 @@ use argus_scene::{Plan, SampleId, View};
 use super::planner::{Aim, Offer, choose};
 use crate::core::event::LastView;
 
-/// A session changes its way at most once in this time: each change shows, and two ways that take nearly the same time would
+/// Least time between two changes of a session's way. Each change is visible, and two ways of nearly equal time would
 /// alternate.
 const CALM: Duration = Duration::from_secs(2);
 
-/// A standing camera's frame changes only where the predicted mean FLIP falls by this at least: less than a tenth of the
-/// default's bound is not seen, but the change is.
+/// Least gain in predicted mean FLIP for which a standing camera's frame changes. Less than a tenth of the default
+/// bound is invisible, but the change is visible.
 const LEAST_GAIN: f64 = 0.003;
 
-/// What the planner goes by of a session's last view.
+/// What the planner needs to know about a session's last view.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Memory {
-    /// What a frame is made of that repeats the last one; its camera stands still.
+    /// Provenance of a frame that repeats the last one; `None` if the camera moved.
     repeated: Option<Provenance>,
     is_direct: bool,
-    /// The last frame was beyond its bound for time's sake.
+    /// Whether the last frame exceeded its bound to save time.
     time_first: bool,
-    /// The way may change.
+    /// Whether enough time has passed since the last change of way.
     is_calm: bool,
 }
 
 impl Memory {
-    /// Of a view and the last one of its session. One that was requested otherwise says nothing of this one.
+    /// The memory for a view; `None` if the last view's request was different.
     pub(super) fn of(view: &View, last: LastView) -> Option<Self> {
         let LastView { view: before, provenance, reason, since_change } = last;
         let size = |view: &View| (view.width, view.height);
@@ -48,13 +48,13 @@ impl Memory {
         })
     }
 
-    /// Whether a frame of that plan and epoch, made on that kind of device, has the bytes of the last one.
+    /// Whether a frame of this plan, epoch and kind of device has the bytes of the last one.
     pub(super) fn is_repeated_by(&self, plan: &Plan, epoch: u64, device: &str) -> bool {
         let is_same = |last: &Provenance| last.plan == *plan && last.epoch == epoch && last.device == device;
         self.repeated.as_ref().is_some_and(is_same)
     }
 
-    /// The samples of the frame that is to be repeated, without those of what surrounds the scene; empty where there is none.
+    /// The samples of the frame to be repeated, without reflection maps; empty if there are none.
     pub(super) fn samples(&self) -> impl Iterator<Item = SampleId> {
         let ids = match self.repeated.as_ref().map(|last| &last.plan) {
             Some(Plan::Warp(warp)) => &warp.samples[..],
@@ -63,18 +63,18 @@ impl Memory {
         ids.iter().copied().filter(|id| !id.is_surroundings())
     }
 
-    /// Whether a frame of that offer comes the way of the last one.
+    /// Whether an offer keeps the way of the last frame.
     fn keeps_way(&self, offer: &Offer) -> bool {
         self.is_direct == matches!(offer.plan, Plan::Direct { .. })
     }
 
-    /// Whether that offer's error is borne: where the last frame gave the bound up for time, so may this one.
+    /// Whether an offer's error is acceptable: within the bound, or beyond it like the last frame's.
     fn bears(&self, offer: &Offer, aim: &Aim) -> bool {
         offer.keeps_bound(aim) || aim.time_first || self.time_first
     }
 }
 
-/// The best offer for a view, and why it is, where its session may remember its last view; `None` of no offers.
+/// The best offer for a view, and the reason, given its session's memory; `None` without offers.
 pub(super) fn choose_after(
     offers: Vec<Offer>,
     aim: &Aim,
@@ -93,7 +93,7 @@ pub(super) fn choose_after(
     Some(choose(same_way.collect(), aim).map_or(best, kept))
 }
 
-/// The last frame again, or the best offer where that is an upgrade, or where repeating it takes too long.
+/// Repeats the last frame, unless the best offer is an upgrade, or repeating takes too long.
 fn repeat(
     again: (Offer, Decision),
     best: (Offer, Decision),
@@ -114,7 +114,7 @@ fn repeat(
     }
 }
 
-/// An offer that is taken since the last frame was like it. That it is beyond the bound is still to be said.
+/// Labels an offer that is kept from the last frame. A bound that it exceeds is still labelled.
 fn kept((offer, decision): (Offer, Decision)) -> (Offer, Decision) {
     let reason = if decision.reason == Reason::TimeFirst { Reason::TimeFirst } else { Reason::Kept };
     (offer, Decision { reason, ..decision })

@@ -5,7 +5,7 @@ use argus_scene::{Camera, PlanRequest};
 use crate::core::quality::choose::QualityTarget;
 use crate::core::quality::{Setting, Situation};
 
-/// A view on its way to a frame that is good enough.
+/// The state of the search for one view.
 #[derive(Debug, Clone)]
 pub(super) struct TargetSearch {
     pub(super) camera: Camera,
@@ -15,12 +15,12 @@ pub(super) struct TargetSearch {
     pub(super) pixels: u64,
     pub(super) tried: Vec<Setting>,
     pub(super) spent_ms: f64,
-    /// Whether the frame that is awaited is to be judged.
+    /// Whether the awaited frame must be judged.
     pub(super) judged: bool,
 }
 
 impl TargetSearch {
-    /// Frames that were made for it and thrown away.
+    /// Number of rejected frames.
     pub(super) fn thrown_away(&self) -> u32 {
         u32::try_from(self.tried.len().saturating_sub(1)).unwrap_or(u32::MAX)
     }

@@ -1,4 +1,4 @@
-//! What becomes of a view whose request states what it wants: the plan, and the judgement of its frames.
+//! Views whose request states a target: their plans, and the judgement of their frames.
 
 use argus_scene::{Camera, Plan, Prediction, View};
 
@@ -9,19 +9,19 @@ use crate::core::quality::choose::{self, Candidate, QualityTarget, Step};
 use crate::core::quality::{Model, Observed, Setting, Situation};
 use crate::core::workers::WorkKind;
 
-/// How a view is answered, and what is expected of that.
+/// A view's plan and prediction.
 #[derive(Debug, Clone)]
 pub(super) struct Planned {
     pub(super) plan: Plan,
-    /// Absent without a model, and for plans that it does not know.
+    /// The prediction; `None` without a model, and for plans that it does not know.
     pub(super) expected: Option<Prediction>,
-    /// The search for a frame within a bound, where there is a bound and a model.
+    /// The search for a frame within a bound, if there is a bound and a model.
     pub(super) target_search: Option<Box<TargetSearch>>,
 }
 
 impl Views {
-    /// The model of the workers' device, or one of another device: errors hardly differ, and costs are
-    /// corrected by what frames are seen to take.
+    /// The model of a worker's device, or else of another device: errors hardly differ, and costs are corrected by
+    /// measured times.
     fn model(&self, cluster: Cluster<'_>) -> Option<&Model> {
         let of_a_worker =
             |model: &&&Model| cluster.workers.iter().any(|worker| worker.hello().device == model.device);
@@ -29,8 +29,8 @@ impl Views {
         models().find(|model| of_a_worker(&model)).or_else(|| models().next())
     }
 
-    /// The plan of a view that is not pinned, by its target if it has one that a model can answer; else `plain`,
-    /// which is what the request alone comes to.
+    /// The plan of an unpinned view by its target, if a model can answer it; else `plain`, the plan by the request
+    /// alone.
     pub(super) fn planned(&self, view: &View, plain: Plan, cluster: Cluster<'_>) -> Planned {
         let Some(model) = self.model(cluster).filter(|_| view.pin.is_none()) else {
             return Planned { plan: plain, expected: None, target_search: None };
@@ -67,8 +67,8 @@ impl Views {
         })
     }
 
-    /// A frame that is to be judged begins to arrive: `observed` is what its pixels say, `ms` what rendering
-    /// it took. It is delivered, or thrown away for another try.
+    /// Judges a frame by the statistics of its pixels and its rendering time. It is delivered, or rejected for
+    /// another try.
     pub(in crate::core) fn judge(
         &mut self,
         (view_id, attempt): (ViewId, u32),
@@ -96,9 +96,9 @@ impl Views {
                 vec![Output::Act(Action::Deliver { view_id, attempt, expected })]
             }
             Step::Try { setting, expected, judged } => {
-                // Its worker did well, and holds what the frame was made from.
+                // The worker is not at fault, and holds the plan's samples.
                 let taken_back = self.take_back(view_id, true);
-                // Scene time may have gone on: a view stays in the version it was admitted in.
+                // A view keeps the version in which it was admitted.
                 let served = cluster.samples.set().version;
                 let version = self.views.get(&view_id).map_or(served, |view| view.version);
                 let plan = plan_of(setting, &target_search.camera, version.number, cluster);
@@ -122,7 +122,7 @@ impl Views {
         let (Some(model), Some(observed), Some(&seen)) =
             (self.model(cluster), observed, target_search.tried.last())
         else {
-            // A worker that says nothing of its frame leaves no choice.
+            // Without statistics the frame is delivered.
             return Step::Deliver { expected: nothing_known };
         };
         let candidates: Vec<Candidate<'_>> = model.candidates(
@@ -141,7 +141,7 @@ impl Views {
         )
     }
 
-    /// A frame of the view's plan took `ms` of rendering.
+    /// Corrects the cost of a view's plan by a frame's rendering time.
     pub(super) fn learn_pace(&mut self, view_id: ViewId, ms: f64, cluster: Cluster<'_>) {
         let Some(view) = self.views.get(&view_id) else { return };
         let (setting, pixels) = (Setting::of(&view.plan), view.pixels);
@@ -151,13 +151,13 @@ impl Views {
         }
     }
 
-    /// How long a view has to wait before a worker can begin with it.
+    /// Milliseconds until a worker can begin a view of this setting.
     fn wait_ms(&self, setting: Setting, cluster: Cluster<'_>) -> f64 {
         self.expected_wait(setting.is_direct(), cluster).as_secs_f64() * 1e3
     }
 }
 
-/// The plan of a setting from a viewpoint, in a version.
+/// The plan of a setting, with the best samples of a version for the camera.
 fn plan_of(setting: Setting, camera: &Camera, version: u64, cluster: Cluster<'_>) -> Plan {
     setting.plan(cluster.samples.sample_ids(camera, setting.samples(), version))
 }

@@ -1,4 +1,4 @@
-//! A session's frames, one after the other, as offers change.
+//! Tests of the sequence of a session's frames, as offers change.
 
 use argus_scene::rig::Coverage;
 use argus_scene::{Camera, Outputs, PlanRequest, Preset, SceneHash, Warp};
@@ -12,7 +12,7 @@ use crate::core::planner::predicted_excess;
 const FULL: Coverage = Coverage { covered: 1.0, fine: 1.0 };
 const COARSE: Coverage = Coverage { covered: 1.0, fine: 0.5 };
 
-/// From triangles, in so many milliseconds.
+/// An offer from triangles.
 fn direct(render_ms: f64) -> Offer {
     Offer {
         worker: WorkerId(1),
@@ -26,7 +26,7 @@ fn direct(render_ms: f64) -> Offer {
     }
 }
 
-/// From the sample of a camera.
+/// An offer from one camera's sample.
 fn warp(index: u64, render_ms: f64, coverage: Coverage) -> Offer {
     let samples = vec![SampleId { version: 0, camera: index }];
     let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
@@ -38,7 +38,7 @@ fn waiting(wait_ms: f64, offer: Offer) -> Offer {
     Offer { wait_ms, ..offer }
 }
 
-/// A viewer's session, and what its shell keeps of it.
+/// A viewer's session, and the shell's memory of it.
 struct Session {
     now: Duration,
     view: View,
@@ -57,7 +57,7 @@ impl Session {
         self.view.camera.eye += DVec3::splat(0.01);
     }
 
-    /// The next frame, `ms` after the one before it: whether it is from triangles, its sample, and why.
+    /// The plan and the reason of the next frame, `ms` after the previous one.
     fn frame(&mut self, ms: u64, offers: &[Offer]) -> (Plan, Reason) {
         self.now += Duration::from_millis(ms);
         let since_change = self.changed.map(|changed| self.now - changed);
@@ -82,7 +82,7 @@ impl Session {
     }
 }
 
-/// Two ways whose times change places with each frame.
+/// Offers from triangles and from samples that swap their times with each frame.
 fn alternating(frame: usize) -> [Offer; 2] {
     let (a, b) = if frame.is_multiple_of(2) { (10.0, 9.0) } else { (9.0, 10.0) };
     [direct(a), warp(7, b, FULL)]
@@ -150,7 +150,7 @@ fn a_lost_sample_lets_the_way_change_at_once() {
 }
 
 #[test]
-fn a_way_whose_offers_are_beyond_the_bound_is_left_at_once() {
+fn a_way_is_left_at_once_if_its_offers_exceed_the_bound() {
     let mut session = Session::new(PlanRequest::default());
     session.frame(0, &[direct(10.0)]);
     for coverage in [FULL, COARSE] {
@@ -162,12 +162,12 @@ fn a_way_whose_offers_are_beyond_the_bound_is_left_at_once() {
 }
 
 #[test]
-fn a_standing_cameras_frame_changes_for_less_error_and_says_that_it_is_upgraded() {
+fn a_standing_cameras_frame_is_upgraded_for_less_error() {
     let mut session = Session::new(PlanRequest::default());
     let fair = Coverage { covered: 1.0, fine: 0.96 };
     let nearly = Coverage { covered: 1.0, fine: 0.97 };
     session.frame(0, &[direct(50.0), warp(7, 9.0, fair)]);
-    // Sooner, but hardly better: what would be seen is the change.
+    // Earlier, but hardly better: only the change would be visible.
     let (plan, reason) = session.frame(50, &[direct(50.0), warp(7, 9.0, fair), warp(8, 5.0, nearly)]);
     assert_eq!((plan, reason), (warp(7, 0.0, fair).plan, Reason::Kept));
     let better = [direct(50.0), warp(7, 9.0, fair), warp(9, 5.0, FULL)];
@@ -187,7 +187,7 @@ fn an_upgrade_by_another_way_waits_until_the_way_has_been_calm() {
 }
 
 #[test]
-fn where_repeating_takes_too_long_a_sooner_frame_is_taken_and_labelled_and_later_the_bound_returns() {
+fn if_repeating_takes_too_long_an_earlier_frame_exceeds_the_bound_for_a_while() {
     let mut session = Session::new(PlanRequest::default());
     let at = |wait| [waiting(wait, direct(40.0)), waiting(wait, warp(7, 4.0, COARSE))];
     assert_eq!(session.frame(0, &at(0.0)), (direct(0.0).plan, Reason::SamplesFallShort));
@@ -200,7 +200,7 @@ fn where_repeating_takes_too_long_a_sooner_frame_is_taken_and_labelled_and_later
 }
 
 #[test]
-fn a_request_that_asks_for_something_else_is_answered_as_if_it_were_the_first() {
+fn a_different_request_is_answered_as_the_first_one() {
     let mut session = Session::new(PlanRequest::default());
     session.frame(0, &alternating(0));
     session.view.plan.preset = Some(Preset::Exact);
@@ -243,7 +243,7 @@ fn any_offers() -> impl Strategy<Value = (bool, u64, Vec<Offer>)> {
 
 proptest! {
     #[test]
-    fn whatever_is_offered_within_bound_and_time_ways_change_once_in_two_seconds_and_standing_frames_for_less_error(
+    fn ways_change_at_most_once_in_two_seconds_and_standing_frames_only_for_less_error(
         frames in proptest::collection::vec(any_offers(), 1..60),
     ) {
         let mut session = Session::new(PlanRequest::default());
