@@ -1,110 +1,109 @@
-//! The knobs of the core, with the reason for each default.
+//! The core's configuration, with the reason for each default.
 
 use std::time::Duration;
 
 use argus_scene::{Limits, Search, Visibility};
 use serde::Serialize;
 
-/// How the core decides. Every duration is on the clock that the shell hands in.
+/// The core's configuration. Durations are on the clock that the shell hands in.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
-    /// The unit of demand: S, D and V are counts per tick. 1 s: long enough that a tick holds several views
-    /// of a slow machine, short enough that roles follow demand within seconds.
+    /// The unit of demand: S, D and V are counts per tick. 1 s: a tick holds several views of a slow machine, and
+    /// roles still follow demand within seconds.
     pub tick: Duration,
-    /// Weight of the newest tick in the moving average of demand, and of the newest report in that of costs.
+    /// Weight of the newest tick in the average of demand, and of the newest report in the average of costs.
     pub smoothing: f64,
-    /// A change of roles must be predicted to shorten the tick by this factor: noise in measured costs is a
-    /// few per cent, and a change costs a drain and a transfer of samples.
+    /// A change of roles must be predicted to shorten the tick by this factor. Noise in measured costs is a few per
+    /// cent, and a change costs a drain and a transfer of samples.
     pub margin: f64,
-    /// A change of roles must be predicted to pay for this long without a break.
+    /// A change of roles must be predicted to pay for this long without interruption.
     pub dwell: Duration,
-    /// Below this fraction of a tick nobody is short of time, and roles stay as they are.
+    /// If the predicted work is below this fraction of a tick, roles stay as they are.
     pub idle_fraction: f64,
-    /// A worker that has not reported for this long is lost. Twenty reports: a machine with more renderers
-    /// than cores may starve one for seconds; a process that dies closes its stream and is noticed at once.
+    /// A worker that has not reported for this long is lost. Twenty reports: a machine with more renderers than cores
+    /// may starve one for seconds. A process that dies closes its stream and is noticed at once.
     pub lease: Duration,
-    /// A worker whose render thread has been at one piece of work for this long, and for ten times as long as that is
-    /// expected to take, is suspected as if it were silent.
+    /// A worker is suspected if its render thread has been at one piece of work for this long, and for ten times its
+    /// expected time.
     pub stuck_after: Duration,
-    /// Takes the place of [`Config::stuck_after`] while no worker has measured such work yet: a first sample may wait for machine code.
+    /// Replaces [`Config::stuck_after`] until a worker has measured such work: the first sample may wait for shader
+    /// compilation.
     pub first_of_its_kind: Duration,
-    /// How often workers report.
+    /// Interval between reports of a worker.
     pub report_interval: Duration,
-    /// Views waiting or in work in the whole cluster; one more is turned away at once.
+    /// Most views waiting or in work in the whole cluster; further ones are refused at once.
     pub max_views: usize,
-    /// Views of one client waiting or in work: three quarters, so that no client fills the cluster alone.
+    /// Most views of one client waiting or in work. Three quarters, so that no client fills the cluster alone.
     pub max_views_per_client: usize,
-    /// Sessions that are open at the same time. Each is a task and two frames on their way.
+    /// Most open sessions. Each costs a task and two unacknowledged frames.
     pub max_sessions: usize,
-    /// Sessions of one client that are open at the same time: three quarters.
+    /// Most open sessions of one client: three quarters.
     pub max_sessions_per_client: usize,
-    /// Pixels, sub-pixels counted, that all clients may ask for in a second. `None`: as many as workers manage, which
-    /// [`Config::max_wait`] sees to.
+    /// Most pixels per second of all clients, with sub-pixels. `None`: limited only by [`Config::max_wait`].
     pub pixels_per_sec: Option<f64>,
-    /// Pixels, sub-pixels counted, that one client may ask for in a second. `None`: as many as workers manage.
+    /// Most pixels per second of one client, with sub-pixels. `None`: no limit.
     pub pixels_per_sec_per_client: Option<f64>,
-    /// A view that would probably wait longer than this, or than its own deadline, before its turn comes is
-    /// turned away at once: by the measured costs of what is in flight before it.
+    /// A view is refused at once if its expected wait exceeds this time or its deadline. The wait is predicted by
+    /// measured costs of the views in flight.
     pub max_wait: Duration,
-    /// Views sent to one worker and not yet answered: two full batches, so that one is ready when the other
-    /// is done.
+    /// Most unanswered views of one worker: two full batches, so that one is ready when the other is done.
     pub max_views_per_worker: usize,
-    /// A view is given to this many workers before its failure is passed on.
+    /// Attempts at a view before its failure is reported.
     pub max_attempts: u32,
-    /// How long a view without a deadline waits for a worker.
+    /// Longest time that a view waits for a worker.
     pub patience: Duration,
-    /// A view is given up after this long at the latest, whatever its deadline: one whose client takes nothing would
-    /// keep its place for ever. Ten minutes: longer than any view takes.
+    /// Longest time of a view, whatever its deadline. Without it, a view whose client reads nothing would keep its
+    /// place for ever. Ten minutes: longer than any view takes.
     pub max_view_time: Duration,
-    /// A sample that a compositor lacks weighs as much as this many views in its queue: what a transfer costs.
+    /// Cost of a sample that a compositor must fetch, in queued views.
     pub missing_sample_views: f64,
-    /// Whether a sampler that has nothing to sample also composes views, where the formula's whole K would leave it
-    /// idle. `argus study burst` has a row for each: a fifth less time for 290 views on two workers.
+    /// Whether samplers compose views in spare time, since whole K may leave them idle. `argus study burst` compares
+    /// both: a fifth less time for 290 views on two workers.
     pub samplers_composite: bool,
-    /// The share of the samplers' time that may go into samples at refinements of the rig, where views have holes:
-    /// what a adds to K_fd is at most this share of K ticks, and no more than half of what is to spare, yet always a tenth of
-    /// itself. They are rendered when nothing else waits, so that even a half takes little from others. 0: the rig's own cameras alone.
+    /// Share of the samplers' time for samples at refinements of the rig, where views have holes. They add at most
+    /// this share of K ticks to a, and at most half of the spare time, but always a tenth of the share. They are
+    /// rendered when nothing else waits. 0: only the rig's own cameras.
     pub refining_share: f64,
-    /// Bytes of samples at refinements that may exist in a worker at the same time; the least useful give way.
+    /// Bytes of samples at refinements in each worker; the least useful are replaced.
     pub refining_bytes: u64,
-    /// Δt of an animated scene: the next epoch is issued no sooner than this. As short as samples of a small scene
-    /// take on a slow machine; zero holds the scene still.
+    /// Δt of an animated scene: least time between two epochs. The default is about the time of a small scene's
+    /// samples on a slow machine. Zero holds the scene still.
     pub epoch: Duration,
-    /// Sample cameras are rendered anew for the next epoch for this long after a view used them.
+    /// Sample cameras are rendered for the next epoch if a view used them within this time.
     pub epoch_interest: Duration,
-    /// An epoch that is got ready waits this long for its next sample; then it is served, and views wait for what
-    /// it lacks. Long, since samplers that do not keep up render what views wait for first: an epoch that is served
-    /// before it is ready gives them more of that.
+    /// Longest wait of a prepared epoch for its next sample. Then the epoch is served, and views wait for missing
+    /// samples. It is long, since overloaded samplers render what views wait for first, and serving an unready epoch
+    /// adds to that.
     pub epoch_patience: Duration,
-    /// The next epoch is issued no sooner than after so many views from samples; 0: by time alone. The ticks of the
-    /// cluster paper, which samples the scene anew for every V views: it serves to measure, also where nothing moves.
+    /// Least number of views from samples between two epochs; 0: by time alone. The cluster paper samples the scene
+    /// anew for every V views, and this reproduces its measurements, also in still scenes.
     pub refresh_views: u64,
-    /// Samples of a plan that a request leaves open.
+    /// Number of samples of a plan, if the request leaves it open.
     pub samples_per_view: u32,
-    /// Linear steps where a request leaves them open: beyond 64 the cluster paper's search gains little.
+    /// Linear steps, if the request leaves them open. Beyond 64 the cluster paper's search gains little.
     pub linear_steps: u32,
-    /// How triangles are seen. `None`: by whichever way is measured to be cheapest, by the first worker.
+    /// Visibility backend of samples. `None`: the first worker measures all, and the cheapest is chosen.
     pub visibility: Option<Visibility>,
-    /// The largest view that is accepted.
+    /// Limits of a view's size.
     pub limits: Limits,
 }
 
 impl Config {
-    /// Steps of a search where a request leaves them open.
+    /// Steps of a search, if the request leaves them open.
     pub fn steps_of(&self, search: Search) -> u32 {
         if search == Search::Linear { self.linear_steps } else { search.usual_steps() }
     }
 
-    /// A worker that has not reported for this long is *suspected* (Chandra and Toueg's word), where another one that could
-    /// answer is heard of on time: nothing new goes to it, and its views go to others, while it keeps its place until its
-    /// lease is over. Three reports by default: its views are with others within a second of a hang.
+    /// A worker that is silent for this long is *suspected* (Chandra and Toueg), if another healthy worker reports on
+    /// time. Its views are retried and it gets no new ones, but it keeps its place until its lease ends. Three
+    /// reports by default: views are retried within a second of a hang.
     pub(super) fn doubted_after(&self) -> Duration {
         self.lease * 3 / 20
     }
 
-    /// A worker that has not reported for this long is suspected whatever others do, and however late its reports were lately. Six reports by default: wrongly
-    /// suspecting one that was merely starved costs a view's time, and waiting for one that hangs costs its clients all
-    /// of it.
+    /// A worker that is silent for this long is suspected, whatever other workers do and however late its recent
+    /// reports were. Six reports by default: a wrong suspicion costs the time of a view, and a hang that is not
+    /// noticed costs clients all of it.
     pub(super) fn suspected_after(&self) -> Duration {
         self.lease * 3 / 10
     }

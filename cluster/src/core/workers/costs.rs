@@ -1,27 +1,27 @@
-//! What things cost, as workers measured it.
+//! Costs measured by workers.
 
 use super::balance::Costs;
 use super::worker::QueuedView;
 use crate::core::event::Report;
 use crate::core::smooth::Smoothed;
 
-/// What things cost, seconds of one process, over all workers.
+/// Smoothed costs over all workers, seconds of one process.
 #[derive(Debug, Clone)]
 pub(in crate::core) struct MeasuredCosts {
     sample: Smoothed,
     direct: Smoothed,
     view: Smoothed,
     ray: Smoothed,
-    /// What is rendered for a direct view, pixels with their sub-pixels.
+    /// Pixels of a direct view, with sub-pixels.
     direct_pixels: Smoothed,
-    /// What is rendered for a view from samples, pixels with their sub-pixels.
+    /// Pixels of a view from samples, with sub-pixels.
     view_pixels: Smoothed,
     /// Busy seconds of the busiest worker in a tick.
     tick_secs: f64,
 }
 
 impl MeasuredCosts {
-    /// Nothing measured yet; `weight` of the newest observation in (0, 1].
+    /// Starts without measurements; `weight` of the newest observation is in (0, 1].
     pub(super) fn new(weight: f64) -> Self {
         let cost = || Smoothed::new(weight);
         Self {
@@ -35,7 +35,7 @@ impl MeasuredCosts {
         }
     }
 
-    /// A worker reported, and what it had reported before: costs of what it did in between.
+    /// Learns from a report, and the one before it, the costs of the work done in between.
     pub(super) fn learn(&mut self, report: &Report, before: &Report) {
         let observe = |cost: &mut Smoothed, done: u64, done_before: u64, ms: Option<f64>| {
             if let Some(ms) = ms.filter(|_| done > done_before) {
@@ -48,20 +48,19 @@ impl MeasuredCosts {
         observe(&mut self.ray, report.rays_traced, before.rays_traced, report.ray_ms);
     }
 
-    /// A view was answered for which so many pixels were rendered, sub-pixels counted.
+    /// Learns the pixels of an answered view, with sub-pixels.
     pub(super) fn learn_pixels(&mut self, direct: bool, work: u64) {
         let pixels = if direct { &mut self.direct_pixels } else { &mut self.view_pixels };
         pixels.observe(work as f64);
     }
 
-    /// The busiest worker was busy for so many seconds in a tick.
+    /// Learns the busy seconds of the busiest worker in a tick.
     pub(super) fn learn_tick(&mut self, busy_secs: f64, weight: f64) {
         self.tick_secs += weight * (busy_secs - self.tick_secs);
     }
 
-    /// What is believed of costs by the formula. A direct view and a sample are alike (both render the triangles), so either
-    /// stands in for the other while that is unmeasured. The planner goes by what each worker measured, and never by another
-    /// kind's cost.
+    /// The formula's costs. A direct view and a sample are alike, since both render the triangles, so an unmeasured
+    /// one has the other's cost. The planner uses each worker's own costs, and never another kind's.
     pub(super) fn believed(&self) -> Costs {
         let (sample, direct) = (self.sample_secs(), self.direct_secs());
         Costs {
@@ -72,7 +71,7 @@ impl MeasuredCosts {
         }
     }
 
-    /// Seconds that a view in a queue is expected to take, by its kind and its size.
+    /// Expected seconds of a queued view, by its kind and size.
     pub(super) fn expected_secs(&self, view: &QueuedView) -> f64 {
         let (cost, usual) = match view.direct {
             true => (self.direct_secs().or(self.sample_secs()), self.direct_pixels.value()),
@@ -81,22 +80,22 @@ impl MeasuredCosts {
         cost.unwrap_or(0.0) * usual.map_or(1.0, |usual| (view.work as f64 / usual).max(1.0))
     }
 
-    /// Of a sample, if any was measured.
+    /// Seconds of a sample, if measured.
     pub(in crate::core) fn sample_secs(&self) -> Option<f64> {
         self.sample.value()
     }
 
-    /// Of a direct view, if any was measured.
+    /// Seconds of a direct view, if measured.
     pub(in crate::core) fn direct_secs(&self) -> Option<f64> {
         self.direct.value()
     }
 
-    /// Of a view from samples, if any was measured.
+    /// Seconds of a view from samples, if measured.
     pub(in crate::core) fn view_secs(&self) -> Option<f64> {
         self.view.value()
     }
 
-    /// Of a single ray, if any was measured.
+    /// Seconds of a single ray, if measured.
     pub(in crate::core) fn ray_secs(&self) -> Option<f64> {
         self.ray.value()
     }
@@ -124,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cost_is_learnt_from_work_that_was_done_and_stands_in_for_a_sample_alone() {
+    fn costs_are_learnt_only_from_work_that_was_done() {
         let costs = after(3);
         assert_eq!((costs.direct_secs(), costs.view_secs(), costs.sample_secs()), (Some(0.02), None, None));
         let believed = costs.believed();
@@ -133,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_larger_than_usual_is_expected_to_take_longer_and_a_smaller_one_no_less() {
+    fn a_view_larger_than_usual_is_expected_to_take_longer() {
         let mut costs = after(3);
         let expected = |costs: &MeasuredCosts, direct, work| {
             costs.expected_secs(&QueuedView { predicted_ms: 0.0, direct, work })

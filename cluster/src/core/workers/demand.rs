@@ -1,14 +1,14 @@
-//! What is asked for, counted tick by tick.
+//! Demand, counted per tick.
 
 use super::balance::Demand;
 use crate::core::smooth::Rate;
 
-/// What the formula of the roles counts.
+/// Kinds of work in the formula.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::core) enum WorkKind {
     /// S: samples to render.
     Samples,
-    /// D: views whose request, or whose bound on the error, calls for the triangles.
+    /// D: views from triangles by their request, or by its bound on the error.
     Direct,
     /// Views from triangles whose request left the way open.
     DirectAnywhere,
@@ -18,7 +18,7 @@ pub(in crate::core) enum WorkKind {
     Rays,
 }
 
-/// What is asked for per tick, of each kind.
+/// Demand per tick of each kind.
 #[derive(Debug, Clone)]
 pub(super) struct Rates {
     samples: Rate,
@@ -29,7 +29,7 @@ pub(super) struct Rates {
 }
 
 impl Rates {
-    /// Nothing counted yet; `weight` of the newest tick in (0, 1].
+    /// Starts without counts; `weight` of the newest tick is in (0, 1].
     pub(super) fn new(weight: f64) -> Self {
         let rate = || Rate::new(weight);
         Self { samples: rate(), direct: rate(), direct_anywhere: rate(), views: rate(), rays: rate() }
@@ -53,7 +53,7 @@ impl Rates {
         [samples, direct, direct_anywhere, views, rays].into_iter().for_each(Rate::roll);
     }
 
-    /// Per tick, over the ticks that are closed.
+    /// The demand per closed tick.
     pub(super) fn demand(&self) -> Demand {
         Demand {
             samples: self.samples.per_tick(),

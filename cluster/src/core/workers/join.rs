@@ -1,16 +1,16 @@
-//! Workers that join, report and leave.
+//! Joining, reports and loss of workers.
 
 use super::{WorkKind, Worker, Workers};
 use crate::core::event::{Action, Hello, Report, WorkerId};
 use crate::core::time::Uptime;
 
 impl Workers {
-    /// The worker of that name, which one that joins by the same name replaces.
+    /// The worker with this name. A worker that joins with the same name replaces it.
     pub(in crate::core) fn named(&self, name: &str) -> Option<WorkerId> {
         self.workers.values().find(|w| w.hello().name == name).map(Worker::id)
     }
 
-    /// A worker joins, and is told its role.
+    /// Adds a worker, and assigns its role.
     pub(in crate::core) fn join(
         &mut self,
         id: WorkerId,
@@ -26,8 +26,8 @@ impl Workers {
         self.changed = true;
     }
 
-    /// A worker reports; `largest_view` gives the pixels of the largest view in flight, sub-pixels counted. Whether it
-    /// became ready by that, or no longer is.
+    /// Processes a worker's report. `largest_view` gives the pixels of the largest view in flight, with sub-pixels.
+    /// Returns whether the worker's readiness changed.
     pub(in crate::core) fn report(
         &mut self,
         id: WorkerId,
@@ -39,7 +39,7 @@ impl Workers {
         let is_stuck = self.is_stuck(worker, &report, largest_view);
         let before = worker.report();
         self.costs.learn(&report, before);
-        // How many rays a view needs is known once they are traced.
+        // Demand for rays is known only once they are traced.
         if before.applied > 0 {
             self.rates.count(WorkKind::Rays, report.rays_traced.saturating_sub(before.rays_traced));
         }
@@ -55,7 +55,7 @@ impl Workers {
         is_ready != was_ready
     }
 
-    /// Forgets a worker; what it was, for what it leaves behind. `None` where it is lost already.
+    /// Removes a lost worker and returns it; `None` if it was lost already.
     pub(in crate::core) fn lose(&mut self, id: WorkerId) -> Option<Worker> {
         let worker = self.workers.remove(&id)?;
         self.queues.remove(id);

@@ -1,12 +1,13 @@
-//! Which workers there are, what each can be given, and which role it plays.
+//! Workers: membership, health, queues and roles.
 //!
-//! This part reads neither of the others. What it has to know of them is handed in: how many samples each worker would
-//! take along ([`Stake`]), how large the largest view is, whether samples are wanted. What changes here and matters to
-//! the others is returned, or told by [`Workers::has_changed`].
+//! This part reads neither of the other parts. What it must know of them is an argument: how many samples each worker
+//! holds ([`Stake`]), the size of the largest view, whether samples are wanted. What matters to the other parts is
+//! returned, or shown by [`Workers::has_changed`].
 //!
-//! [`balance`] says how many workers render samples, [`hysteresis`] when a better split is worth a change, `roles` which
-//! workers change. `queues` keeps those with room in order. `silence` and `suspicion` find workers that stopped getting
-//! on, `visibility` settles how triangles are seen. `costs` and `demand` hold what the formula goes by.
+//! [`balance`] computes how many workers render samples, [`hysteresis`] decides when a better split is worth a
+//! change, and `roles` chooses the workers that change. `queues` orders workers by their queues. `silence` and
+//! `suspicion` find workers that hang, `visibility` chooses the visibility backend. `costs` and `demand` hold the
+//! formula's inputs.
 
 pub mod balance;
 mod costs;
@@ -37,14 +38,14 @@ use demand::Rates;
 use hysteresis::Hysteresis;
 use silence::Awake;
 
-/// What happened to workers since the coordinator started.
+/// Counts of workers since the coordinator started.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct WorkerCounts {
-    /// Those that joined.
+    /// Workers that joined.
     pub(super) joined: u64,
-    /// Those that fell silent or whose stream ended unannounced.
+    /// Workers whose lease expired or whose stream ended unannounced.
     pub(super) lost: u64,
-    /// Roles that a worker was told in place of another.
+    /// Changes of a worker's role.
     pub(super) roles_changed: u64,
 }
 
@@ -59,15 +60,15 @@ pub(super) struct Workers {
     split: Split,
     hysteresis: Hysteresis,
     awake: Awake,
-    /// Workers that will probably join.
+    /// Number of workers that will probably join.
     expected: usize,
-    /// Whether it is known how triangles are seen.
+    /// Whether the visibility backend of samples is chosen.
     visibility_is_settled: bool,
-    /// Samples that a worker renders in one piece of work, at most.
+    /// Most samples in one piece of a worker's work.
     samples_per_batch: u64,
-    /// Ticks for which views from triangles have taken so much time that samples may be worth measuring.
+    /// Ticks for which views from triangles took so much time that samples may be worth measuring.
     steady_ticks: f64,
-    /// Whether what workers shall have at hand may be another than they were told.
+    /// Whether prefetch lists may have changed.
     changed: bool,
     counts: WorkerCounts,
 }
@@ -94,67 +95,67 @@ impl Workers {
         }
     }
 
-    /// So many workers will join: the first ones take the roles that they will have among all.
+    /// Sets the expected number of workers, so that the first ones take the roles that they will have among all.
     pub(super) fn expect(&mut self, workers: usize) {
         self.expected = workers;
     }
 
-    /// The worker of that id, unless it is lost.
+    /// The worker with this id, unless it is lost.
     pub(super) fn get(&self, id: WorkerId) -> Option<&Worker> {
         self.workers.get(&id)
     }
 
-    /// All workers, those that joined first at the front.
+    /// All workers, in the order in which they joined.
     pub(super) fn iter(&self) -> impl Iterator<Item = &Worker> {
         self.workers.values()
     }
 
-    /// Workers that are ready and stay.
+    /// Workers that are ready and not leaving.
     pub(super) fn members(&self) -> impl Iterator<Item = &Worker> {
         self.workers.values().filter(|w| w.is_ready())
     }
 
-    /// Workers of each role, those with the shortest queue first.
+    /// Workers of each role, by the length of their queues.
     pub(super) fn queues(&self) -> &WorkerQueues {
         &self.queues
     }
 
-    /// How the ready workers are divided between the roles.
+    /// The present split of the ready workers between the roles.
     pub(super) fn split(&self) -> Split {
         self.split
     }
 
-    /// What things cost, as workers measured it.
+    /// Costs measured by workers.
     pub(super) fn costs(&self) -> &MeasuredCosts {
         &self.costs
     }
 
-    /// What is asked for per tick.
+    /// Demand per tick.
     pub(super) fn demand(&self) -> Demand {
         self.rates.demand()
     }
 
-    /// What is believed of costs by the formula.
+    /// The formula's costs.
     pub(super) fn believed_costs(&self) -> Costs {
         self.costs.believed()
     }
 
-    /// What happened to workers so far.
+    /// The counts so far.
     pub(super) fn counts(&self) -> WorkerCounts {
         self.counts
     }
 
-    /// Counts what is asked for, in the tick that runs.
+    /// Counts demand in the current tick.
     pub(super) fn count(&mut self, kind: WorkKind, n: u64) {
         self.rates.count(kind, n);
     }
 
-    /// Whether what workers shall have at hand may be another than they were told.
+    /// Whether prefetch lists may have changed.
     pub(super) fn has_changed(&self) -> bool {
         self.changed
     }
 
-    /// Ticks have passed. The busiest worker's time in them is what the formula's tick predicts.
+    /// Closes a tick. The busiest worker's time is compared with the formula's tick.
     pub(super) fn tick(&mut self, ticks: f64) {
         self.count_steady_ticks(ticks);
         self.rates.roll();
@@ -166,23 +167,23 @@ impl Workers {
         self.costs.learn_tick(busiest * 1e-3 / ticks, self.config.smoothing);
     }
 
-    /// A view was sent to a worker.
+    /// Adds a view to a worker's queue.
     pub(super) fn begin(&mut self, id: WorkerId, view_id: ViewId, view: QueuedView) {
         self.change(id, |worker| worker.begin(view_id, view));
     }
 
-    /// A worker no longer has a view: it answered, failed, or the view was taken back. Whether it had it.
+    /// Removes a view from a worker's queue. Returns whether it was there.
     pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId) -> bool {
         self.change(id, |worker| worker.end(view_id)).unwrap_or(false)
     }
 
-    /// A worker answered a view, for which so many pixels were rendered, sub-pixels counted.
+    /// Records that a worker answered a view of `work` pixels, with sub-pixels.
     pub(super) fn answered(&mut self, id: WorkerId, direct: bool, work: u64) {
         self.costs.learn_pixels(direct, work);
         self.change(id, Worker::answered);
     }
 
-    /// Tells workers what to have at hand, of which versions, and which workers not to wait for, where that is news.
+    /// Sends changed prefetch lists, the oldest useful version, and the suspected workers.
     pub(super) fn assign_prefetch(&mut self, prefetch: PrefetchLists, actions: &mut Vec<Action>) {
         self.changed = false;
         for (id, list) in prefetch.lists {
@@ -193,7 +194,7 @@ impl Workers {
         }
     }
 
-    /// Changes a worker, and its place in the queues with it.
+    /// Changes a worker, and updates its place in the queues.
     fn change<T>(&mut self, id: WorkerId, change: impl FnOnce(&mut Worker) -> T) -> Option<T> {
         let worker = self.workers.get_mut(&id)?;
         let result = change(worker);

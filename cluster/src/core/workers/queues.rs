@@ -1,13 +1,13 @@
-//! Queues of workers: those of each role, the ones with the fewest views first.
+//! Workers of each role, ordered by the length of their queues.
 //!
-//! A view goes to the worker that will probably answer first, and there may be thousands of them and a hundred
-//! thousand views a second. So they are kept in order, and only those at the front are looked at.
+//! A view goes to the worker that will probably answer first. There may be thousands of workers and a hundred
+//! thousand views a second, so workers are kept in order, and only the first ones are examined.
 
 use std::collections::{BTreeSet, HashMap};
 
 use crate::core::event::WorkerId;
 
-/// Where a worker stands: views in its queue, then views it ever had, whose entry it is among equals.
+/// A worker's place in the order: by views in its queue, then by views that it ever got.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(in crate::core) struct QueueEntry {
     pub(in crate::core) queued: usize,
@@ -15,7 +15,7 @@ pub(in crate::core) struct QueueEntry {
     pub(in crate::core) worker: WorkerId,
 }
 
-/// What a worker can be given.
+/// The queues that a worker belongs in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct QueueMembership {
     pub(super) entry: QueueEntry,
@@ -25,7 +25,7 @@ pub(super) struct QueueMembership {
     pub(super) samples: bool,
 }
 
-/// All workers in order.
+/// Ordered sets of workers.
 #[derive(Debug, Clone, Default)]
 pub(in crate::core) struct WorkerQueues {
     known: HashMap<WorkerId, QueueMembership>,
@@ -36,7 +36,7 @@ pub(in crate::core) struct WorkerQueues {
 }
 
 impl WorkerQueues {
-    /// A worker joined or changed.
+    /// Adds or updates a worker.
     pub(super) fn update(&mut self, now: QueueMembership) {
         let entry = now.entry;
         if self.known.get(&entry.worker) == Some(&now) {
@@ -56,7 +56,7 @@ impl WorkerQueues {
         }
     }
 
-    /// A worker is gone.
+    /// Removes a worker.
     pub(super) fn remove(&mut self, worker: WorkerId) {
         if let Some(known) = self.known.remove(&worker) {
             self.ready -= usize::from(known.ready);
@@ -66,22 +66,22 @@ impl WorkerQueues {
         }
     }
 
-    /// How many are ready.
+    /// Number of ready workers.
     pub(in crate::core) fn ready(&self) -> usize {
         self.ready
     }
 
-    /// Those who answer views whose way is open, whatever their role.
+    /// Workers that answer views that leave the way open, whatever their role.
     pub(in crate::core) fn anyone(&self) -> &BTreeSet<QueueEntry> {
         &self.anyone
     }
 
-    /// Those who take views to reconstruct.
+    /// Workers that take views to reconstruct.
     pub(in crate::core) fn compositors(&self) -> &BTreeSet<QueueEntry> {
         &self.compositors
     }
 
-    /// Those who take samples and direct views.
+    /// Workers that take samples and direct views.
     pub(in crate::core) fn samplers(&self) -> &BTreeSet<QueueEntry> {
         &self.samplers
     }

@@ -1,4 +1,4 @@
-//! The roles of workers: the split that the formula wants, carried out with the fewest changes.
+//! Assigns roles by the split that the formula wants, with the fewest changes.
 
 use std::collections::HashMap;
 
@@ -7,12 +7,12 @@ use super::balance::{self, Load, Split};
 use crate::core::event::{Action, Role, WorkerId};
 use crate::core::time::Uptime;
 
-/// What a worker would take along into another role.
+/// What a worker would lose by another role.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(in crate::core) struct Stake {
-    /// Samples that it is the one to render.
+    /// Number of samples that it owns.
     pub(in crate::core) owned: usize,
-    /// Samples that it holds.
+    /// Number of samples that it holds.
     pub(in crate::core) held: usize,
 }
 
@@ -31,7 +31,7 @@ impl Workers {
         }
     }
 
-    /// Seconds that a tick's work is predicted to take under a split.
+    /// Predicted seconds of a tick's work under a split.
     pub(in crate::core) fn predicted_tick_secs(&self, load: Load, processes: u32, split: Split) -> f64 {
         match self.config.samplers_composite {
             true => balance::helping_tick_secs(load, processes, split),
@@ -39,8 +39,8 @@ impl Workers {
         }
     }
 
-    /// The role a worker that joins now will most likely have once it is ready, so that it need not change:
-    /// workers that are still starting count, since all of a cluster may start at once.
+    /// The role of a worker that joins now, chosen so that it need not change once the worker is ready. Starting
+    /// workers count, since a whole cluster may start at once.
     pub(super) fn role_of_newcomer(&self) -> Role {
         let processes = self.expected.max(self.workers.len().saturating_add(1));
         let processes = u32::try_from(processes).unwrap_or(u32::MAX);
@@ -53,8 +53,8 @@ impl Workers {
         }
     }
 
-    /// The split after a worker came or went: nobody else changes more than that calls for. The formula's K then follows
-    /// with hysteresis, like any change of demand.
+    /// The split after a worker came or left: no other roles change than that requires. K then follows the formula
+    /// with hysteresis.
     pub(in crate::core) fn split_of_change(&mut self) -> Split {
         let processes = self.processes();
         self.hysteresis.reset();
@@ -68,7 +68,7 @@ impl Workers {
                     Split::Divided(k) => k,
                     _ => p - 1,
                 };
-                // From a split with a K of its own, K moves by the one worker at most.
+                // From a divided split, K moves by at most one.
                 let near = match before {
                     Split::Divided(before) => k.clamp(before.saturating_sub(1), before.saturating_add(1)),
                     _ => k,
@@ -78,7 +78,7 @@ impl Workers {
         }
     }
 
-    /// A better split, if changing roles for it pays now. Looked at once a tick or more often.
+    /// A better split, if changing roles for it pays now. Called once a tick or more often.
     pub(in crate::core) fn better_split(&mut self, now: Uptime) -> Option<Split> {
         let processes = self.processes();
         if processes < 2 {
@@ -91,8 +91,8 @@ impl Workers {
         self.hysteresis.pays(now, (self.split, tick), (wanted, better), processes).then_some(wanted)
     }
 
-    /// Gives every member the role it has under `split`, leaving alone as many as possible: a sampler is kept
-    /// for the samples it owns, a compositor for those it holds.
+    /// Assigns roles by `split`, with the fewest changes: samplers that own most samples stay samplers, compositors
+    /// that hold most stay compositors.
     pub(in crate::core) fn divide(
         &mut self,
         split: Split,

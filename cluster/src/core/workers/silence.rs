@@ -1,50 +1,50 @@
 //! Decides when a worker that stopped reporting is suspected.
 //!
-//! That depends on which other workers are heard. Reports that fail to come while others come on time say something of their worker,
-//! soon; reports that all fail to come say as much of this process, or of the machine that all share. What came while this
-//! process stood still is read only after it went on, so that no silence begins before that. And whoever reported late a
-//! moment ago, as on a machine with more to do than it has cores for, may do so again.
+//! If other workers report on time, a missing report soon says something about its worker. If all reports are
+//! missing, this process or a shared machine was held up. Reports that came during such a pause are read after it, so
+//! silence is counted from its end. A worker that reported late a moment ago, as on an overloaded machine, may do so
+//! again.
 
 use std::time::Duration;
 
 use crate::core::time::Uptime;
 
-/// Of a gap between two reports, how long the next one may be before it says something.
+/// The next gap between reports may be this many times the longest recent one.
 const LONGER: u32 = 2;
 
-/// A gap is forgotten by this part of the time that passes: the longest that counts makes no difference six seconds later.
+/// A gap shrinks by this part of the passing time: the longest one that counts is forgotten after six seconds.
 const FORGOTTEN: u32 = 16;
 
-/// How regularly a worker reports.
+/// The regularity of a worker's reports.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Rhythm {
-    /// The longest gap between two of its reports, but for what is forgotten of it.
+    /// The longest gap between two of its reports, which shrinks with time.
     gap: Duration,
 }
 
 impl Rhythm {
-    /// It reported, for the first time in so long.
+    /// Records a report, `gap` after the one before.
     pub(super) fn reported(&mut self, gap: Duration) {
         self.gap = self.gap.saturating_sub(gap / FORGOTTEN).max(gap);
     }
 
-    /// Whether it has lately left out no report for that long.
+    /// Whether no recent gap was as long as this.
     pub(super) fn is_steady(&self, gap: Duration) -> bool {
         self.gap < gap
     }
 
-    /// How long it may be silent, from `least` to `most`.
+    /// Longest silence before suspicion, from `least` to `most`.
     pub(super) fn patience(&mut self, least: Duration, most: Duration) -> Duration {
-        // What is longer than makes a difference would only take longer to forget.
+        // Longer gaps make no difference, and would only take longer to forget.
         self.gap = self.gap.min(most / LONGER);
         (self.gap * LONGER).max(least)
     }
 }
 
-/// A process that ticks ten times a second stood still if it did not for so long, however short leases are.
+/// A process was held up if it did not tick for this long: it ticks ten times a second.
 pub(super) const PAUSE: Duration = Duration::from_millis(250);
 
-/// Since when this process has gone on without a pause, as far as its ticks say.
+/// The time since this process was last held up, judged by its ticks.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Awake {
     since: Uptime,
@@ -52,14 +52,14 @@ pub(super) struct Awake {
 }
 
 impl Awake {
-    /// Another tick, before which it stood still if that is `pause` or longer ago.
+    /// Records a tick. If the last one is `pause` or longer ago, the process was held up.
     pub(super) fn tick(&mut self, pause: Duration, now: Uptime) {
         if now.since(std::mem::replace(&mut self.ticked, now)) >= pause {
             self.since = now;
         }
     }
 
-    /// How long nothing was heard that was last heard then.
+    /// The silence since `heard`, not counting the time before the last hold-up.
     pub(super) fn silence(self, heard: Uptime, now: Uptime) -> Duration {
         now.since(heard.max(self.since))
     }
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_between_reports_make_patient_for_a_while() {
+    fn a_gap_between_reports_raises_patience_for_a_while() {
         let millis = Duration::from_millis;
         let patience = |rhythm: &mut Rhythm| rhythm.patience(millis(750), millis(1500));
         let mut rhythm = Rhythm::default();
@@ -84,7 +84,7 @@ mod tests {
         assert_eq!(patience(&mut rhythm), millis(1000));
         (0..4).for_each(|_| rhythm.reported(millis(250)));
         assert!((millis(750)..millis(1000)).contains(&patience(&mut rhythm)));
-        // However long one was.
+        // The patience is bounded.
         rhythm.reported(millis(4000));
         assert_eq!(patience(&mut rhythm), millis(1500));
         let reports = (0..).take_while(|_| {
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_silent_while_nobody_listened_was_not() {
+    fn silence_is_not_counted_while_the_process_was_held_up() {
         let pause = Duration::from_millis(375);
         let mut awake = Awake::default();
         for tick in 1..=10 {

@@ -1,7 +1,8 @@
-//! Workers that nothing new is given while others can have it: those that are silent (`silence`), that do not get on, or
-//! that fail at all that they are given (`record`).
+//! Suspicion: workers that are silent (`silence`), stuck at a piece of work, or failing (`record`) get no new views
+//! while other workers can have them.
 //!
-//! A worker keeps its role and its samples throughout: all three pass, and being wrong costs the time of a view.
+//! A suspected worker keeps its role and its samples: all three states may pass, and a wrong suspicion costs only the
+//! time of a view.
 
 use std::time::Duration;
 
@@ -10,11 +11,11 @@ use super::{Worker, Workers};
 use crate::core::event::{Report, ViewId, WorkerId};
 use crate::core::time::Uptime;
 
-/// Of a piece of work's expected time, what it may take: costs are means, and a machine may be busy with something else.
+/// A piece of work may take this many times its expected time: costs are means, and the machine may be busy.
 const PATIENCE: f64 = 10.0;
 
 impl Workers {
-    /// Suspects workers that have been silent for too long. Ends the rests that are over.
+    /// Suspects silent workers, and ends pauses of failing ones.
     pub(in crate::core) fn notice(&mut self, now: Uptime) {
         self.notice_silence(now);
         for worker in self.workers.values_mut() {
@@ -28,10 +29,10 @@ impl Workers {
     /// Suspects workers that have been silent for a part of their lease.
     fn notice_silence(&mut self, now: Uptime) {
         let (soon, late) = (self.config.doubted_after(), self.config.suspected_after());
-        // Longer than from one report to the next, and as long as two of these.
+        // More than one interval between reports, and two of them.
         let (on_time, two) = (soon / 2, soon * 2 / 3);
         self.awake.tick(on_time.max(PAUSE), now);
-        // Whoever has just been late itself says nothing about others: more than one of them was held up.
+        // Workers that were late themselves prove nothing about others: several may have been held up together.
         let punctual =
             |w: &Worker| w.answers() && w.rhythm.is_steady(two) && now.since(w.last_report()) < on_time;
         let others_are_heard = self.workers.values().any(punctual);
@@ -46,15 +47,15 @@ impl Workers {
         }
     }
 
-    /// Workers whose lease is over.
+    /// Workers whose lease has ended.
     pub(in crate::core) fn silent(&self, now: Uptime) -> Vec<WorkerId> {
         let silent = |w: &&Worker| now.since(w.last_report()) >= self.config.lease;
         self.workers.values().filter(silent).map(Worker::id).collect()
     }
 
-    /// Whether a worker that goes on reporting is stuck: its render thread has been at one piece of work for far longer
-    /// than that takes, and another worker can have its views. `largest_view` gives the pixels of the largest view in
-    /// flight, sub-pixels counted.
+    /// Whether a reporting worker is stuck: its render thread has been at one piece of work for far longer than
+    /// expected, and another worker can have its views. `largest_view` gives the pixels of the largest view in
+    /// flight, with sub-pixels.
     pub(super) fn is_stuck(
         &self,
         worker: &Worker,
@@ -67,13 +68,13 @@ impl Workers {
             && piece >= self.longest_piece(worker, largest_view())
     }
 
-    /// How long a worker's thread may be at one piece of work: all of its views are one batch at the most, and larger views
-    /// than are usual take longer.
+    /// Longest plausible time of one piece of a worker's work: at most all of its views are one batch, and larger
+    /// views take longer.
     fn longest_piece(&self, worker: &Worker, largest_view: u64) -> Duration {
         let costs = &self.costs;
         let (sample, view) = (costs.sample_secs().or(costs.direct_secs()), costs.view_secs());
         let views: f64 = worker.views().values().map(|view| costs.expected_secs(view)).sum();
-        // Whoever samples also traces what others have no samples of.
+        // Samplers also trace the holes of other workers' views.
         let rays = costs.ray_secs().unwrap_or(0.0) * largest_view as f64;
         let samples = sample.unwrap_or(0.0) * self.samples_per_batch as f64;
         let expected = Duration::try_from_secs_f64(PATIENCE * (views + rays + samples));
@@ -83,12 +84,12 @@ impl Workers {
         expected.unwrap_or(Duration::MAX).max(self.config.stuck_after).max(least)
     }
 
-    /// A worker failed at a view by its own fault.
+    /// Records that a worker failed at a view, and is at fault.
     pub(in crate::core) fn blame(&mut self, id: WorkerId, view_id: ViewId, now: Uptime) {
-        let rests = self.change(id, |worker| {
+        let is_paused = self.change(id, |worker| {
             worker.record.failed(view_id, now);
-            worker.record.rests()
+            worker.record.is_paused()
         });
-        self.changed |= rests == Some(true);
+        self.changed |= is_paused == Some(true);
     }
 }

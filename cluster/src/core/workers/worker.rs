@@ -1,4 +1,4 @@
-//! What the core knows of one worker.
+//! The core's state of one worker.
 
 use std::collections::BTreeMap;
 
@@ -11,22 +11,22 @@ use crate::core::time::Uptime;
 /// A view in a worker's queue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::core) struct QueuedView {
-    /// Milliseconds of rendering that are predicted of it.
+    /// Predicted milliseconds of rendering.
     pub(in crate::core) predicted_ms: f64,
-    /// Whether it is rendered from the triangles.
+    /// Whether it is rendered from triangles.
     pub(in crate::core) direct: bool,
-    /// Pixels that are rendered for it, sub-pixels counted.
+    /// Pixels to render, with sub-pixels.
     pub(in crate::core) work: u64,
 }
 
-/// What workers shall have at hand ahead of demand.
+/// Samples that workers prefetch, ahead of demand.
 #[derive(Debug, Clone, Default)]
 pub(in crate::core) struct PrefetchLists {
-    /// Of each worker that is told anything.
+    /// The list of each worker that gets one.
     pub(in crate::core) lists: BTreeMap<WorkerId, Vec<Source>>,
-    /// Samples of versions with a lower number are of no use any more.
+    /// Samples of versions below this number can be dropped.
     pub(in crate::core) kept_from: u64,
-    /// Addresses of workers that nobody shall wait for.
+    /// Addresses of suspected workers, for which no fetch waits.
     pub(in crate::core) suspected: Vec<String>,
 }
 
@@ -36,30 +36,29 @@ pub(in crate::core) struct Worker {
     id: WorkerId,
     hello: Hello,
     last_report: Uptime,
-    /// How late its reports were lately.
+    /// The regularity of its reports.
     pub(super) rhythm: Rhythm,
-    /// The newest report; a default one until the first.
+    /// The newest report; a default one before the first.
     report: Report,
-    /// What it did before the newest assignment that it has not acknowledged; `None` until its first role
-    /// took effect.
+    /// The role in effect; the assigned one once it is acknowledged. `None` until the first role is.
     acting: Option<Role>,
-    /// What it was told last.
+    /// The newest assignment.
     assigned: Assignment,
-    /// Sequence of the first assignment that told it its role, and the set that it serves.
+    /// Number of the first assignment with its present role.
     role_told: u64,
-    /// Sequence of the first assignment that told it the set that samples are rendered of; `None` until it was told.
+    /// Number of the first assignment with the sample set; `None` before it.
     set_told: Option<u64>,
-    /// Sequence of the assignment that told it to measure; `None` until one did.
+    /// Number of the assignment that asked for measurements; `None` before it.
     measure_told: Option<u64>,
-    /// Views sent to it and not answered.
+    /// Unanswered views.
     views: BTreeMap<ViewId, QueuedView>,
-    /// Views ever sent to it: whose turn it is among equals.
+    /// Number of views that it ever got, which orders equal workers.
     dispatched: u64,
-    /// Busy milliseconds when the current tick began.
+    /// Busy milliseconds at the start of the current tick.
     busy_at_tick_ms: f64,
-    /// It has been silent for too long (`silence`), or does not get on with what it does.
+    /// Whether it is silent or stuck.
     suspected: bool,
-    /// How it has fared with its views.
+    /// Its failures at views.
     pub(super) record: Record,
 }
 
@@ -91,27 +90,27 @@ impl Worker {
         }
     }
 
-    /// The id of its joining.
+    /// Its id.
     pub(in crate::core) fn id(&self) -> WorkerId {
         self.id
     }
 
-    /// What it said of itself when it joined.
+    /// Its introduction.
     pub(in crate::core) fn hello(&self) -> &Hello {
         &self.hello
     }
 
-    /// The newest report; a default one until the first.
+    /// The newest report; a default one before the first.
     pub(in crate::core) fn report(&self) -> &Report {
         &self.report
     }
 
-    /// When it was heard of last.
+    /// The time of the newest report.
     pub(super) fn last_report(&self) -> Uptime {
         self.last_report
     }
 
-    /// Views in its queue.
+    /// Number of views in its queue.
     pub(in crate::core) fn queued(&self) -> usize {
         self.views.len()
     }
@@ -121,12 +120,12 @@ impl Worker {
         &self.views
     }
 
-    /// Its place among workers with room.
+    /// Its place in the order of workers.
     pub(in crate::core) fn queue_entry(&self) -> QueueEntry {
         QueueEntry { queued: self.views.len(), dispatched: self.dispatched, worker: self.id }
     }
 
-    /// What it can be given.
+    /// The queues that it belongs in.
     pub(super) fn queue_membership(&self) -> QueueMembership {
         QueueMembership {
             entry: self.queue_entry(),
@@ -137,48 +136,48 @@ impl Worker {
         }
     }
 
-    /// Whether it has been silent for too long, or does not get on with what it does.
+    /// Whether it is silent or stuck.
     pub(in crate::core) fn is_suspected(&self) -> bool {
         self.suspected
     }
 
-    /// Whether it has the scene and a role, and stays.
+    /// Whether it has the scene and a role, and is not leaving.
     pub(in crate::core) fn is_ready(&self) -> bool {
         self.acting.is_some() && !self.report.leaving
     }
 
-    /// What it was told last.
+    /// The newest assignment.
     pub(in crate::core) fn assigned(&self) -> &Assignment {
         &self.assigned
     }
 
-    /// Whether it is still on its way to the role it was told.
+    /// Whether it has not taken the assigned role yet.
     pub(in crate::core) fn is_changing(&self) -> bool {
         self.acting.is_some_and(|acting| acting != self.assigned.role)
     }
 
-    /// The role it counts for; `None` while it starts.
+    /// The assigned role; `None` while it starts.
     pub(in crate::core) fn role(&self) -> Option<Role> {
         self.acting.map(|_| self.assigned.role)
     }
 
-    /// Whether it was heard of lately, gets on, and does not rest from failures.
+    /// Whether it is neither suspected nor paused.
     pub(in crate::core) fn seems_well(&self) -> bool {
-        !(self.suspected || self.record.rests())
+        !(self.suspected || self.record.is_paused())
     }
 
-    /// Whether it can be given something: it is ready and seems well. One view is enough to find out whether one that
-    /// failed works again.
+    /// Whether it can get a view: it is ready, and neither suspected nor paused. After a pause, one view at a time
+    /// shows whether it works again.
     pub(in crate::core) fn answers(&self) -> bool {
         self.is_ready() && self.seems_well() && (!self.record.is_on_trial() || self.views.is_empty())
     }
 
-    /// Whether it has the set that samples are rendered of.
+    /// Whether it has the sample set.
     pub(in crate::core) fn knows_set(&self) -> bool {
         self.set_told.is_some_and(|told| self.report.applied >= told)
     }
 
-    /// Whether it takes new samples and direct views: on the way to another role, only what both include.
+    /// Whether it takes new samples and direct views. During a change of roles, both roles must include them.
     pub(in crate::core) fn takes_samples(&self) -> bool {
         let samples = self.acting.is_some_and(Role::samples) && self.assigned.role.samples();
         self.answers() && self.knows_set() && samples
@@ -190,7 +189,7 @@ impl Worker {
         self.answers() && self.knows_set() && composites
     }
 
-    /// Tells it another role; what to send it. A role that gives nothing up counts at once.
+    /// Assigns another role. A role that gives nothing up takes effect at once.
     pub(super) fn assign(&mut self, role: Role) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.role = role;
@@ -203,7 +202,8 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it to measure what views from samples cost and, while that is open, each way to see triangles; what to send it.
+    /// Makes the assignment to measure the cost of views from samples and, until the backend is chosen, of each
+    /// visibility backend.
     pub(super) fn measure(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_ways = true;
@@ -211,18 +211,18 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Whether it was ever told to measure.
+    /// Whether it was ever asked to measure.
     pub(super) fn has_been_told_to_measure(&self) -> bool {
         self.measure_told.is_some()
     }
 
-    /// Whether it measures right now, so that views had better go elsewhere.
+    /// Whether it is measuring, which delays views.
     pub(in crate::core) fn is_measuring(&self) -> bool {
         self.measure_told.is_some_and(|told| self.report.applied < told)
     }
 
-    /// Tells it of which set samples are rendered; what to send it. It goes on with views from triangles, and takes
-    /// others once it says that it has the set.
+    /// Makes the assignment with the sample set. The worker renders views from triangles meanwhile, and takes other
+    /// work once it acknowledges the set.
     pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_ways = false;
@@ -230,7 +230,8 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Tells it what to have at hand, of which versions, and whom not to wait for; what to send it, if that is news.
+    /// Makes the assignment with a prefetch list, the oldest useful version, and the suspected workers; `None` if
+    /// nothing changed.
     pub(super) fn assign_prefetch(
         &mut self,
         prefetch: Vec<Source>,
@@ -248,62 +249,62 @@ impl Worker {
         Some(told.clone())
     }
 
-    /// Takes a report in; `is_stuck` says whether it shows a worker that does not get on.
+    /// Processes a report. `is_stuck` tells whether it shows a stuck worker.
     pub(super) fn take_report(&mut self, report: Report, is_stuck: bool, now: Uptime) {
         if self.report.applied == 0 {
-            // Joined again after a coordinator's restart: what it was busy with before is not this tick's.
+            // It joined again after a restart of the coordinator: earlier busy time is not of this tick.
             self.busy_at_tick_ms = report.sampling_busy_ms + report.compositing_busy_ms;
         }
         self.rhythm.reported(now.since(self.last_report));
         self.last_report = now;
         self.suspected = is_stuck;
-        // A later assignment of the same role says so too.
+        // A later assignment with the same role acknowledges it, too.
         let acknowledged = report.applied >= self.role_told && self.acting != Some(self.assigned.role);
         if acknowledged {
             self.acting = Some(self.assigned.role);
         }
         self.report = report;
-        // Later assignments do not repeat it.
+        // Later assignments do not repeat the request.
         self.assigned.measure_ways &= self.is_measuring();
     }
 
-    /// It has been silent for too long.
+    /// Suspects it.
     pub(super) fn suspect(&mut self) {
         self.suspected = true;
     }
 
-    /// Milliseconds it has been busy since its process started.
+    /// Busy milliseconds since its process started.
     fn busy_ms(&self) -> f64 {
         self.report.sampling_busy_ms + self.report.compositing_busy_ms
     }
 
-    /// Milliseconds it has been busy since the current tick began.
+    /// Busy milliseconds since the current tick began.
     pub(super) fn busy_since_tick_ms(&self) -> f64 {
         self.busy_ms() - self.busy_at_tick_ms
     }
 
-    /// A tick begins.
+    /// Begins a tick.
     pub(super) fn begin_tick(&mut self) {
         self.busy_at_tick_ms = self.busy_ms();
     }
 
-    /// Milliseconds of rendering that are predicted of the views in its queue.
+    /// Predicted milliseconds of the views in its queue.
     pub(in crate::core) fn queued_ms(&self) -> f64 {
         self.views.values().map(|view| view.predicted_ms).sum()
     }
 
-    /// A view was sent to it.
+    /// Adds a view to its queue.
     pub(super) fn begin(&mut self, view_id: ViewId, view: QueuedView) {
         self.views.insert(view_id, view);
         self.dispatched += 1;
     }
 
-    /// A view is no longer in its queue. Whether it was.
+    /// Removes a view from its queue; whether it was there.
     pub(super) fn end(&mut self, view_id: ViewId) -> bool {
         self.views.remove(&view_id).is_some()
     }
 
-    /// It answered a view.
+    /// Records that it answered a view.
     pub(super) fn answered(&mut self) {
         self.record.answered();
     }
