@@ -1,4 +1,4 @@
-//! How many of P processes shall sample: K_fd, and what a tick then takes.
+//! The balance formula K_fd: how many of P processes render samples, and how long a tick then takes.
 //!
 //! # The model
 //!
@@ -9,10 +9,10 @@
 //! a = S·g + D·g_direct + R·g_ray      seconds of one process per tick
 //! ```
 //!
-//! P − K processes *composite*: V views at c seconds each, b = V·c; direct views whose request leaves the way open are
-//! answered by any process and count here as well, b = V·c + D_open·g_direct. Both kinds of work divide freely among the
-//! processes of their stage, and the next tick's samples are rendered while this tick's views are composed,
-//! so a tick takes as long as the slower stage (the cluster paper's eq. 2 with a = S·g, b = V·c):
+//! P − K processes *composite*: V views at c seconds each, b = V·c. Direct views whose request leaves the way open
+//! are answered by any process, and count here as well: b = V·c + D_open·g_direct. Both kinds of work divide freely
+//! among the processes of their stage. The next tick's samples are rendered while this tick's views are composed, so
+//! a tick takes as long as the slower stage (the cluster paper's eq. 2 with a = S·g, b = V·c):
 //!
 //! ```text
 //! T(K) = max(a / K, b / (P − K)),   1 ≤ K ≤ P − 1
@@ -35,20 +35,20 @@
 //! K_fd = floor((a·P + b) / (a + b)), clamped to 1..P−1       (eq. 3)
 //! ```
 //!
-//! The clamp keeps both stages alive: with b = 0 the quotient is P, with a = 0 it is 1. Where the quotient is
-//! a whole number, T(K) = T(K−1), so a rounding error that drops to the K below costs nothing.
+//! The clamp keeps both stages staffed: with b = 0 the quotient is P, with a = 0 it is 1. If the quotient is a whole
+//! number, T(K) = T(K−1), so a rounding error that lowers K costs nothing.
 //!
 //! # What it cannot do
 //!
-//! Whole K leaves one stage waiting: the processes do a + b seconds of work in P·T(K) seconds, so efficiency
-//! is at most (a + b) / (P·T(K_fd)) ([`efficiency_bound`]), 0.91 for one idle sampler of eleven processes.
+//! With whole K, one stage waits. The processes do a + b seconds of work in P·T(K) seconds, so efficiency is at most
+//! (a + b) / (P·T(K_fd)) ([`efficiency_bound`]): 0.91 for one idle sampler of eleven processes.
 //!
 //! # Samplers that compose
 //!
-//! A sampler that has rendered its samples may compose until the next ones are due. All processes are then busy as long
-//! as sampling fits, and a tick takes max(a/K, (a + b)/P): every K that sampling fits into is as good. Composing beside
-//! sampling is a little dearer, though (batches are small, and a sample waits for the one in work), which counts here as
-//! [`HELPING`] of a compositor's pace: a tick's views are composed in (P − K)·T + h·(K·T − a) = b, so
+//! A sampler that has rendered its samples may compose until the next ones are due. All processes are then busy as
+//! long as sampling fits, and a tick takes max(a/K, (a + b)/P): every K that sampling fits into is as good. But
+//! composing beside sampling is slower, since batches are small, and a sample waits for the batch in work. It counts
+//! as [`HELPING`] of a compositor's pace: a tick's views are composed in (P − K)·T + h·(K·T − a) = b, so
 //!
 //! ```text
 //! T(K) = max(a / K, (b + h·a) / (P − K + h·K))
@@ -59,16 +59,15 @@
 //!
 //! # Where the formula is off
 //!
-//! * P = 0: nobody; P = 1: one process plays both roles and a tick takes a + b.
-//! * Direct views and nothing else (S = R = V = 0 < D): a compositor would idle by design, so all P render
-//!   directly ([`Split::AllDirect`]); this is also the fair baseline of every comparison.
-//! * No work at all: any K serves; 1 it is, the fewest processes that need the triangles.
-//! * A cost or demand that is NaN, infinite or negative was not measured; it counts as zero rather than
-//!   poisoning the rest.
+//! * P = 0: no process; P = 1: one process plays both roles and a tick takes a + b.
+//! * Only direct views (S = R = V = 0 < D): compositors would be idle, so all P render directly
+//!   ([`Split::AllDirect`]). This is also the fair baseline of every comparison.
+//! * No work at all: K = 1, the fewest processes that need the triangles.
+//! * A cost or demand that is NaN, infinite or negative was not measured, and counts as zero.
 
 use serde::Serialize;
 
-/// What is asked for per tick.
+/// Demand per tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Demand {
     /// S: samples to render.
@@ -79,20 +78,20 @@ pub struct Demand {
     pub rays: f64,
     /// V: views to reconstruct.
     pub views: f64,
-    /// Views from triangles that any process answers, whatever its role: those whose request leaves the way open.
+    /// Views from triangles that any process answers: those whose request leaves the way open.
     pub direct_anywhere: f64,
 }
 
-/// What one of each costs, seconds of one process.
+/// Costs, seconds of one process.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Costs {
-    /// g.
+    /// g: a sample.
     pub sample_secs: f64,
-    /// g_direct.
+    /// g_direct: a direct view.
     pub direct_secs: f64,
-    /// g_ray.
+    /// g_ray: a single ray.
     pub ray_secs: f64,
-    /// c.
+    /// c: a reconstructed view.
     pub view_secs: f64,
 }
 
@@ -105,7 +104,7 @@ pub struct Load {
     pub compositing_secs: f64,
 }
 
-/// How P processes are divided.
+/// A division of P processes between the roles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Split {
@@ -115,17 +114,17 @@ pub enum Split {
     Alone,
     /// All render directly; nobody composites.
     AllDirect,
-    /// This many sample, at least one; the others composite, at least one.
+    /// This many samplers, at least one; the other processes composite, at least one.
     Divided(u32),
 }
 
-/// A number that was measured; zero for one that was not.
+/// A measured number; zero if it was not measured.
 fn measured(x: f64) -> f64 {
     if x > 0.0 && x.is_finite() { x } else { 0.0 }
 }
 
 impl Load {
-    /// The work of a demand at given costs.
+    /// The work of a demand at the given costs.
     pub fn of(demand: &Demand, costs: &Costs) -> Self {
         let work = |count: f64, secs: f64| measured(measured(count) * measured(secs));
         let samples = work(demand.samples, costs.sample_secs);
@@ -139,13 +138,13 @@ impl Load {
     }
 }
 
-/// K_fd: how many of `processes` shall sample. 0 of none, 1 of one (which composites as well), else 1..P−1.
+/// K_fd: the number of samplers among `processes`. 0 of 0, 1 of 1 (which composites as well), else 1..P−1.
 pub fn samplers(load: Load, processes: u32) -> u32 {
     if processes < 2 {
         return processes;
     }
     let (a, b) = (measured(load.sampling_secs), measured(load.compositing_secs));
-    // Only the ratio counts; dividing by the larger keeps a·P from overflowing.
+    // Only the ratio matters; dividing by the larger keeps a·P from overflowing.
     let larger = a.max(b);
     if !(larger > 0.0) {
         return 1;
@@ -155,10 +154,10 @@ pub fn samplers(load: Load, processes: u32) -> u32 {
     (k as u32).clamp(1, processes - 1)
 }
 
-/// The pace of a sampler that composes in its spare time, as a part of a compositor's.
+/// Pace of a sampler that composes in spare time, relative to a compositor.
 pub const HELPING: f64 = 0.9;
 
-/// How many of `processes` shall sample where samplers compose in their spare time; as [`samplers`] otherwise.
+/// The number of samplers among `processes` if samplers compose in spare time. 0 of 0, 1 of 1, else 1..P−1.
 pub fn helping_samplers(load: Load, processes: u32) -> u32 {
     if processes < 2 {
         return processes;
@@ -175,7 +174,7 @@ pub fn helping_samplers(load: Load, processes: u32) -> u32 {
     if tick(above) < tick(below) { above } else { below }
 }
 
-/// Seconds a tick takes under a split where samplers compose in their spare time.
+/// Seconds of a tick under a split, if samplers compose in spare time.
 pub fn helping_tick_secs(load: Load, processes: u32, split: Split) -> f64 {
     let Split::Divided(k) = split else { return tick_secs(load, processes, split) };
     let (a, b) = (measured(load.sampling_secs), measured(load.compositing_secs));
@@ -184,7 +183,7 @@ pub fn helping_tick_secs(load: Load, processes: u32, split: Split) -> f64 {
     (a / k).max(b / pace + HELPING * a / pace)
 }
 
-/// The split of `processes` that a demand calls for.
+/// The best split of `processes` for a demand.
 pub fn split(demand: &Demand, costs: &Costs, processes: u32) -> Split {
     let others = [demand.samples, demand.rays, demand.views, demand.direct_anywhere];
     let only_direct = others.iter().all(|&n| measured(n) == 0.0);
@@ -196,7 +195,7 @@ pub fn split(demand: &Demand, costs: &Costs, processes: u32) -> Split {
     }
 }
 
-/// Seconds a tick takes under a split; infinite where a stage has work and nobody to do it.
+/// Seconds of a tick under a split; infinite if a stage has work and no process.
 pub fn tick_secs(load: Load, processes: u32, split: Split) -> f64 {
     let (a, b) = (measured(load.sampling_secs), measured(load.compositing_secs));
     let stage = |work: f64, count: u32| match (work > 0.0, count) {
@@ -212,8 +211,8 @@ pub fn tick_secs(load: Load, processes: u32, split: Split) -> f64 {
     }
 }
 
-/// The efficiency that whole K allows: work done over process time spent, (a + b) / (P·T(K_fd)); 1 where
-/// there is no work, 0 where there is nobody.
+/// The greatest efficiency with whole K: work over process time, (a + b) / (P·T(K_fd)). 1 without work, 0 without
+/// processes.
 pub fn efficiency_bound(load: Load, processes: u32) -> f64 {
     let (a, b) = (measured(load.sampling_secs), measured(load.compositing_secs));
     if processes == 0 {
@@ -234,7 +233,7 @@ mod tests {
         Load { sampling_secs: a, compositing_secs: b }
     }
 
-    /// Straight from the definition: try every K.
+    /// Tries every K.
     fn brute_force_tick(load: Load, processes: u32) -> f64 {
         (1..processes).map(|k| tick_secs(load, processes, Split::Divided(k))).fold(f64::INFINITY, f64::min)
     }
@@ -251,13 +250,13 @@ mod tests {
             let load = Load::of(&demand, &costs);
             let k = samplers(load, p);
             prop_assert!((1..p).contains(&k));
-            // Ties round either way; both sides of a tie take the same time but for the last bits.
+            // Ties round either way. Both sides take the same time except for the last bits.
             let tick = tick_secs(load, p, Split::Divided(k));
             prop_assert!(tick <= brute_force_tick(load, p) * (1.0 + 1e-12), "K = {k}: {tick}");
         }
 
         #[test]
-        fn exact_ties_are_as_fast_on_either_side(k in 2u32..50, rest in 1u32..50, unit in 1e-9f64..1e9) {
+        fn both_sides_of_an_exact_tie_are_equally_fast(k in 2u32..50, rest in 1u32..50, unit in 1e-9f64..1e9) {
             // a·(P − K) = b·(K − 1): the quotient of eq. 3 is the whole number K.
             let p = k + rest;
             let load = load(f64::from(k - 1) * unit, f64::from(rest) * unit);
@@ -268,7 +267,7 @@ mod tests {
         }
 
         #[test]
-        fn any_bits_give_a_split_that_exists(a: f64, b: f64, p in 0u32..100) {
+        fn any_numbers_give_a_valid_split(a: f64, b: f64, p in 0u32..100) {
             let k = samplers(load(a, b), p);
             match p {
                 0 | 1 => prop_assert_eq!(k, p),
@@ -286,7 +285,7 @@ mod tests {
             let tick = |k| helping_tick_secs(load, p, Split::Divided(k));
             let best = (1..p).map(tick).fold(f64::INFINITY, f64::min);
             prop_assert!((1..p).contains(&k) && tick(k) <= best * (1.0 + 1e-12), "K = {k}: {} {best}", tick(k));
-            // Nobody is faster than all processes busy all the time.
+            // No K is faster than all processes being always busy.
             prop_assert!(tick(k) * f64::from(p) >= (a + b) * (1.0 - 1e-12));
         }
 
@@ -318,25 +317,25 @@ mod tests {
     }
 
     #[test]
-    fn without_views_all_but_one_sample() {
+    fn without_views_all_processes_but_one_sample() {
         let demand = Demand { samples: 4.0, ..Demand::default() };
         assert_eq!(split(&demand, &costs(), 5), Split::Divided(4));
     }
 
     #[test]
-    fn without_samples_one_samples() {
+    fn without_samples_one_process_samples() {
         let demand = Demand { views: 100.0, ..Demand::default() };
         assert_eq!(split(&demand, &costs(), 5), Split::Divided(1));
     }
 
     #[test]
-    fn without_any_work_one_samples() {
+    fn without_any_work_one_process_samples() {
         assert_eq!(split(&Demand::default(), &costs(), 5), Split::Divided(1));
         assert_eq!(tick_secs(load(0.0, 0.0), 5, Split::Divided(1)), 0.0);
     }
 
     #[test]
-    fn one_process_plays_both_roles_and_none_plays_nothing() {
+    fn a_single_process_plays_both_roles() {
         let demand = Demand { samples: 4.0, views: 10.0, ..Demand::default() };
         assert_eq!(split(&demand, &costs(), 1), Split::Alone);
         assert_eq!(split(&demand, &costs(), 0), Split::Nobody);

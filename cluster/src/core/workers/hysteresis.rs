@@ -1,61 +1,62 @@
-//! When a better split is worth changing roles for.
+//! Hysteresis: when a better split is worth a change of roles.
 //!
-//! A change of roles drains a worker and moves samples, so it must pay: the predicted tick must shrink by a
-//! margin, and be predicted to for a dwell time without a break. Costs and demand that merely tremble about a
-//! boundary of K_fd then never move a role. Among a thousand processes K can be far from the best and yet within that
-//! margin: a gain of [`LEAST_GAIN`] is taken as well, once it has been predicted on the mean for
-//! [`PATIENT_DWELLS`] times as long, which trembling does not outlast; and it is not taken back for a small gain, since
-//! what is measured under either of two splits may well speak for the other one. For the same reason a change that was made
-//! lately is undone only for the square of the margin. One case does not wait: a stage with work and
-//! nobody to do it, whose predicted tick is infinite.
+//! A change of roles drains a worker and moves samples, so it must pay. The predicted tick must shrink by a margin,
+//! and must be predicted to for a dwell time without interruption. So costs and demand that fluctuate around a
+//! boundary of K_fd never move a role.
+//!
+//! Among a thousand processes, K can be far from the best and still within that margin. So a mean gain of
+//! [`LEAST_GAIN`] is enough if it is predicted for [`PATIENT_DWELLS`] times as long, which fluctuations do not
+//! outlast. It is not undone for a small gain, since measurements under either of two splits may favour the other.
+//! For the same reason a recent change is undone only for the square of the margin. One change is immediate: when a
+//! stage has work and no worker, so that the predicted tick is infinite.
 
 use std::time::Duration;
 
 use super::balance::Split;
 use crate::core::time::Uptime;
 
-/// The least gain that a change is made for.
+/// The least gain for a change.
 const LEAST_GAIN: f64 = 1.03;
 
-/// Dwell times that a gain below the margin must be predicted for.
+/// Dwell times for which a gain below the margin must be predicted.
 const PATIENT_DWELLS: u32 = 8;
 
-/// Dwell times over which the gain is averaged, and how much it trembles.
+/// Dwell times over which the gain, and its mean absolute deviation, are averaged.
 const MEAN_DWELLS: f64 = 1.0;
-const TREMBLE_DWELLS: f64 = 10.0;
+const DEVIATION_DWELLS: f64 = 10.0;
 
-/// How many times as much as it trembles the mean must gain, at the least.
-const TREMBLES: f64 = 3.0;
+/// The mean gain must be at least this many deviations.
+const DEVIATIONS: f64 = 3.0;
 
-/// Small gains are averaged over so many dwell times, and must be so many times as much as they tremble: the longer the
-/// mean, the less it trembles.
+/// Small gains are averaged over this many dwell times, and must be at least this many deviations: a longer mean
+/// deviates less.
 const LONG_DWELLS: f64 = 10.0;
-const LONG_TREMBLES: f64 = 2.0;
+const LONG_DEVIATIONS: f64 = 2.0;
 
 /// Dwell times for which a change is harder to undo than to make.
 const REMEMBERED_DWELLS: u32 = 60;
 
-/// Decides between the split there is and the split the formula wants.
+/// Decides between the present split and the one that the formula wants.
 #[derive(Debug, Clone)]
 pub struct Hysteresis {
     margin: f64,
     dwell: Duration,
     idle_secs: f64,
-    /// Since when a gain of the margin has been predicted, and of what.
+    /// The direction and the start of the present prediction of a gain of the margin.
     pending: Option<(Direction, Uptime)>,
-    /// Since when a mean gain of [`LEAST_GAIN`] has been predicted, and of what.
+    /// The direction and the start of the present prediction of a mean gain of [`LEAST_GAIN`].
     patient: Option<(Direction, Uptime)>,
-    /// Mean of the logarithm of the gain, positive towards more samplers.
+    /// Mean of the gain's logarithm, positive towards more samplers.
     mean: f64,
-    /// Mean of the logarithm of the gain over a longer time.
+    /// Mean of the gain's logarithm over a longer time.
     long_mean: f64,
-    /// Mean absolute deviation from the mean.
-    tremble: f64,
-    /// When it was looked at.
+    /// Mean absolute deviation of the gain's logarithm.
+    deviation: f64,
+    /// The time of the last observation.
     looked: Option<Uptime>,
-    /// Where small gains have led since the last large one.
+    /// The direction of small changes since the last large one.
     leaning: Option<Direction>,
-    /// The latest change, among these processes.
+    /// The direction and the time of the latest change among these processes.
     changed: Option<(Direction, Uptime)>,
 }
 
@@ -65,7 +66,7 @@ enum Direction {
     FewerSamplers,
 }
 
-/// How many sample under a split, for comparing two of the same number of processes.
+/// Number of samplers under a split, to compare two splits of the same number of processes.
 fn samplers_of(split: Split, processes: u32) -> u32 {
     match split {
         Split::Nobody => 0,
@@ -76,8 +77,8 @@ fn samplers_of(split: Split, processes: u32) -> u32 {
 }
 
 impl Hysteresis {
-    /// A change pays if it divides the tick by `margin` or more; it is never made while the predicted tick is
-    /// below `idle_secs`.
+    /// A change pays if it divides the tick by `margin` or more. No change is made while the predicted tick is below
+    /// `idle_secs`.
     pub fn new(margin: f64, dwell: Duration, idle_secs: f64) -> Self {
         Self {
             margin,
@@ -87,15 +88,15 @@ impl Hysteresis {
             patient: None,
             mean: 0.0,
             long_mean: 0.0,
-            tremble: 0.0,
+            deviation: 0.0,
             looked: None,
             leaning: None,
             changed: None,
         }
     }
 
-    /// Whether to change now from `current` to `wanted`, each with the seconds that a tick is predicted to take under
-    /// it. Called once a tick or more often.
+    /// Whether to change now from `current` to `wanted`, each with its predicted seconds of a tick. Called once a
+    /// tick or more often.
     pub fn pays(&mut self, now: Uptime, current: (Split, f64), wanted: (Split, f64), processes: u32) -> bool {
         let ((current, tick), (wanted, better)) = (current, wanted);
         if tick.is_infinite() && current != wanted {
@@ -106,7 +107,7 @@ impl Hysteresis {
             true => Direction::MoreSamplers,
             false => Direction::FewerSamplers,
         };
-        // Written so that NaN is no gain.
+        // A NaN is no gain.
         let gain =
             if current != wanted && tick > self.idle_secs && tick > better { tick / better } else { 1.0 };
         let lasting = |since: &mut Option<(Direction, Uptime)>, goes: Option<Direction>| {
@@ -117,17 +118,17 @@ impl Hysteresis {
             };
             since.map(|(_, since)| now.since(since))
         };
-        // Counts of a few dear views a tick tremble by more than any margin that would still follow demand: it is the
-        // mean that must gain, and by more the more it trembles.
+        // With few expensive views a tick, counts fluctuate by more than any useful margin. So the mean must gain, by
+        // more the more it deviates.
         let signed = if direction == Direction::MoreSamplers { gain.ln() } else { -gain.ln() };
         let passed = self.looked.map_or(0.0, |looked| now.since(looked).as_secs_f64());
         let dwell = self.dwell.as_secs_f64().max(1e-9);
         let weight = |dwells: f64| -(-passed / (dwells * dwell)).exp_m1();
         self.mean += weight(MEAN_DWELLS) * (signed - self.mean);
         self.long_mean += weight(LONG_DWELLS) * (signed - self.long_mean);
-        // A change of demand is no trembling, however large.
+        // A change of demand must not count as a large deviation.
         let apart = (signed - self.mean).abs().min(self.margin.ln());
-        self.tremble += weight(TREMBLE_DWELLS) * (apart - self.tremble);
+        self.deviation += weight(DEVIATION_DWELLS) * (apart - self.deviation);
         self.looked = Some(now);
         let towards = |mean: f64, least: f64| match mean {
             mean if mean >= least => Some(Direction::MoreSamplers),
@@ -138,8 +139,8 @@ impl Hysteresis {
             |(changed, when)| changed != direction && now.since(when) < self.dwell * REMEMBERED_DWELLS;
         let undoes = self.changed.is_some_and(is_undone);
         let margin = if undoes { self.margin.powi(2) } else { self.margin };
-        let at_once = towards(self.mean, margin.ln().max(TREMBLES * self.tremble));
-        let in_time = towards(self.long_mean, LEAST_GAIN.ln().max(LONG_TREMBLES * self.tremble));
+        let at_once = towards(self.mean, margin.ln().max(DEVIATIONS * self.deviation));
+        let in_time = towards(self.long_mean, LEAST_GAIN.ln().max(LONG_DEVIATIONS * self.deviation));
         let goes = (gain >= margin).then_some(direction);
         let lasted = lasting(&mut self.pending, goes);
         let large = lasted.is_some_and(|lasted| lasted >= self.dwell) && at_once == Some(direction);
@@ -155,7 +156,7 @@ impl Hysteresis {
         large || small
     }
 
-    /// Starts the dwell anew, because the processes changed.
+    /// Starts the dwell time anew, because the processes changed.
     pub fn reset(&mut self) {
         (self.pending, self.patient, self.looked) = (None, None, None);
         (self.mean, self.long_mean, self.leaning, self.changed) = (0.0, 0.0, None, None);
@@ -168,7 +169,7 @@ mod tests {
     use super::*;
 
     impl Hysteresis {
-        /// Whether a change pays by the formula's own prediction.
+        /// Whether a change pays by the formula's prediction.
         fn pays_for(&mut self, now: Uptime, load: Load, processes: u32, from: Split, to: Split) -> bool {
             let with = |split| (split, tick_secs(load, processes, split));
             self.pays(now, with(from), with(to), processes)
@@ -186,7 +187,7 @@ mod tests {
     const HEAVY: Load = Load { sampling_secs: 0.8, compositing_secs: 0.2 };
 
     #[test]
-    fn a_change_that_pays_is_made_after_the_dwell_and_not_before() {
+    fn a_change_that_pays_is_made_after_the_dwell_time() {
         let mut h = hysteresis();
         for secs in [0.0, 1.0, 2.0, 2.9] {
             assert!(!h.pays_for(at(secs), HEAVY, 4, Split::Divided(1), Split::Divided(3)), "{secs}");
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_break_starts_the_dwell_anew() {
+    fn an_interruption_starts_the_dwell_time_anew() {
         let mut h = hysteresis();
         assert!(!h.pays_for(at(0.0), HEAVY, 4, Split::Divided(1), Split::Divided(3)));
         assert!(!h.pays_for(at(2.0), HEAVY, 4, Split::Divided(1), Split::Divided(1)));
@@ -205,9 +206,9 @@ mod tests {
     }
 
     #[test]
-    fn what_gains_less_than_the_margin_is_left() {
+    fn a_gain_below_the_margin_changes_nothing() {
         let mut h = hysteresis();
-        // On either side of a tie the tick is nearly the same.
+        // On both sides of a tie the tick is nearly the same.
         let tie = Load { sampling_secs: 1.01, compositing_secs: 1.0 };
         for secs in 0..100 {
             assert!(!h.pays_for(at(f64::from(secs)), tie, 3, Split::Divided(1), Split::Divided(2)));
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_gain_that_lasts_is_taken_and_one_that_trembles_is_not() {
+    fn a_small_gain_is_taken_only_if_it_is_steady() {
         let (few, more) = (Split::Divided(60), Split::Divided(64));
         let gains = |h: &mut Hysteresis, gain: &dyn Fn(u32) -> f64| {
             (0..480)
@@ -234,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_gain_is_not_taken_back_for_another_one_but_for_a_large_one() {
+    fn a_small_change_is_undone_only_for_a_large_gain() {
         let (few, more) = (Split::Divided(60), Split::Divided(64));
         let mut h = hysteresis();
         let mut quarters = 0..;
@@ -249,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_change_is_undone_for_much_at_once_and_for_the_margin_once_it_is_old() {
+    fn a_recent_change_is_undone_only_for_more_than_the_margin() {
         let (few, more) = (Split::Divided(1), Split::Divided(2));
         let mut h = hysteresis();
         let mut quarters = 0..;
@@ -257,7 +258,7 @@ mod tests {
             let paid = |i: u32| h.pays(at(f64::from(i) * 0.25), (from, gain), (to, 1.0), 3);
             quarters.by_ref().take(most).position(paid)
         };
-        // Sixty dwells of three seconds are 720 quarters of a second.
+        // Sixty dwell times of three seconds are 720 quarters of a second.
         assert!(look(&mut h, (few, more), 1.25, 480).is_some());
         assert_eq!(look(&mut h, (more, few), 1.25, 700), None);
         assert!(look(&mut h, (more, few), 1.25, 480).is_some(), "it is old");
@@ -277,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_nobody_does_is_not_kept_waiting() {
+    fn a_stage_with_work_and_no_worker_is_staffed_at_once() {
         let mut h = hysteresis();
         assert!(h.pays_for(at(0.0), HEAVY, 4, Split::AllDirect, Split::Divided(3)));
     }
