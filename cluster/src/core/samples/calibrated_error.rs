@@ -1,39 +1,40 @@
-//! How far the predicted errors of frames from samples are to be trusted: one factor a scene, learnt from probes.
+//! Correction of the predicted errors of frames from samples: one factor per scene, learnt from probes.
 //!
-//! The planner predicts errors by constants that hold for no scene in particular. Workers trace a few pixels of some frames
-//! and report the error that they find. The factor is where a stated share of those errors lies below what is predicted: it
-//! goes up by much where one lies above, and down by little where it lies below, so that it comes to rest at that quantile.
+//! The planner predicts errors by constants that fit no scene exactly. Workers trace some pixels of some frames, and
+//! report the measured errors. The factor converges to where a set share of measured errors lies below the
+//! predictions: an error above one raises it by much, an error below one lowers it by little.
 
-/// Share of probed frames whose error may lie above the predicted one: a prediction is meant as an upper bound, for 95% of
+/// Share of probed frames whose error may exceed the prediction. A prediction is meant as an upper bound for 95% of
 /// frames, and the error of a few hundred pixels scatters more than a frame's.
 const MOST_EXCEEDED: f64 = 0.1;
 
-/// Change of the factor's logarithm between a probe that lies above the prediction and one that lies below.
+/// Difference between the steps up and down of the factor's logarithm.
 const STEP: f64 = 0.2;
 
-/// Predictions are never taken for smaller than by this factor: a scene may have places worse than those that were probed.
+/// Least factor: a scene may have places worse than those that were probed.
 const LEAST: f64 = 0.5;
 
 /// Greatest factor: with it no frame from samples is within any bound.
 const MOST: f64 = 8.0;
 
-/// What probes taught is forgotten by half in this time, seconds. Where predictions leave no frame from samples within bound,
-/// nothing is probed any more, and samples may have become better meanwhile.
+/// Half-life of the learnt correction, seconds. If predictions leave no frame from samples within bound, nothing is
+/// probed any more, while samples may have improved.
 const HALF_LIFE_SECS: f64 = 600.0;
 
-/// The factor of the scene that is served.
+/// The factor of the served scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct CalibratedError {
     log_factor: f64,
 }
 
 impl CalibratedError {
-    /// By what predicted errors are multiplied.
+    /// The factor on predicted errors.
     pub(super) fn factor(&self) -> f64 {
         self.log_factor.exp()
     }
 
-    /// A frame's error was predicted, with the factor, and measured; numbers that are not finite and positive tell nothing.
+    /// Learns from a measured error and its prediction, which includes the factor. Values that are not finite and
+    /// positive are ignored.
     pub(super) fn observe(&mut self, measured: f64, predicted: f64) {
         if !(measured.is_finite() && measured >= 0.0 && predicted.is_finite() && predicted > 0.0) {
             return;
@@ -42,7 +43,7 @@ impl CalibratedError {
         self.log_factor = (self.log_factor + STEP * step).clamp(LEAST.ln(), MOST.ln());
     }
 
-    /// Time has passed, seconds.
+    /// Forgets part of the correction after a time in seconds.
     pub(super) fn relax(&mut self, secs: f64) {
         self.log_factor *= 0.5_f64.powf(secs.max(0.0) / HALF_LIFE_SECS);
     }
@@ -52,7 +53,7 @@ impl CalibratedError {
 mod tests {
     use super::*;
 
-    /// Errors that are evenly spread from 0 to `most`, of frames that are predicted as `usual` times the factor.
+    /// The correction after errors that are uniform from 0 to `most`, predicted as `usual` times the factor.
     fn learnt(most: f64, usual: f64) -> CalibratedError {
         let mut error = CalibratedError::default();
         for i in 0..2000 {
@@ -63,12 +64,12 @@ mod tests {
     }
 
     #[test]
-    fn without_probes_predictions_are_as_they_are() {
+    fn without_probes_predictions_are_not_corrected() {
         assert_eq!(CalibratedError::default().factor(), 1.0);
     }
 
     #[test]
-    fn the_factor_comes_to_rest_where_a_tenth_of_the_errors_lies_above() {
+    fn the_factor_converges_to_where_a_tenth_of_the_errors_exceeds_the_prediction() {
         for most in [0.02, 0.04, 0.08] {
             let factor = learnt(most, 0.015).factor();
             let expected = (1.0 - MOST_EXCEEDED) * most / 0.015;
@@ -77,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn the_factor_stays_within_its_limits_and_what_is_no_number_changes_nothing() {
+    fn the_factor_stays_within_its_limits() {
         assert!((learnt(0.0, 0.015).factor() - LEAST).abs() < 1e-9);
         assert!((learnt(1e6, 0.015).factor() - MOST).abs() < 1e-9);
         let mut error = CalibratedError::default();
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_learnt_is_forgotten_where_nothing_is_probed_any_more() {
+    fn the_correction_decays_without_probes() {
         let mut error = learnt(1e6, 0.015);
         error.relax(HALF_LIFE_SECS);
         assert!((error.factor() - MOST.sqrt()).abs() < 1e-9);

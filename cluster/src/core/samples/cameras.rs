@@ -1,4 +1,4 @@
-//! Which of the rig's cameras a viewpoint is served from.
+//! Choice of the rig's cameras for a viewpoint.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -6,10 +6,10 @@ use std::sync::Arc;
 use argus_scene::rig::{Among, Sight};
 use argus_scene::{Camera, Rig};
 
-/// All samples that a plan may name: those of an exact view.
+/// Most samples of a plan: those of an exact view.
 pub(in crate::core) const MOST_SAMPLES: usize = 8;
 
-/// What is best for one viewpoint, best first.
+/// The cameras chosen for one viewpoint, best first.
 #[derive(Debug)]
 struct Choice {
     camera: Camera,
@@ -17,28 +17,28 @@ struct Choice {
     best: Vec<u64>,
 }
 
-/// Chooses cameras by what they see of a view, where that is known, and by distance else.
+/// Chooses cameras by visibility, if ray queries exist, and else by distance.
 #[derive(Debug, Default)]
 pub(super) struct Cameras {
-    /// Which of the rig's cameras see what a view shows.
+    /// Ray queries: which cameras see what a view shows.
     sight: Option<Arc<dyn Sight>>,
-    /// The last choice that took rays: planning a view asks for the same more than once, for more cameras each time, and
-    /// rays are what most of a coordinator's time for a view goes to.
+    /// The last choice by rays. Planning one view asks for the same choice several times, for growing numbers of
+    /// cameras, and rays take most of the coordinator's time.
     last: RefCell<Option<Choice>>,
 }
 
 impl Cameras {
-    /// Chooses by what cameras see, if that is known.
+    /// Chooses by ray queries, if there are any.
     pub(super) fn new(sight: Option<Arc<dyn Sight>>) -> Self {
         Self { sight, last: RefCell::default() }
     }
 
-    /// What cameras see, if that is known.
+    /// The ray queries, if there are any.
     pub(super) fn sight(&self) -> Option<&dyn Sight> {
         self.sight.as_deref()
     }
 
-    /// The best cameras of the rig and of these refinements for a viewpoint, best first.
+    /// The best cameras for a viewpoint, of the rig and of these refinements, best first.
     pub(super) fn best(&self, rig: &Rig, camera: &Camera, count: usize, refined: &[u64]) -> Vec<u64> {
         let choose = |count| rig.nearest_among(camera, count, Among { refined, sight: self.sight() });
         if self.sight.is_none() || count > MOST_SAMPLES {
@@ -75,7 +75,7 @@ mod tests {
     use crate::core::tests::set_info;
     use crate::core::time::Uptime;
 
-    /// Takes the first, and counts how often it is asked.
+    /// Chooses the first candidates, and counts the queries.
     #[derive(Debug, Default)]
     struct Counting(AtomicUsize);
 
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_are_sent_once_for_a_viewpoint_however_many_samples_are_asked_for() {
+    fn rays_are_sent_once_for_a_viewpoint() {
         let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 8 };
         let set = Arc::new(SampleSetInfo { rig, ..set_info() });
         let counting = Arc::new(Counting::default());
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_that_is_turned_away_costs_no_rays() {
+    fn a_refused_view_costs_no_rays() {
         let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face: 8 };
         let set = Arc::new(SampleSetInfo { rig, ..set_info() });
         for max_views in [0, 1] {

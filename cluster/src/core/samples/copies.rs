@@ -1,9 +1,8 @@
-//! A second copy of what views use of a scene that stands still: whoever is lost takes no sample along that others would have
-//! to wait for until it is rendered again.
+//! Second copies of samples of a still scene, so that the loss of a worker loses no sample in use.
 //!
-//! Of a scene that moves every sample is where it is composed from, and lasts a moment; refinements are wherever views are
-//! composed. What is left are the rig's own samples, which a compositor has only if one of its views asked for them, and
-//! which nearer refinements make all views forget about until a worker comes that has none of those yet.
+//! In a moving scene each sample is held where it is composed from, and lasts a moment. Refinements are held by all
+//! compositors. There remain the rig's own samples: a compositor holds one only if one of its views needed it. Where
+//! nearer refinements replace it, views no longer need it, until a worker joins that lacks those refinements.
 
 use argus_scene::SampleId;
 
@@ -12,14 +11,14 @@ use crate::core::event::WorkerId;
 use crate::core::time::Uptime;
 use crate::core::workers::{Worker, Workers};
 
-/// Samples that get a second copy at most, however small they are: each stands in an assignment.
+/// Most samples with a second copy, however small they are: each is in an assignment.
 const MOST_COPIED: u64 = 256;
 
-/// The share of the memory for refinements that copies may take.
+/// Share of the memory for refinements that copies may use.
 const OF_REFINEMENTS: f64 = 0.5;
 
 impl Samples {
-    /// Remembers that a view asks for these samples.
+    /// Records that a view uses these samples.
     pub(in crate::core) fn note_use(&mut self, cameras: &[u64], now: Uptime) {
         let cameras = cameras.iter().copied();
         self.versions.used(cameras.clone(), now);
@@ -29,8 +28,8 @@ impl Samples {
         }
     }
 
-    /// The rig's own samples that views asked for lately, each with who shall have it beside its owner: who composes from it
-    /// already, or somebody who may. One that nobody has any more is rendered again before a view asks for it.
+    /// The rig's own samples in recent use, each with the worker that holds the copy beside the owner: preferably one
+    /// that composes from it. A sample that was lost is rendered again before a view needs it.
     pub(super) fn copies(&mut self, workers: &Workers, now: Uptime) -> Vec<(SampleId, Vec<WorkerId>)> {
         let bytes = OF_REFINEMENTS * self.config.refining_bytes as f64;
         let most = ((bytes / self.sample_bytes(workers).max(1) as f64) as u64).min(MOST_COPIED) as usize;
@@ -39,7 +38,7 @@ impl Samples {
             |worker: &Worker| worker.takes_views() && !worker.takes_samples() && !worker.is_suspected();
         let composers: Vec<WorkerId> = workers.iter().filter(|w| composes(w)).map(Worker::id).collect();
         let ids: Vec<SampleId> = indices.into_iter().map(|index| self.served(index)).collect();
-        // What views wait for is being rendered.
+        // Samples that views wait for are being rendered.
         let is_settled = |id: &SampleId| self.locations.is_held(*id) || !self.locations.is_on_its_way(*id);
         let with_reader = |(index, id): (usize, SampleId)| {
             let holder = self.locations.holders(id).find(|id| workers.get(*id).is_some_and(composes));

@@ -1,10 +1,11 @@
-//! Which sampler renders which sample, and which other workers have it.
+//! The owner of each sample, and where other workers fetch it.
 //!
-//! Every sample has an *owner*, the sampler that renders it where nobody holds it: the one that would have rendered its
-//! share of the version first, by how many it owns and what a sample takes it; among equals by rendezvous hashing of
-//! (sample, worker name). Hashing alone would give one of two samplers three of four samples as often as two, and the
-//! stage takes as long as its busiest. An owner stays one, so a sampler that comes or goes moves only its own share. The samples of a static scene are rendered
-//! once: as long as anybody holds one, it is served from there, and S does not count it again.
+//! Every sample has an *owner*, the sampler that renders it if no worker holds it. It is the sampler that would first
+//! have rendered its share of the version, by how many samples it owns and how long one takes. Ties are broken by
+//! rendezvous hashing of (sample, worker name). Hashing alone would often give one of two samplers three of four
+//! samples, and the stage is as slow as its busiest worker. An owner stays one, so a sampler that joins or leaves
+//! moves only its own share. Samples of a static scene are rendered once: as long as any worker holds one, it is
+//! served from there, and S does not count it again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
@@ -17,10 +18,10 @@ use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
 use crate::core::workers::{Worker, Workers};
 
-/// A sample nobody asked for in this long, and nobody holds, is forgotten.
+/// A sample that no worker holds is forgotten this long after its last use.
 const FORGET_AFTER: Duration = Duration::from_secs(60);
 
-/// At most this many samples are remembered; the longest unused are forgotten first.
+/// Most remembered samples; the longest unused are forgotten first.
 const MOST_REMEMBERED: usize = 1 << 16;
 
 #[derive(Debug, Clone, Copy)]
@@ -29,16 +30,16 @@ struct Entry {
     used: Uptime,
 }
 
-/// The owners of the samples that were asked for lately.
+/// The owners of recently used samples.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Directory {
     owners: BTreeMap<SampleId, Entry>,
-    /// How many samples of a version each sampler owns.
+    /// Number of samples of a version that each sampler owns.
     shares: HashMap<(u64, WorkerId), usize>,
 }
 
-/// Rendezvous weight: FNV-1a over the worker's name and the sample, finished by a mix that spreads it over
-/// all bits. Fixed here, since owners must not depend on a process's hash seed.
+/// Rendezvous weight: FNV-1a over the worker's name and the sample, with a finaliser that mixes all bits. Fixed here,
+/// since owners must not depend on a process's hash seed.
 fn weight(name: &str, id: SampleId) -> u64 {
     let words = id.camera.to_le_bytes().into_iter();
     let hash = name.bytes().chain(words).fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
@@ -50,10 +51,10 @@ fn weight(name: &str, id: SampleId) -> u64 {
     hash ^ (hash >> 33)
 }
 
-/// Workers that are named as holders of a sample, beside its owner: more would only make orders long.
+/// Most holders of a sample in an order, beside its owner: more only make orders long.
 const MOST_NAMED: usize = 3;
 
-/// Where the directory looks things up.
+/// What the directory reads.
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
     pub(super) workers: &'a Workers,
@@ -61,7 +62,7 @@ pub(super) struct Known<'a> {
 }
 
 impl Directory {
-    /// The worker that renders a sample, chosen now if none was; `None` where no worker samples.
+    /// The owner of a sample, chosen now if it has none; `None` without samplers.
     pub(super) fn owner(&mut self, id: SampleId, known: Known<'_>, now: Uptime) -> Option<WorkerId> {
         let before = self.owners.get(&id).and_then(|entry| known.workers.get(entry.owner));
         let owner = match before.filter(|w| w.takes_samples()) {
@@ -72,7 +73,7 @@ impl Directory {
         Some(owner)
     }
 
-    /// The sampler that shall render a sample: one that has it, or else the one that would have it first.
+    /// The best owner of a sample: a sampler that holds it, or else the one that would have it first.
     fn best_owner(&self, id: SampleId, known: Known<'_>) -> Option<WorkerId> {
         let samplers =
             known.workers.queues().samplers().iter().filter_map(|entry| known.workers.get(entry.worker));
@@ -110,7 +111,7 @@ impl Directory {
         }
     }
 
-    /// Forgets samples.
+    /// Keeps some samples, and forgets the other ones.
     fn retain(&mut self, mut stays: impl FnMut(&SampleId, &Entry) -> bool) {
         let mut gone = Vec::new();
         self.owners.retain(|id, entry| {
@@ -123,11 +124,11 @@ impl Directory {
         gone.into_iter().for_each(|(id, owner)| self.unshare(id, owner));
     }
 
-    /// Where worker `reader` finds sample `id`, and whether it has to be rendered for this (then S counts it).
+    /// Where worker `reader` finds sample `id`, and whether it must be rendered for this, in which case S counts it.
     ///
-    /// Best first: its parent where others wait for the sample as well ([`super::distribution`]); the owner if it holds the
-    /// sample or nobody does; others that hold it; then an owner that would have to render it. Without any sampler
-    /// the reader renders it itself.
+    /// Best first: its parent in the tree, if other workers wait for the sample as well ([`super::distribution`]);
+    /// the owner, if it holds the sample or no worker does; other holders; then an owner that would have to render
+    /// it. Without samplers, the reader renders it itself.
     pub(super) fn locate(
         &mut self,
         id: SampleId,
@@ -139,7 +140,7 @@ impl Directory {
         let Known { workers, locations, .. } = known;
         let anyone_holds = locations.is_held(id);
         let on_its_way = locations.is_on_its_way(id);
-        // An owner stays one while it has the sample, renders it right now, or would render it again.
+        // An owner stays one while it holds the sample, renders it, or would render it again.
         let before =
             self.owners.get(&id).and_then(|entry| workers.get(entry.owner)).filter(|w| !w.is_suspected());
         let owner = match before.filter(|w| locations.has(id, w.id()) || on_its_way || w.takes_samples()) {
@@ -150,16 +151,16 @@ impl Directory {
         let to_render = !anyone_holds && !on_its_way;
         let remote_owner = workers.get(owner).filter(|w| w.id() != reader);
         let owner_first = !anyone_holds || remote_owner.is_some_and(|w| locations.has(id, w.id()));
-        // Only who lacks the sample has a place in the tree; others would fetch it only if they lost it.
+        // Only workers that lack the sample have a place in the tree. Others would fetch it only if they lost it.
         let parent = match locations.has(id, reader) || owner == reader {
             true => None,
             false => trees.tree(id).parent(reader).filter(|parent| *parent != owner),
         };
-        // One that forgot the sample meanwhile has nothing to pass on.
+        // A worker that dropped the sample cannot pass it on.
         let parent = parent.filter(|parent| locations.is_near(id, *parent));
         let awake = |worker: WorkerId| workers.get(worker).filter(|w| !w.is_suspected());
         let parent = parent.and_then(awake);
-        // Each reader begins elsewhere, so that all of them do not ask the same one.
+        // Each reader starts at another holder, to spread the load.
         let near =
             locations.near(id, reader).filter(|w| locations.has(id, *w) && *w != reader && *w != owner);
         let others = near.filter_map(awake).take(MOST_NAMED);
@@ -177,7 +178,7 @@ impl Directory {
         (Source { id, addresses, dispensable: false }, to_render)
     }
 
-    /// Where worker `reader` finds a sample that its view can do without: with those who have it, and nobody else.
+    /// Where worker `reader` finds a dispensable sample: only at workers that hold it.
     pub(super) fn among_holders(id: SampleId, reader: WorkerId, known: Known<'_>) -> Source {
         let Known { workers, locations, .. } = known;
         let holds = |worker: &WorkerId| *worker != reader && locations.has(id, *worker);
@@ -187,24 +188,24 @@ impl Directory {
         Source { id, addresses, dispensable: true }
     }
 
-    /// Whether that worker is the one who renders the sample.
+    /// Whether a worker is the owner of a sample.
     pub(super) fn is_owner(&self, worker: WorkerId, id: SampleId) -> bool {
         self.owners.get(&id).is_some_and(|entry| entry.owner == worker)
     }
 
-    /// How many samples each worker owns: what would have to be rendered again without it, at most.
+    /// Number of samples that each worker owns: at most so many must be rendered again without it.
     pub(super) fn owned(&self) -> HashMap<WorkerId, usize> {
         let mut owned = HashMap::new();
         self.owners.values().for_each(|entry| *owned.entry(entry.owner).or_default() += 1);
         owned
     }
 
-    /// Forgets samples of versions with a lower number.
+    /// Forgets samples of versions below this number.
     pub(super) fn retire(&mut self, before_version: u64) {
         self.retain(|id, _| id.version >= before_version);
     }
 
-    /// Forgets what nobody needs.
+    /// Forgets unused samples.
     pub(super) fn prune(&mut self, locations: &SampleLocations, now: Uptime) {
         self.retain(|id, entry| now.since(entry.used) < FORGET_AFTER || locations.is_held(*id));
         if self.owners.len() > MOST_REMEMBERED {

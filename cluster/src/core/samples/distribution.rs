@@ -1,10 +1,10 @@
-//! How a sample reaches those who compose: down a tree, so that whoever rendered it need not feed a thousand.
+//! Distribution trees: how a sample reaches compositors without one worker sending it to all.
 //!
-//! Workers that are told to fetch a sample stand in the order in which they were told. The first [`FAN_OUT`] fetch it
-//! from where it is, each other one from a worker that was told before: its *parent*, which passes on what it has or
-//! is about to have. A parent always stands before its children, and nobody changes places while a sample lasts, so no
-//! two wait for each other. Over a link that takes time t for a sample, a thousand workers have it after
-//! FAN_OUT · log_FAN_OUT(1000) · t, which is least near e: 19 t at three, where one sender takes 1000 t.
+//! Workers are ordered by when they were told to fetch a sample. The first [`FAN_OUT`] fetch it from a holder, each
+//! other one from an earlier worker: its *parent*, which passes on what it has or will have. A parent always precedes
+//! its children, and no worker changes places while a sample lasts, so there are no cycles. If one transfer takes
+//! time t, a thousand workers have the sample after FAN_OUT · log_FAN_OUT(1000) · t, which is least near e: 19 t at
+//! three, where one sender takes 1000 t.
 
 use std::collections::HashMap;
 
@@ -12,20 +12,19 @@ use argus_scene::SampleId;
 
 use crate::core::event::WorkerId;
 
-/// Children of a worker.
+/// Most children of a worker.
 pub(super) const FAN_OUT: usize = 3;
 
 /// The order in which workers were told to fetch one sample.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DistributionTree {
-    /// `None` where one is gone.
+    /// The workers in order; `None` for a lost one.
     order: Vec<Option<WorkerId>>,
     places: HashMap<WorkerId, usize>,
 }
 
 impl DistributionTree {
-    /// The parent of a worker, which joins the tree as its last if it is not part of it; `None`: it is fed by who has
-    /// the sample already.
+    /// The parent of a worker, which is appended to the tree if it is not in it. `None`: it fetches from a holder.
     pub(super) fn parent(&mut self, worker: WorkerId) -> Option<WorkerId> {
         let order = &mut self.order;
         let place = *self.places.entry(worker).or_insert_with(|| {
@@ -50,7 +49,7 @@ impl DistributionTree {
     }
 }
 
-/// The trees of all samples that are on their way.
+/// The trees of all samples in distribution.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DistributionTrees {
     trees: HashMap<SampleId, DistributionTree>,
@@ -62,12 +61,12 @@ impl DistributionTrees {
         self.trees.entry(id).or_default()
     }
 
-    /// A worker is gone; its children are fed by its own parent.
+    /// Removes a lost worker; its children get its parent.
     pub(super) fn forget(&mut self, worker: WorkerId) {
         self.trees.values_mut().for_each(|tree| tree.forget(worker));
     }
 
-    /// Keeps the trees of samples that are still of use.
+    /// Keeps the trees of useful samples.
     pub(super) fn retain(&mut self, is_of_use: impl Fn(SampleId) -> bool) {
         self.trees.retain(|id, _| is_of_use(*id));
     }
@@ -89,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thousand_workers_are_reached_in_seven_steps_and_nobody_feeds_more_than_three() {
+    fn a_thousand_workers_are_reached_in_seven_steps_of_three_children() {
         let mut tree = DistributionTree::default();
         let mut children: HashMap<Option<WorkerId>, usize> = HashMap::new();
         for worker in (0..1000).map(WorkerId) {
@@ -101,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_loses_its_parent_is_fed_by_the_one_above_and_nobody_waits_for_each_other() {
+    fn the_children_of_a_lost_worker_get_its_parent() {
         let mut tree = DistributionTree::default();
         (0..200).for_each(|worker| _ = tree.parent(WorkerId(worker)));
         for gone in (0..200).filter(|worker| worker % 3 != 1) {
@@ -112,7 +111,7 @@ mod tests {
             assert!(parent.is_none_or(|parent| parent.0 % 3 == 1), "{parent:?} is gone");
             depth(&mut tree, WorkerId(worker));
         }
-        // One that comes again comes last.
+        // A worker that joins again is appended.
         assert_eq!(tree.order.len(), 200);
         depth(&mut tree, WorkerId(0));
         assert_eq!(tree.order.last(), Some(&Some(WorkerId(0))));

@@ -1,4 +1,4 @@
-//! Where a worker finds the samples of a view that it is given.
+//! Sources of the samples of a dispatched view.
 
 use argus_scene::SampleId;
 
@@ -8,19 +8,19 @@ use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
 use crate::core::workers::Workers;
 
-/// How much a view depends on a sample that its worker may lack.
+/// How much a view depends on a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::core) enum Access {
-    /// The worker holds it: it is looked for nowhere else.
+    /// The worker holds it.
     AtHand,
-    /// The view can do without it: it comes from a worker that holds it, or not at all.
+    /// The view can do without it: it is fetched from a holder, or omitted.
     Dispensable,
     /// It is rendered if no worker holds it.
     Needed,
 }
 
 impl Samples {
-    /// Where a worker finds the samples of a view, and how many of them have to be rendered for it.
+    /// Where a worker finds the samples of a view, and how many of them must be rendered for it.
     pub(in crate::core) fn find(
         &mut self,
         reader: WorkerId,

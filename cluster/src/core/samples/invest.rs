@@ -1,28 +1,28 @@
-//! Which samples are worth their price, in seconds of one process: what views saved, or would have saved, by them.
+//! Which samples are worth their price: their savings and costs in seconds of one process.
 
 use super::Samples;
 use crate::core::workers::Workers;
 
-/// Sub-samples of a texel, usually.
+/// The usual number of sub-samples of a texel.
 const SUB_SAMPLES: u64 = 4;
 
-/// Seconds of a single ray until some were measured.
+/// Seconds of a single ray until one was measured.
 const USUAL_RAY_SECS: f64 = 2e-6;
 
 impl Samples {
-    /// Views would have saved so many seconds had these cameras' samples been held.
+    /// Learns the seconds that views would have saved with these cameras' samples.
     pub(in crate::core) fn learn_bundle(&mut self, cameras: Vec<u64>, secs: f64) {
         self.investments.learn(cameras, secs);
     }
 
-    /// A view used the samples of these cameras, and saved so many seconds by that.
+    /// Learns the seconds that a view saved by these cameras' samples.
     pub(in crate::core) fn credit(&mut self, used: &[u64], secs: f64, workers: &Workers) {
         let pixels = pixels_for(secs, workers);
         self.placement.credit(used, pixels / used.len().max(1) as f64);
     }
 
-    /// Ticks have passed: the bundle that is worth most for its price is rendered, one after the other. How many samples
-    /// are to be rendered for it.
+    /// Closes a tick: invests in the bundle that saves most for its price. One bundle is rendered at a time. Returns
+    /// the number of samples to render.
     pub(super) fn invest(&mut self, workers: &Workers, ticks: f64) -> usize {
         self.investments.tick(ticks);
         let is_coming =
@@ -52,8 +52,8 @@ impl Samples {
         missing
     }
 
-    /// Seconds of one process that a sample takes: as measured, or else as a direct view of its texels with four sub-samples
-    /// each would.
+    /// Seconds of one process for a sample: measured, or else those of a direct view of its texels with four
+    /// sub-samples each.
     fn sample_price_secs(&self, workers: &Workers) -> Option<f64> {
         let texels = self.set.rig.sample_texels() * SUB_SAMPLES;
         let as_a_view = || {
@@ -64,7 +64,7 @@ impl Samples {
     }
 }
 
-/// How many pixels of holes are worth so many seconds of one process: as many as rays would be traced in that time.
+/// Converts seconds of one process to pixels of holes: the rays that could be traced in that time.
 fn pixels_for(secs: f64, workers: &Workers) -> f64 {
     let ray_secs = workers.costs().ray_secs().unwrap_or(USUAL_RAY_SECS).max(1e-9);
     secs.max(0.0) / ray_secs

@@ -1,43 +1,41 @@
 //! Samples as investments: a bundle is rendered when the views that it will serve save more than it costs.
 //!
-//! A *bundle* is the set of sample cameras that together bring a view within its error bound. A view that was rendered
-//! from triangles says what it would have saved had its bundle been there: the difference between what it took and what a
-//! view from samples is predicted to take, in seconds of one process. Such savings are averaged for each bundle. A bundle
-//! is worth its price where its savings a tick, over the horizon for which interest is expected to last, exceed the seconds
-//! that rendering its missing samples takes.
+//! A *bundle* is a set of sample cameras that together bring a view within its error bound. Each view from triangles
+//! tells what its bundle would have saved: its time less the predicted time of a view from samples, in seconds of one
+//! process. Savings are averaged per bundle. A bundle is worth its price if its savings per tick, over the horizon
+//! for which interest is expected to last, exceed the time to render its missing samples.
 
 use std::collections::BTreeMap;
 
-/// Ticks for which interest in a bundle is expected to last, in a scene that stands still.
+/// Expected duration of interest in a bundle, ticks, in a still scene.
 const HORIZON_TICKS: f64 = 60.0;
 
-/// Weight of the newest tick in a bundle's average savings: a viewer who looks in for a moment is no reason to invest.
+/// Weight of the newest tick in a bundle's average savings: a short visit of a viewer is no reason to invest.
 const WEIGHT: f64 = 0.1;
 
-/// Bundles that are remembered at most: those that save most.
+/// Most remembered bundles: those that save most.
 const MOST_BUNDLES: usize = 256;
 
-/// Seconds a tick below which a bundle is forgotten.
+/// Savings in seconds per tick below which a bundle is forgotten.
 const NEGLIGIBLE_SECS: f64 = 1e-5;
 
-/// What views say of one bundle.
+/// The savings of one bundle.
 #[derive(Debug, Clone, Copy, Default)]
 struct Savings {
-    /// Seconds saved in the tick that runs.
+    /// Seconds saved in the current tick.
     fresh_secs: f64,
-    /// Average seconds saved in a tick.
+    /// Average seconds saved per tick.
     secs_a_tick: f64,
 }
 
-/// What bundles would save.
+/// The savings of all bundles.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Investments {
     bundles: BTreeMap<Vec<u64>, Savings>,
 }
 
 impl Investments {
-    /// A view would have saved so many seconds had these cameras' samples been held. Savings that are not positive say
-    /// nothing.
+    /// Learns the seconds that a view would have saved with a bundle. Savings that are not positive are ignored.
     pub(super) fn learn(&mut self, mut bundle: Vec<u64>, secs: f64) {
         if bundle.is_empty() || !(secs > 0.0 && secs.is_finite()) {
             return;
@@ -46,7 +44,7 @@ impl Investments {
         self.bundles.entry(bundle).or_default().fresh_secs += secs;
     }
 
-    /// Ticks have passed.
+    /// Closes a tick.
     pub(super) fn tick(&mut self, ticks: f64) {
         let weight = 1.0 - (1.0 - WEIGHT).powf(ticks);
         for savings in self.bundles.values_mut() {
@@ -63,14 +61,15 @@ impl Investments {
         }
     }
 
-    /// The bundle that is worth most for its price, with what it saves a tick, if any is worth its price. `price` gives
-    /// the seconds of rendering what is missing of a bundle; `most_ticks` bounds the horizon where samples do not last.
+    /// The bundle that saves most for its price, and its savings per tick; `None` if no bundle is worth its price.
+    /// `price` gives the seconds to render a bundle's missing samples. `most_ticks` limits the horizon if samples do
+    /// not last.
     pub(super) fn best(&self, price: impl Fn(&[u64]) -> f64, most_ticks: f64) -> Option<(&[u64], f64)> {
         let horizon = HORIZON_TICKS.min(most_ticks);
         let worth = self.bundles.iter().filter_map(|(bundle, savings)| {
             let price = price(bundle);
             let gain = savings.secs_a_tick * horizon;
-            // Nothing is missing of what costs nothing.
+            // A bundle without a price is complete.
             (price > 0.0 && gain > price).then_some((gain / price, bundle, savings.secs_a_tick))
         });
         let best = worth.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(a.1)));
@@ -107,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_last_a_moment_must_pay_within_it() {
+    fn samples_that_last_a_short_time_must_pay_within_it() {
         let price = |_: &[u64]| 1.0;
         assert!(after(40, 0.5).best(price, f64::INFINITY).is_some());
         assert!(after(40, 0.5).best(price, 0.1).is_none());
@@ -129,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_remembered_is_bounded_and_what_is_no_saving_is_not_counted() {
+    fn only_the_bundles_with_the_greatest_savings_are_remembered() {
         let mut investments = Investments::default();
         for index in 0..3 * MOST_BUNDLES as u64 {
             investments.learn(vec![index], 1.0 + index as f64);

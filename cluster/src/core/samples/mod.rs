@@ -1,12 +1,13 @@
-//! Where samples are, which are rendered, and how they reach the workers that compose from them.
+//! Samples: where they are, which are rendered, and how they reach compositors.
 //!
-//! This part reads `workers`, and nothing of views: what views asked for, used and lacked is handed in. What it decides is
-//! returned: what workers shall have at hand, where a worker finds a view's samples, how many samples are to be rendered.
+//! This part reads `workers` and nothing of views: what views requested, used and lacked are arguments. Its decisions
+//! are returned: prefetch lists, where a worker finds a view's samples, how many samples are to be rendered.
 //!
-//! `locations` knows which workers have which sample, `directory` which one renders it, `distribution` how it reaches the
-//! others. `calibrated_error` corrects the predicted errors of views from samples. `cameras` chooses the rig's cameras for a viewpoint, `placement` and `investments` where more samples are worth
-//! their price, `copies` which are worth a second copy, and `refine` tells workers what to have at hand. `versions` says
-//! which version is served and what it shows, and `moments` what follows from it.
+//! `locations` tracks which workers hold which sample, `directory` which one renders it, and `distribution` how it
+//! reaches other workers. `calibrated_error` corrects predicted errors of views from samples. `cameras` chooses the
+//! rig's cameras for a viewpoint. `placement` and `investments` decide where more samples are worth their price,
+//! `copies` which ones get a second copy, and `refine` makes the prefetch lists. `versions` tracks which version is
+//! served, and `moments` what follows from it.
 
 mod calibrated_error;
 mod cameras;
@@ -49,11 +50,11 @@ use investments::Investments;
 use recent_use::RecentUse;
 use versions::Versions;
 
-/// The samples of one set.
+/// The samples of one sample set.
 #[derive(Debug)]
 pub(super) struct Samples {
     config: Arc<Config>,
-    /// The set that all samples belong to, in the version that is served.
+    /// The sample set, in the served version.
     set: Arc<SampleSetInfo>,
     cameras: Cameras,
     locations: SampleLocations,
@@ -62,17 +63,17 @@ pub(super) struct Samples {
     placement: Placement,
     investments: Investments,
     recent: RecentUse,
-    /// How far predicted errors of views from samples are to be trusted.
+    /// Correction of predicted errors of views from samples.
     error: CalibratedError,
     versions: Versions,
     /// By camera: a worker that composes from the last version's sample and lacks the next one's.
     laggards: BTreeMap<u64, WorkerId>,
-    /// Whether what workers shall have at hand may be another than they were told.
+    /// Whether prefetch lists may have changed.
     changed: bool,
 }
 
 impl Samples {
-    /// No samples yet, of a set from its version on.
+    /// Starts without samples, at the set's version.
     pub(super) fn new(config: &Arc<Config>, set: Arc<SampleSetInfo>) -> Self {
         let every = (set.epoch_secs > 0.0).then_some(config.epoch);
         let versions = Versions::new(set.version, every, config.epoch_interest, config.epoch_patience)
@@ -98,30 +99,30 @@ impl Samples {
         samples
     }
 
-    /// Plans views by what the rig's cameras see.
+    /// Sets the ray queries by which cameras are chosen; `None`: by distance.
     pub(super) fn plan_by(&mut self, sight: Option<Arc<dyn Sight>>) {
         self.cameras = Cameras::new(sight);
     }
 
-    /// Triangles are seen by this backend in all samples from now on. Where workers joined with samples that another backend
-    /// rendered, samples are of a new version, which is returned.
+    /// Sets the visibility backend of all samples. If workers joined with samples of another backend, samples are of
+    /// a new version from now on, which is returned.
     pub(super) fn see_by(&mut self, visibility: Visibility) -> Option<Version> {
         let others_exist = visibility != self.set.visibility && self.locations.holds_any();
         self.set = Arc::new(SampleSetInfo { visibility, ..(*self.set).clone() });
         others_exist.then(|| self.renew())
     }
 
-    /// The set that all samples belong to, in the version that is served.
+    /// The sample set, in the served version.
     pub(super) fn set(&self) -> &Arc<SampleSetInfo> {
         &self.set
     }
 
-    /// What the rig's cameras see, where that is known.
+    /// The ray queries by which cameras are chosen, if there are any.
     pub(super) fn sight(&self) -> Option<&dyn Sight> {
         self.cameras.sight()
     }
 
-    /// Which workers have which sample.
+    /// Which workers hold which sample.
     pub(super) fn locations(&self) -> &SampleLocations {
         &self.locations
     }
@@ -131,17 +132,17 @@ impl Samples {
         &self.placement
     }
 
-    /// The sample of a camera in the version that is served.
+    /// The sample of a camera in the served version.
     pub(super) fn served(&self, camera: u64) -> SampleId {
         SampleId { version: self.set.version.number, camera }
     }
 
-    /// The samples of a version that serve a viewpoint best, best first.
+    /// The best samples of a version for a viewpoint, best first.
     pub(super) fn sample_ids(&self, camera: &Camera, count: usize, version: u64) -> Vec<SampleId> {
         self.sample_ids_among(camera, count, version, self.placement.usable())
     }
 
-    /// The samples of a version that serve a viewpoint best, of the rig's own cameras and these refinements.
+    /// The best samples of a version for a viewpoint, among the rig's own cameras and these refinements.
     pub(super) fn sample_ids_among(
         &self,
         camera: &Camera,
@@ -153,25 +154,25 @@ impl Samples {
         self.set.with_surroundings(indices.map(|camera| SampleId { version, camera }).collect())
     }
 
-    /// Whether a sampler has yet to render any of such samples.
+    /// Whether a sampler must still render a sample of such a camera.
     pub(super) fn has_to_render(&self, sampler: WorkerId, such: impl Fn(u64) -> bool) -> bool {
         let mut to_render = self.locations.to_render();
         to_render.any(|id| such(id.camera) && self.directory.is_owner(sampler, id))
     }
 
-    /// Whether a worker was told to render samples that no view waits for, and lacks some of them.
+    /// Whether a worker still renders samples of its prefetch list, for which no view waits.
     pub(super) fn is_refining(&self, worker: &Worker) -> bool {
         let lacks = |id: SampleId| !self.locations.has(id, worker.id());
         worker.assigned().prefetch.iter().any(|source| source.addresses.is_empty() && lacks(source.id))
     }
 
-    /// Whether a plan could be made without a sample: refinements are used where they are at hand, and rendered when no
-    /// view waits. Where the scene moves they come with each moment as all samples do.
+    /// Whether a plan could be made without a sample. Refinements are used if they are held, and are rendered when no
+    /// view waits. In a moving scene they come with each version like all samples.
     pub(super) fn is_dispensable(&self, id: SampleId) -> bool {
         self.set.epoch_secs == 0.0 && self.set.rig.level(id.camera) > Some(0)
     }
 
-    /// What each worker would take along into another role.
+    /// What each worker would lose by another role.
     pub(super) fn stakes(&self) -> HashMap<WorkerId, Stake> {
         let held = self.locations.holdings().map(|(worker, held)| (worker, Stake { held, owned: 0 }));
         let mut stakes: HashMap<WorkerId, Stake> = held.collect();
@@ -181,43 +182,43 @@ impl Samples {
         stakes
     }
 
-    /// Whether what workers shall have at hand may be another than they were told.
+    /// Whether prefetch lists may have changed.
     pub(super) fn has_changed(&self) -> bool {
         self.changed
     }
 
-    /// A worker reports what it holds, and had reported other samples `before`. Whether it has samples that it was not known
-    /// to have.
+    /// Processes the samples that a worker reports, and those that it reported before. Returns whether there are new
+    /// ones.
     pub(super) fn reported(&mut self, worker: WorkerId, held: &[SampleId], before: &[SampleId]) -> bool {
         let news = self.locations.reported(worker, held, before);
         self.changed |= news;
         news
     }
 
-    /// A view that needs these samples was sent to a worker.
+    /// Records that a view that needs these samples was sent to a worker.
     pub(super) fn begin(&mut self, worker: WorkerId, samples: impl Iterator<Item = SampleId>) {
         self.locations.begin(worker, samples);
     }
 
-    /// A view that needs these samples is no longer with a worker; having answered it, the worker holds them.
+    /// Records that a view left a worker. A worker that answered it holds its samples.
     pub(super) fn end(&mut self, worker: WorkerId, samples: &[SampleId], answered: bool) {
         self.locations.end(worker, samples, answered);
     }
 
-    /// A worker is lost, and what it had with it.
+    /// Forgets a lost worker and its samples.
     pub(super) fn forget(&mut self, worker: WorkerId) {
         self.locations.forget(worker);
         self.trees.forget(worker);
     }
 
-    /// A view was answered from the samples of these cameras, and `uncovered` of its `pixels` none of them saw.
+    /// Learns the holes of a view that used the samples of these cameras.
     pub(super) fn learn_holes(&mut self, camera: &Camera, used: &[u64], uncovered: u64, pixels: u64) {
         let rig = (&self.set.rig, self.cameras.sight());
         self.placement.learn(rig, camera, used, uncovered, pixels);
     }
 
-    /// Ticks have passed: places samples where views lack them and where they are worth their price, and forgets what no view
-    /// needs. How many samples are to be rendered.
+    /// Closes a tick: places samples where views lack them and where they are worth their price, and forgets unneeded
+    /// ones. Returns the number of samples to render.
     pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, now: Uptime) -> usize {
         let placed = self.place(workers, ticks);
         let invested = self.invest(workers, ticks);
@@ -227,12 +228,12 @@ impl Samples {
         placed + invested
     }
 
-    /// Takes in the error that a worker measured of a view from samples, beside the predicted one.
+    /// Learns from the measured and the predicted error of a view from samples.
     pub(super) fn observe_error(&mut self, measured: f64, predicted: f64) {
         self.error.observe(measured, predicted);
     }
 
-    /// The factor by which predicted errors of views from samples are multiplied.
+    /// Factor on predicted errors of views from samples.
     pub(super) fn error_factor(&self) -> f64 {
         self.error.factor()
     }
