@@ -1,5 +1,5 @@
-//! Which workers have which sample, and which are about to: kept up to date worker by worker, so that no question about
-//! a sample looks at every worker.
+//! Which workers hold which sample, and which will soon. Updated worker by worker, so that no query examines all
+//! workers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,40 +7,40 @@ use argus_scene::SampleId;
 
 use crate::core::event::WorkerId;
 
-/// One sample.
+/// The locations of one sample.
 #[derive(Debug, Clone, Default)]
-struct Place {
-    /// Workers that have it.
+struct SampleHolders {
+    /// Workers that hold it.
     holders: BTreeSet<WorkerId>,
-    /// Workers with a view in their queue that needs it.
+    /// Workers with a queued view that needs it.
     readers: BTreeSet<WorkerId>,
 }
 
-/// What one worker has, and what its views need.
+/// What one worker holds, and what its views need.
 #[derive(Debug, Clone, Default)]
 struct Holdings {
-    /// What it said it holds, and what it must hold because it used it.
+    /// Samples that it reported, and samples that it must hold since it used them.
     held: BTreeSet<SampleId>,
-    /// It used samples since its newest report.
+    /// Whether it used samples since its newest report.
     used_since_report: bool,
-    /// Samples that views in its queue need, with how many need each: it will hold them.
+    /// Samples that queued views need, with the number of such views. The worker will hold them.
     needed: BTreeMap<SampleId, usize>,
 }
 
-/// All samples that any worker has or is about to have.
+/// The locations of all samples.
 #[derive(Debug, Clone, Default)]
 pub(in crate::core) struct SampleLocations {
-    places: BTreeMap<SampleId, Place>,
+    places: BTreeMap<SampleId, SampleHolders>,
     workers: BTreeMap<WorkerId, Holdings>,
-    /// Samples that views in work need and nobody has: they are being rendered.
+    /// Samples that views in work need and no worker holds: they are being rendered.
     due: BTreeSet<SampleId>,
-    /// Samples that somebody was told to render ahead of demand and nobody has.
+    /// Samples that a worker must render ahead of demand, and no worker holds.
     ordered: BTreeSet<SampleId>,
 }
 
 impl SampleLocations {
-    /// A worker reports what it holds, and had reported other samples `before`. Whether it has samples that it was not known
-    /// to have.
+    /// Processes the samples that a worker reports, and those that it reported before. Returns whether there are new
+    /// ones.
     pub(super) fn reported(&mut self, worker: WorkerId, held: &[SampleId], before: &[SampleId]) -> bool {
         let holdings = self.workers.entry(worker).or_default();
         if !holdings.used_since_report && held == before {
@@ -58,12 +58,12 @@ impl SampleLocations {
         news
     }
 
-    /// Whether any worker has any sample.
+    /// Whether any worker holds any sample.
     pub(super) fn holds_any(&self) -> bool {
         self.places.values().any(|place| !place.holders.is_empty())
     }
 
-    /// A view that needs these samples was sent to a worker.
+    /// Records that a view that needs these samples was sent to a worker.
     pub(super) fn begin(&mut self, worker: WorkerId, samples: impl Iterator<Item = SampleId>) {
         for id in samples {
             let count = self.workers.entry(worker).or_default().needed.entry(id).or_default();
@@ -74,7 +74,7 @@ impl SampleLocations {
         }
     }
 
-    /// A view that needs these samples is no longer with a worker; having answered it, the worker holds what it needed.
+    /// Records that a view left a worker. A worker that answered it holds its samples.
     pub(super) fn end(&mut self, worker: WorkerId, samples: &[SampleId], answered: bool) {
         let Some(mut holdings) = self.workers.remove(&worker) else { return };
         for &id in samples {
@@ -93,41 +93,41 @@ impl SampleLocations {
         self.workers.insert(worker, holdings);
     }
 
-    /// A worker is gone, and what it had and needed with it.
+    /// Forgets a lost worker.
     pub(super) fn forget(&mut self, worker: WorkerId) {
         let Some(Holdings { held, needed, .. }) = self.workers.remove(&worker) else { return };
         held.into_iter().for_each(|id| self.lost(id, worker));
         needed.into_keys().for_each(|id| self.unwanted(id, worker));
     }
 
-    /// How many samples each worker has.
+    /// Number of samples that each worker holds.
     pub(super) fn holdings(&self) -> impl Iterator<Item = (WorkerId, usize)> {
         self.workers.iter().map(|(worker, holdings)| (*worker, holdings.held.len()))
     }
 
-    /// A worker has a sample.
+    /// Records that a worker holds a sample.
     fn gained(&mut self, id: SampleId, worker: WorkerId) {
         self.places.entry(id).or_default().holders.insert(worker);
         self.due.remove(&id);
         self.ordered.remove(&id);
     }
 
-    /// A worker has a sample no longer.
+    /// Records that a worker dropped a sample.
     fn lost(&mut self, id: SampleId, worker: WorkerId) {
         self.change(id, |place| _ = place.holders.remove(&worker));
     }
 
-    /// A view in a worker's queue is the first there that needs a sample.
+    /// Records that a worker's queue needs a sample.
     fn wanted(&mut self, id: SampleId, worker: WorkerId) {
         self.change(id, |place| _ = place.readers.insert(worker));
     }
 
-    /// No view in a worker's queue needs a sample any more.
+    /// Records that a worker's queue no longer needs a sample.
     fn unwanted(&mut self, id: SampleId, worker: WorkerId) {
         self.change(id, |place| _ = place.readers.remove(&worker));
     }
 
-    fn change(&mut self, id: SampleId, change: impl FnOnce(&mut Place)) {
+    fn change(&mut self, id: SampleId, change: impl FnOnce(&mut SampleHolders)) {
         let place = self.places.entry(id).or_default();
         change(place);
         match (place.holders.is_empty(), place.readers.is_empty()) {
@@ -140,64 +140,64 @@ impl SampleLocations {
         }
     }
 
-    /// The workers that have a sample, in the order in which they joined.
+    /// The workers that hold a sample, in the order in which they joined.
     pub(in crate::core) fn holders(&self, id: SampleId) -> impl Iterator<Item = WorkerId> {
         self.places.get(&id).into_iter().flat_map(|place| place.holders.iter().copied())
     }
 
-    /// How many have a sample.
+    /// Number of workers that hold a sample.
     pub(in crate::core) fn count(&self, id: SampleId) -> usize {
         self.places.get(&id).map_or(0, |place| place.holders.len())
     }
 
-    /// Those who have a sample or have a view that needs it, from a worker on.
+    /// Workers that hold a sample or have a view that needs it, cyclically from worker `from` on.
     pub(in crate::core) fn near(&self, id: SampleId, from: WorkerId) -> impl Iterator<Item = WorkerId> {
         let place = self.places.get(&id);
-        let around = move |of: fn(&Place) -> &BTreeSet<WorkerId>| {
+        let around = move |of: fn(&SampleHolders) -> &BTreeSet<WorkerId>| {
             let set = place.map(of);
             set.into_iter().flat_map(move |set| set.range(from..).chain(set.range(..from)).copied())
         };
         around(|place| &place.holders).chain(around(|place| &place.readers))
     }
 
-    /// How many [`Self::near`] yields.
+    /// Number of workers that [`Self::near`] yields.
     pub(in crate::core) fn count_near(&self, id: SampleId) -> usize {
         self.places.get(&id).map_or(0, |place| place.holders.len() + place.readers.len())
     }
 
-    /// Whether a worker has a sample.
+    /// Whether a worker holds a sample.
     pub(in crate::core) fn has(&self, id: SampleId, worker: WorkerId) -> bool {
         self.places.get(&id).is_some_and(|place| place.holders.contains(&worker))
     }
 
-    /// How many of these samples a worker neither has nor is about to have.
+    /// Number of these samples that a worker neither holds nor will soon hold.
     pub(in crate::core) fn missing(&self, samples: &[SampleId], worker: WorkerId) -> usize {
         samples.iter().filter(|id| !self.is_near(**id, worker)).count()
     }
 
-    /// Whether a worker has a sample or a view that needs it.
+    /// Whether a worker holds a sample or has a view that needs it.
     pub(super) fn is_near(&self, id: SampleId, worker: WorkerId) -> bool {
-        let near = |place: &Place| place.holders.contains(&worker) || place.readers.contains(&worker);
+        let near = |place: &SampleHolders| place.holders.contains(&worker) || place.readers.contains(&worker);
         self.places.get(&id).is_some_and(near)
     }
 
-    /// Whether anybody has a sample.
+    /// Whether any worker holds a sample.
     pub(in crate::core) fn is_held(&self, id: SampleId) -> bool {
         self.count(id) > 0
     }
 
-    /// Whether a view in somebody's queue needs a sample, so that it is being rendered or fetched.
+    /// Whether a queued view needs a sample, so that it is being rendered or fetched.
     pub(super) fn is_on_its_way(&self, id: SampleId) -> bool {
         self.places.get(&id).is_some_and(|place| !place.readers.is_empty())
     }
 
-    /// These are the samples that somebody was told to render ahead of demand.
+    /// Sets the samples that workers must render ahead of demand.
     pub(super) fn order(&mut self, ids: impl Iterator<Item = SampleId>) {
         self.ordered =
             ids.filter(|id| self.places.get(id).is_none_or(|place| place.holders.is_empty())).collect();
     }
 
-    /// Samples that somebody has to render: for views that wait first, then for those to come.
+    /// Samples to render: those that views wait for, then those ahead of demand.
     pub(in crate::core) fn to_render(&self) -> impl Iterator<Item = SampleId> {
         self.due.iter().chain(&self.ordered).copied()
     }
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_is_to_be_rendered_as_long_as_it_is_wanted_and_nobody_has_it() {
+    fn a_sample_must_be_rendered_while_it_is_wanted_and_no_worker_holds_it() {
         let mut places = SampleLocations::default();
         places.wanted(id(7), A);
         places.wanted(id(7), B);
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_has_and_nobody_wants_takes_no_room() {
+    fn samples_that_are_neither_held_nor_wanted_are_forgotten() {
         let mut places = SampleLocations::default();
         for index in 0..100 {
             places.gained(id(index), A);
@@ -247,14 +247,14 @@ mod tests {
     }
 
     #[test]
-    fn what_a_worker_used_counts_as_held_until_a_report_says_otherwise() {
+    fn used_samples_count_as_held_until_a_report_contradicts() {
         let mut places = SampleLocations::default();
         places.begin(A, [id(1), id(2)].into_iter());
         places.begin(A, [id(2)].into_iter());
         assert_eq!((places.missing(&[id(1), id(3)], A), places.missing(&[id(1)], B)), (1, 1));
         places.end(A, &[id(1), id(2)], true);
         assert!(places.has(id(1), A) && places.is_on_its_way(id(2)) && !places.is_on_its_way(id(1)));
-        // The same report as before: but it used samples since, so it is taken by what it says.
+        // An unchanged report still counts, since the worker used samples meanwhile.
         assert!(!places.reported(A, &[], &[]), "nothing new");
         assert!(!places.has(id(1), A));
         assert!(places.reported(A, &[id(3)], &[]) && places.has(id(3), A));
@@ -263,19 +263,19 @@ mod tests {
     }
 
     #[test]
-    fn a_worker_that_is_gone_leaves_nothing_behind() {
+    fn a_lost_worker_leaves_no_locations() {
         let mut places = SampleLocations::default();
         places.reported(A, &[id(1)], &[]);
         places.begin(A, [id(2)].into_iter());
         places.forget(A);
         places.forget(B);
-        // What comes late of a view that it had changes nothing.
+        // A late event of one of its views changes nothing.
         places.end(A, &[id(2)], true);
         assert!(places.places.is_empty() && places.workers.is_empty() && places.due.is_empty());
     }
 
     #[test]
-    fn those_near_a_sample_are_all_there_from_any_beginning() {
+    fn all_workers_near_a_sample_are_found_from_any_start() {
         let mut places = SampleLocations::default();
         (1..=5).for_each(|worker| places.gained(id(0), WorkerId(worker)));
         places.wanted(id(0), WorkerId(9));

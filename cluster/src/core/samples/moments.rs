@@ -1,5 +1,5 @@
-//! The version that is served, in what the rest of the core decides: whose samples are got ready, which pins can be
-//! repeated, what may be forgotten.
+//! What follows from the served version: which samples are prepared, which pins can be repeated, what may be
+//! forgotten.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -12,25 +12,25 @@ use crate::core::event::WorkerId;
 use crate::core::time::Uptime;
 use crate::core::workers::{Worker, Workers};
 
-/// Samplers that may compose are sent what others render only where that is no more than this, all versions together.
+/// Samplers that may compose prefetch other samplers' samples only up to this number, over all versions.
 const MOST_HELPED: usize = 64;
 
-/// What became of the versions.
+/// The result of advancing the versions.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(in crate::core) struct Advanced {
-    /// Another version is served, or got ready.
+    /// Whether another version is served or prepared.
     pub(in crate::core) changed: bool,
-    /// Samples that are to be rendered for the version that was issued.
+    /// Number of samples to render for the issued version.
     pub(in crate::core) ordered: usize,
 }
 
 impl Samples {
-    /// Whether the scene moves at all.
+    /// Whether the scene moves.
     pub(in crate::core) fn scene_moves(&self) -> bool {
         self.versions.moves()
     }
 
-    /// A view is asked for: after a pause, it sees the scene as it is now.
+    /// Serves a version of the present epoch for a new view, after a pause without views.
     pub(in crate::core) fn wake(&mut self, now: Uptime, needed: &NeededVersions) {
         if self.versions.wake(now) {
             self.serve_version(needed);
@@ -55,13 +55,13 @@ impl Samples {
             if !locations.is_held(next) {
                 return false;
             }
-            // Whoever composes from the last version's sample composes from this one's: it has been sent there.
+            // Workers that compose from the last version's sample got this one's.
             let waits = |worker: &WorkerId| {
                 workers.get(*worker).is_some_and(Worker::takes_views)
                     && locations.has(last, *worker)
                     && !locations.has(next, *worker)
             };
-            // The one that was seen to wait the last time probably still does.
+            // Starts with the worker that waited the last time, since it probably still waits.
             if laggards.get(&camera).is_some_and(waits) {
                 return false;
             }
@@ -89,20 +89,19 @@ impl Samples {
         }
     }
 
-    /// Samples of versions with a lower number are of no use to any worker.
+    /// The oldest version whose samples workers keep.
     pub(super) fn kept_from(&self, needed: &NeededVersions) -> u64 {
         let oldest = self.versions.oldest().number;
         needed.oldest().map_or(oldest, |number| number.min(oldest))
     }
 
-    /// What the versions show whose samples workers may be told of.
+    /// The versions whose samples may be in assignments and orders.
     pub(in crate::core) fn live_versions(&self) -> Vec<Version> {
         self.versions.live()
     }
 
-    /// Samples that are got ready, and those that were and stay a while, each with the workers that compose from the
-    /// same camera's already, or did: they shall have it before views ask for it. So shall samplers that may compose,
-    /// each of which renders but a part of them.
+    /// Samples of prepared versions, each with the workers that compose from the same camera's sample already: they
+    /// get it before views need it. So do samplers that may compose, since each renders only a part of the samples.
     pub(super) fn prepared(&self, workers: &Workers) -> Vec<(SampleId, Vec<WorkerId>)> {
         let served = self.versions.served().number;
         let few = self.versions.prepared().take(MOST_HELPED + 1).count() <= MOST_HELPED;
@@ -120,8 +119,8 @@ impl Samples {
         self.versions.prepared().map(with_readers).collect()
     }
 
-    /// How many refinements can be rendered anew in every epoch with a share of the samplers' time; any number
-    /// where the scene stands still.
+    /// Number of refinements that can be rendered in every epoch with a share of the samplers' time; unlimited in a
+    /// still scene.
     pub(super) fn refinements_an_epoch(&self, share: f64, samplers: usize, sample_secs: f64) -> usize {
         if !self.versions.moves() || !(sample_secs > 0.0) {
             return usize::MAX;
@@ -129,14 +128,14 @@ impl Samples {
         (share * samplers as f64 * self.config.epoch.as_secs_f64() / sample_secs) as usize
     }
 
-    /// Whether what a pin shows can be repeated: a view from triangles is a function of its time alone, one from samples needs
-    /// those of a version that is still kept and shows that time.
+    /// Checks that a pinned state can be repeated. A view from triangles depends on its time alone. A view from
+    /// samples needs those of a version that is still kept and shows that time.
     ///
     /// # Errors
     /// [`Fault::Pin`].
     pub(in crate::core) fn check_version(&self, view: &View) -> Result<(), Fault> {
         let Some(pin) = &view.pin else { return Ok(()) };
-        // Versions between the two were passed over.
+        // Versions between the two were skipped.
         let kept = [self.versions.oldest(), self.versions.served()];
         let are = |what: &str, numbers: [u64; 2]| match numbers {
             [older, served] if older < served => format!("{what}s {older} and {served} are"),
@@ -163,8 +162,8 @@ impl Samples {
         }
     }
 
-    /// Serves samples that are rendered otherwise as a new version of the same state, since samples of the present one may
-    /// exist. No worker has to get ready for it.
+    /// Serves a new version of the same state for samples that are rendered differently, since older ones may exist.
+    /// Workers need no preparation for it.
     pub(super) fn renew(&mut self) -> Version {
         self.versions.renew();
         let version = self.versions.served();

@@ -1,20 +1,20 @@
-//! The versions whose samples views in flight need: what is older than all of them may be forgotten.
+//! The versions whose samples are needed by views in flight. Versions older than all of them may be forgotten.
 
 use std::collections::BTreeMap;
 
-/// Numbers of the versions that views in flight were planned in, each with how many need its samples.
+/// Numbers of needed versions, each with the number of views that need it.
 #[derive(Debug, Clone, Default)]
 pub(in crate::core) struct NeededVersions {
     counts: BTreeMap<u64, usize>,
 }
 
 impl NeededVersions {
-    /// One more view needs the samples of a version.
+    /// Counts a view that needs a version.
     pub(in crate::core) fn add(&mut self, version: u64) {
         *self.counts.entry(version).or_default() += 1;
     }
 
-    /// A view that needed the samples of a version is over.
+    /// Uncounts a view that needed a version.
     pub(in crate::core) fn subtract(&mut self, version: u64) {
         if let Some(count) = self.counts.get_mut(&version) {
             *count -= 1;
@@ -24,12 +24,12 @@ impl NeededVersions {
         }
     }
 
-    /// Whether any view needs the samples of that version.
+    /// Whether any view needs this version.
     pub(super) fn contains(&self, version: u64) -> bool {
         self.counts.contains_key(&version)
     }
 
-    /// The oldest version that a view needs.
+    /// The oldest needed version.
     pub(super) fn oldest(&self) -> Option<u64> {
         self.counts.keys().next().copied()
     }
@@ -46,7 +46,7 @@ mod tests {
         assert_eq!((needed.oldest(), needed.contains(7)), (Some(5), true));
         [5, 7].into_iter().for_each(|version| needed.subtract(version));
         assert_eq!((needed.oldest(), needed.contains(5)), (Some(7), false));
-        // One that no view needs stays so.
+        // A version that no view needs stays unneeded.
         [7, 7, 9].into_iter().for_each(|version| needed.subtract(version));
         assert_eq!(needed.oldest(), None);
     }

@@ -1,17 +1,16 @@
-//! Where samples are taken beside the rig's own cameras: at its refinements, where views have holes.
+//! Placement of samples at refinements of the rig, where views have holes.
 //!
-//! Every answered frame says how many of its pixels none of its samples saw. Unresolved pixels are counted for the
-//! refinement *site* that would have seen most of them: the rig's refinement nearest to the viewpoint, of the coarsest
-//! level that the view did not use already. Sites are given samples greedily, those with most uncovered pixels first,
-//! within a budget of rendering time and of memory. A sample that is placed earns, with every view that uses it,
-//! the pixels that it spares; in a full memory one that would spare twice as many replaces the least useful.
+//! Every answered frame reports how many of its pixels no sample saw. Unresolved pixels are counted for the
+//! refinement *site* that would have seen most of them: the rig's refinement nearest to the viewpoint, of the
+//! coarsest level that the view did not use. Sites get samples greedily by their count, within a budget of rendering
+//! time and memory. A placed sample earns the pixels that it saves, with every view that uses it. In a full memory, a
+//! sample that would save twice as many replaces the least useful.
 //!
-//! Samplers render them when they have nothing else to do, compositors fetch them ahead of demand, and only what
-//! is there is used: a view is never made to wait for one. What a view uses stands in its plan, so its bytes
-//! remain a function of its provenance.
+//! Samplers render them when they are idle, and compositors prefetch them. Plans use only samples that are held, so
+//! no view waits for one. A view's plan names the samples it uses, so its bytes remain a function of its provenance.
 //!
-//! Nothing moves without cause: accounts fade by half within [`HALF_LIFE_TICKS`], alike for all; what is placed
-//! stays unless something twice as useful needs its room.
+//! Counts fade by half within [`HALF_LIFE_TICKS`], all alike. A placed sample stays unless something twice as useful
+//! needs its room.
 
 use std::collections::BTreeMap;
 
@@ -19,95 +18,95 @@ use argus_scene::rig::{MAX_LEVEL, Sight};
 use argus_scene::{Camera, Rig};
 use serde::Serialize;
 
-/// A frame in which fewer of the pixels are uncovered is good enough. Half of what is promised on average, so
-/// that views between those that were seen keep the promise too.
+/// Share of uncovered pixels below which a frame is good enough: half of the promised mean, so that views between
+/// observed ones keep the promise, too.
 const BEARABLE: f64 = 0.0025;
 
-/// Ticks in which an account fades by half: as long as a viewer may take to come back.
+/// Half-life of a count, ticks: as long as a viewer may take to come back.
 const HALF_LIFE_TICKS: f64 = 120.0;
 
-/// In a full memory, a sample gives way to one that is this many times as useful.
+/// In a full memory, a sample is replaced by one that is this many times as useful.
 const MARGIN: f64 = 2.0;
 
 /// Sites below this many pixels are forgotten.
 const NEGLIGIBLE: f64 = 1.0;
 
-/// Sites that are remembered at most.
+/// Most remembered sites.
 const MOST_SITES: usize = 4096;
 
-/// Samples that may be placed at once after a pause.
+/// Most samples placed at once after a pause.
 const MOST_CREDIT: f64 = 4.0;
 
-/// A sample that is not there after this many ticks was lost on its way; its site starts anew.
+/// A sample that is not held after this many ticks was lost; its site starts anew.
 const GIVE_UP_TICKS: u32 = 120;
 
-/// How far refining has come.
+/// Counts of refinements.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Refinements {
-    /// Places that views would gain from and that have no sample yet.
+    /// Sites that views would gain from, without a sample.
     pub wanted: u32,
-    /// Samples that workers were told to have at hand.
+    /// Samples in prefetch lists.
     pub placed: u32,
-    /// Those that are where views are composed, so that plans name them.
+    /// Samples that compositors hold, so that plans use them.
     pub usable: u32,
 }
 
-/// What may be spent on refinements.
+/// The budget of refinements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Budget {
-    /// Samples a tick.
+    /// Samples per tick.
     pub(super) per_tick: f64,
-    /// Samples that may exist at the same time.
+    /// Most samples at the same time.
     pub(super) most: usize,
 }
 
-/// What views that were answered say of one refinement.
+/// Counts of answered views for one refinement.
 #[derive(Debug, Clone, Copy, Default)]
 struct Site {
-    /// Pixels that no sample saw, or that this one spared; fading.
+    /// Pixels that no sample saw, or that this one saved; fading.
     pixels: f64,
-    /// Views that those were counted in, fading likewise.
+    /// Views in which they were counted; fading.
     views: f64,
     placed: Option<Placed>,
 }
 
-/// A refinement that is given a sample.
+/// A refinement with a placed sample.
 #[derive(Debug, Clone, Copy)]
 struct Placed {
-    /// Pixels that it spares a view.
+    /// Pixels that it saves per view.
     gain: f64,
-    /// It is where views are composed.
+    /// Whether compositors hold it.
     there: bool,
-    /// Ticks since it was ordered, as long as it is not there.
+    /// Ticks since it was ordered, until it is held.
     waited: u32,
 }
 
-/// The refinements of a rig, as far as views had need of them.
+/// The refinements that views needed.
 #[derive(Debug, Clone, Default)]
 pub(in crate::core) struct Placement {
     sites: BTreeMap<u64, Site>,
     credit: f64,
-    /// Those that views may use, ascending.
+    /// Usable refinements, ascending.
     usable: Vec<u64>,
 }
 
 impl Placement {
-    /// Refinements that a plan may name, ascending.
+    /// Refinements that a plan may use, ascending.
     pub(in crate::core) fn usable(&self) -> &[u64] {
         &self.usable
     }
 
-    /// Refinements that shall be rendered and kept, ascending.
+    /// Placed refinements, which are rendered and kept, ascending.
     pub(in crate::core) fn placed(&self) -> impl Iterator<Item = u64> {
         self.sites.iter().filter(|(_, site)| site.placed.is_some()).map(|(index, _)| *index)
     }
 
-    /// Whether that refinement shall be rendered and kept.
+    /// Whether a refinement is placed.
     pub(in crate::core) fn is_placed(&self, index: u64) -> bool {
         self.sites.get(&index).is_some_and(|site| site.placed.is_some())
     }
 
-    /// Sites that views have need of and no sample, those that are given one, and those of them that views may use.
+    /// Counts of wanted, placed and usable refinements.
     pub(in crate::core) fn counts(&self) -> Refinements {
         let placed = self.placed().count();
         Refinements {
@@ -117,7 +116,7 @@ impl Placement {
         }
     }
 
-    /// A view was answered from the samples of these indices, and `uncovered` of its `pixels` none of them saw.
+    /// Learns from a view that used the samples of these cameras, and whose `uncovered` of `pixels` none of them saw.
     pub(super) fn learn(
         &mut self,
         (rig, sight): (&Rig, Option<&dyn Sight>),
@@ -139,15 +138,16 @@ impl Placement {
         }
         for level in 1..=MAX_LEVEL {
             let Some(index) = rig.refinement(camera, level, sight) else { return };
-            // The view used it, or one of the rig's own in its place, and still has holes: a nearer one.
+            // The view used it, or the rig's own camera in its place, and still has holes: a finer refinement is
+            // needed.
             if used.contains(&index) || rig.level(index) == Some(0) {
                 continue;
             }
             let site = self.sites.entry(index).or_default();
             match site.placed {
-                // There, and yet others served the view better.
+                // It is held, but other samples served the view better.
                 Some(placed) if placed.there => {}
-                // On its way.
+                // It is being rendered or fetched.
                 Some(_) => return,
                 None => {
                     site.pixels += uncovered as f64;
@@ -158,8 +158,8 @@ impl Placement {
         }
     }
 
-    /// Says which of those that are placed are where views are composed. What was there stays usable until
-    /// nobody has it, so that a compositor that joins takes nothing away.
+    /// Updates which placed samples are usable. A usable one stays so until no worker holds it, so that a compositor
+    /// that joins removes none.
     pub(super) fn update(&mut self, is_there: impl Fn(u64) -> bool, is_anywhere: impl Fn(u64) -> bool) {
         self.usable.clear();
         for (index, site) in &mut self.sites {
@@ -172,8 +172,7 @@ impl Placement {
         }
     }
 
-    /// Gives a camera a sample, since it is part of a bundle that is worth its price: `pixels` is what it is worth a view,
-    /// in the currency of holes.
+    /// Places a camera of a bundle that is worth its price. `pixels` is its worth per view, in pixels of holes.
     pub(super) fn invest(&mut self, index: u64, pixels: f64) {
         let site = self.sites.entry(index).or_default();
         site.pixels += pixels;
@@ -181,7 +180,7 @@ impl Placement {
         site.placed.get_or_insert(Placed { gain: pixels, there: false, waited: 0 });
     }
 
-    /// A view used the samples of these cameras, and saved by that what is worth so many pixels of holes.
+    /// Credits the cameras that a view used with the pixels of holes that its savings are worth.
     pub(super) fn credit(&mut self, used: &[u64], pixels: f64) {
         for index in used {
             if let Some(site) = self.sites.get_mut(index).filter(|site| site.placed.is_some()) {
@@ -191,7 +190,7 @@ impl Placement {
         }
     }
 
-    /// A tick has passed: places what the budget allows; how many.
+    /// Closes a tick: places samples within the budget. Returns their number.
     pub(super) fn tick(&mut self, budget: Budget) -> usize {
         let fade = 0.5_f64.powf(1.0 / HALF_LIFE_TICKS);
         for site in self.sites.values_mut() {
@@ -239,14 +238,14 @@ impl Placement {
         true
     }
 
-    /// The site without a sample that has most uncovered pixels; of equals the one of the lowest index.
+    /// The site without a sample that has most uncovered pixels; of equal ones the lowest index.
     fn greatest(&self) -> Option<(u64, f64)> {
         let open = self.sites.iter().filter(|(_, site)| site.placed.is_none());
         let best = open.max_by(|a, b| a.1.pixels.total_cmp(&b.1.pixels).then(b.0.cmp(a.0)));
         best.map(|(index, site)| (*index, site.pixels)).filter(|(_, pixels)| *pixels >= NEGLIGIBLE)
     }
 
-    /// The least useful site of a kind; of equals the one of the lowest index.
+    /// The least useful site of a kind; of equal ones the lowest index.
     fn least(&self, of: impl Fn(&Site) -> bool) -> Option<(u64, f64)> {
         let least = self.sites.iter().filter(|(_, site)| of(site));
         let least = least.min_by(|a, b| a.1.pixels.total_cmp(&b.1.pixels).then(a.0.cmp(b.0)));

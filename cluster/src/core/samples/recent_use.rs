@@ -1,17 +1,17 @@
-//! Which samples views asked for lately, and which of them get a second copy.
+//! Recently used samples, and which of them get a second copy.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use crate::core::time::Uptime;
 
-/// A sample is worth a second copy for this long after a view asked for it.
+/// A sample is worth a second copy for this long after its last use.
 const INTEREST: Duration = Duration::from_secs(60);
 
-/// Samples that are remembered at most: those that were asked for last.
+/// Most remembered samples: the most recently used.
 const MOST_REMEMBERED: usize = 4096;
 
-/// When views asked for which of the rig's own samples last, and which of them get a second copy.
+/// The last use of the rig's own samples, and which of them get a second copy.
 #[derive(Debug, Clone, Default)]
 pub(super) struct RecentUse {
     used: BTreeMap<u64, Uptime>,
@@ -19,13 +19,13 @@ pub(super) struct RecentUse {
 }
 
 impl RecentUse {
-    /// Views asked for the samples of these cameras.
+    /// Records the use of these cameras' samples.
     pub(super) fn used(&mut self, cameras: impl Iterator<Item = u64>, now: Uptime) {
         self.used.extend(cameras.map(|camera| (camera, now)));
     }
 
-    /// Those that get a second copy: as many as fit of what somebody asked for in a while. Whatever has one keeps it for that
-    /// while, since to bring another one costs more than it may ever be worth.
+    /// The samples that get a second copy: as many recently used ones as fit. A sample keeps its copy while it is in
+    /// recent use, since bringing another one may cost more than it is worth.
     pub(super) fn copied(&mut self, most: usize, now: Uptime) -> &BTreeSet<u64> {
         self.used.retain(|_, used| now.since(*used) < INTEREST);
         let mut newest: Vec<(Uptime, u64)> =
@@ -59,11 +59,11 @@ mod tests {
     }
 
     #[test]
-    fn what_has_a_copy_keeps_it_while_somebody_asks_for_it_and_others_wait_for_its_room() {
+    fn a_sample_in_use_keeps_its_copy_and_other_samples_wait_for_room() {
         let mut recent = RecentUse::default();
         recent.used(0..4, at(1));
         recent.used([7, 8].into_iter(), at(2));
-        assert_eq!(copied(&mut recent, 3, 3), [3, 7, 8], "those asked for last");
+        assert_eq!(copied(&mut recent, 3, 3), [3, 7, 8], "the most recently used");
         recent.used([0, 1, 2, 7].into_iter(), at(30));
         assert_eq!(copied(&mut recent, 3, 31), [3, 7, 8]);
         assert_eq!(copied(&mut recent, 3, 61), [2, 7, 8]);
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_remembered_is_bounded() {
+    fn the_number_of_remembered_samples_is_bounded() {
         let mut recent = RecentUse::default();
         recent.used(0..3 * MOST_REMEMBERED as u64, at(1));
         assert_eq!(copied(&mut recent, 2, 2).len(), 2);

@@ -1,6 +1,7 @@
-//! Samples at refinements of the rig: ordered where views have holes, brought to where views are composed.
+//! Prefetch lists: refinements where views have holes, samples of prepared versions, and second copies.
 //!
-//! `placement` decides which; here is who renders each and who fetches it from where.
+//! `placement` decides which refinements exist. This module decides which worker renders each sample, and which ones
+//! fetch it from where.
 
 use std::collections::BTreeMap;
 
@@ -13,35 +14,34 @@ use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
 use crate::core::workers::{PrefetchLists, QueueEntry, Worker, Workers};
 
-/// At most so many refinements, however small a sample is: every one stands in every worker's assignment.
+/// Most refinements, however small a sample is: each is in every worker's assignment.
 const MOST_REFINEMENTS: u64 = 512;
 
-/// The share of the time that is to spare which refinements may take: they have to be brought to those who compose, too,
-/// and demand comes in waves.
+/// Share of the spare time that refinements may take: they must also be distributed, and demand fluctuates.
 const OF_SPARE: f64 = 0.5;
 
-/// The part of their own share that refinements may take however busy everybody is: where all is holes, no view is worth
-/// its time.
+/// Part of their share that refinements may always take, however busy the workers are: where holes dominate, views
+/// are not worth their time.
 const ALWAYS: f64 = 0.1;
 
-/// The least bytes of a texel: radiance and inverse range. What is shaded per view takes more.
+/// Least bytes of a texel: radiance and inverse range. What is shaded per view takes more.
 const TEXEL_BYTES: u64 = 8;
 
-/// What each worker shall have at hand.
+/// The prefetch list of each worker.
 type Lists = BTreeMap<WorkerId, Vec<Source>>;
 
-/// The workers that read a sample beside its owner.
+/// The workers that fetch a sample from its owner.
 #[derive(Debug)]
 enum Readers {
-    /// These, told at once; each waits until its parent has the sample. The next version's samples are for those that compose
-    /// from the last one's, and a second copy is for one worker.
+    /// These workers, told at once; each waits until its parent has the sample. For the next version's samples, they
+    /// are the workers that compose from the last one's. For a second copy, it is one worker.
     AtOnce(Vec<WorkerId>),
-    /// All that compose, each told once its parent has the sample: there is no hurry with refinements.
+    /// All compositors, each told once its parent has the sample: refinements are not urgent.
     InTime,
 }
 
 impl Samples {
-    /// Ticks have passed: places the samples that the budget allows; how many.
+    /// Closes a tick: places samples within the budget. Returns their number.
     pub(super) fn place(&mut self, workers: &Workers, ticks: f64) -> usize {
         let samplers = workers.queues().samplers().len();
         if samplers == 0 || !(self.config.refining_share > 0.0) {
@@ -50,7 +50,7 @@ impl Samples {
         let secs = workers.believed_costs().sample_secs;
         let share = self.config.refining_share * self.config.tick.as_secs_f64() * samplers as f64;
         let time = ticks * share.min((OF_SPARE * self.spare_secs(workers, samplers)).max(ALWAYS * share));
-        // Until a sample's cost is known, one at a time.
+        // Until the cost of a sample is known, one is placed at a time.
         let per_tick = if secs > 0.0 { time / secs } else { 1.0 };
         let most =
             (self.config.refining_bytes / self.sample_bytes(workers).max(1)).min(MOST_REFINEMENTS) as usize;
@@ -58,18 +58,18 @@ impl Samples {
         self.placement.tick(Budget { per_tick, most })
     }
 
-    /// Texel bytes of a sample, as workers report them: were they thought smaller than they are, workers would forget samples
-    /// in use to make room for refinements, and render them again.
+    /// Texel bytes of a sample, as workers report them. If they were underestimated, workers would drop samples in
+    /// use to make room for refinements, and render them again.
     pub(super) fn sample_bytes(&self, workers: &Workers) -> u64 {
         let reported = workers.iter().map(|worker| worker.report().sample_bytes).max().unwrap_or(0);
         reported.max(self.set.rig.sample_texels() * TEXEL_BYTES)
     }
 
-    /// Seconds of a tick in which those who could render refinements have nothing else to do.
+    /// Spare seconds per tick of the workers that can render refinements.
     fn spare_secs(&self, workers: &Workers, samplers: usize) -> f64 {
         let (demand, costs) = (workers.demand(), workers.believed_costs());
         let from_triangles = demand.direct * costs.direct_secs + demand.rays * costs.ray_secs;
-        // Where samplers compose, views are everybody's.
+        // If samplers compose, all workers answer views.
         let (hands, busy_secs) = match self.config.samplers_composite {
             true => (workers.queues().ready(), from_triangles + demand.views * costs.view_secs),
             false => (samplers, from_triangles),
@@ -77,7 +77,7 @@ impl Samples {
         (hands as f64 * self.config.tick.as_secs_f64() - busy_secs).max(0.0)
     }
 
-    /// What workers shall have at hand; sees what views may use, too.
+    /// Makes the prefetch lists, and updates which refinements views may use.
     pub(in crate::core) fn refine(
         &mut self,
         workers: &Workers,
@@ -85,8 +85,8 @@ impl Samples {
         now: Uptime,
     ) -> PrefetchLists {
         self.changed = false;
-        // The last view in a past version may have been answered since the next one was served. Whoever is told to have its samples,
-        // and that none so old are of use, would drop them and render them again.
+        // The last view of an older version may have been answered since the next version was served. A worker that
+        // is told to hold its samples, and to drop versions that old, would drop them and render them again.
         self.versions.retire(|number| needed.contains(number));
         let wanted = self.wanted(workers, now);
         self.trees.retain(|id| wanted.contains_key(&id) || self.locations.is_on_its_way(id));
@@ -95,7 +95,7 @@ impl Samples {
         for (id, readers) in wanted {
             let known = Known { workers, locations: &self.locations };
             let Some(owner) = self.directory.owner(id, known, now) else { continue };
-            // A new owner fetches as well, from those who have it from the old one.
+            // A new owner also fetches it, from workers that got it from the old one.
             let holder = match self.locations.has(id, owner) {
                 true => Some(owner),
                 false => self.locations.holders(id).find(|worker| responds(*worker, workers)),
@@ -113,7 +113,7 @@ impl Samples {
         PrefetchLists { lists: told(lists, kept_from, workers), kept_from, suspected }
     }
 
-    /// The samples that workers shall have at hand, each with the workers that read it beside its owner.
+    /// The samples to prefetch, each with the workers that fetch it from its owner.
     fn wanted(&mut self, workers: &Workers, now: Uptime) -> BTreeMap<SampleId, Readers> {
         let copies = self.copies(workers, now);
         let at_once = self.prepared(workers).into_iter().chain(copies);
@@ -123,7 +123,7 @@ impl Samples {
         wanted
     }
 
-    /// Puts a sample on the lists of its owner and of its readers, each with the addresses where it finds it.
+    /// Adds a sample to the lists of its owner and of its readers, each with the addresses where it finds it.
     fn list(
         &mut self,
         id: SampleId,
@@ -147,7 +147,7 @@ impl Samples {
             Readers::InTime => return,
         };
         let Some(root_address) = address(root) else { return };
-        // Trees of different samples have different roots and leaves, so that no worker feeds others with all.
+        // Trees of different samples have different roots and leaves, so that no worker sends all samples.
         let tree = self.trees.tree(id);
         let first = id.camera.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
         for reader in readers.iter().cycle().skip(first as usize).take(readers.len()) {
@@ -161,30 +161,30 @@ impl Samples {
         }
     }
 
-    /// Sees which refinements views may use: those that most of the workers have that compose.
+    /// Updates which refinements views may use: those that most compositors hold.
     fn see_what_is_there(&mut self, workers: &Workers) {
         let (locations, queues) = (&self.locations, workers.queues());
         let version = self.set.version.number;
-        // Samplers are few; all others who have a sample compose.
+        // Samplers are few; all other holders are compositors.
         let held_by = |camera| {
             let id = SampleId { version, camera };
             let only_samples = |t: &&QueueEntry| locations.has(id, t.worker) && !queues.compositors().contains(t);
             locations.count(id) - queues.samplers().iter().filter(only_samples).count()
         };
         let readers = queues.compositors().len();
-        // A view that goes to one of the few who lack it fetches it like any other sample.
+        // A view at one of the few compositors that lack it fetches it like any other sample.
         self.placement
             .update(|index| readers > 0 && 2 * held_by(index) >= readers, |index| held_by(index) > 0);
     }
 }
 
-/// Whether a worker is there and not suspected.
+/// Whether a worker is joined and not suspected.
 fn responds(worker: WorkerId, workers: &Workers) -> bool {
     workers.get(worker).is_some_and(|w| !w.is_suspected())
 }
 
-/// What each worker is told. What a list leaves out is forgotten: so a worker that seems to hang is told nothing until it is
-/// heard of again, and all keep what they have while no worker samples, which passes.
+/// The lists that are sent. A worker drops what its list omits, so a suspected worker gets no list until it is heard
+/// again. All workers keep their samples while there is no sampler, which is temporary.
 fn told(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
     let nobody_samples = workers.queues().samplers().is_empty();
     let mut list_of = |worker: &Worker| match nobody_samples {

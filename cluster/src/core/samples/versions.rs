@@ -1,23 +1,22 @@
-//! The versions of the sample set: which one views are made of, what each shows, and which ones are got ready.
+//! Versions of the sample set: which one is served, what each shows, and which ones are prepared.
 //!
-//! The coordinator issues versions and numbers them. Each shows a state of the scene: its time. Epochs count multiples of Δt of
-//! the coordinator's uptime, so that the scene moves at its own pace however long rendering takes: on slow samplers a
-//! version shows an epoch that is several numbers after that of the version before it, and the motion is coarser, never
-//! slower. At any time one version is *served*: plans that are made now name its samples, and a frame is of that version
-//! alone. While it is served the next one is got ready: the cameras that plans named lately are rendered anew, ahead of
-//! demand. Only when all of these samples are there is that version served.
+//! The coordinator issues versions and numbers them. Each shows a state of the scene: its time. Epochs count
+//! multiples of Δt of the coordinator's uptime, so the scene moves at its own pace however long rendering takes. On
+//! slow samplers, versions skip epochs: the motion is coarser, never slower. At any time one version is *served*: new
+//! plans use its samples, and a frame is of one version alone. Meanwhile the next version is prepared: the recently
+//! used cameras are rendered ahead of demand. It is served once all of these samples exist.
 //!
-//! So nothing starves: views never wait for the next version, since they are answered in the one that is there;
-//! and the next version waits for a set of samples that was settled when it was issued, not for those that new
-//! viewpoints ask for meanwhile. While one version is on its way to those who compose, samplers render the one after it.
-//! If nothing comes for [`Versions::patience`], a sampler being lost or busy with
-//! what views wait for, the version is served as it is, and what it lacks is rendered on demand.
+//! So nothing starves. Views never wait for the next version, since they are answered in the served one. The next
+//! version waits for samples that were fixed when it was issued, not for those of later viewpoints. While one version
+//! is distributed to compositors, samplers render the one after it. If no sample comes for [`Versions::patience`],
+//! since a sampler was lost or is busy with what views wait for, the version is served as it is, and missing samples
+//! are rendered on demand.
 //!
-//! A version that is no longer served is kept until the next change, and for as long as a view that was planned in
-//! it is in work. While nobody looks no version is issued: the next view begins one of its own time.
+//! A version that is no longer served is kept until the next change, and while a view that was planned in it is in
+//! work. While no view arrives, no version is issued; the next view starts one of its own time.
 //!
-//! Two versions may show the same state: samples that are rendered otherwise from now on are a version of their own, so that no
-//! view is made of both.
+//! Two versions may show the same state: samples that are rendered differently from now on get a version of their
+//! own, so that no view mixes both.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -26,59 +25,59 @@ use argus_scene::Version;
 
 use crate::core::time::Uptime;
 
-/// Cameras that a version is got ready for, at most: those used last.
+/// Most cameras that a version is prepared for: the most recently used.
 const MOST_CAMERAS: usize = 4096;
 
-/// A version, and the cameras of the rig that it was got ready for.
+/// A version, and the cameras that it was prepared for.
 #[derive(Debug, Clone, Default)]
 struct Prepared {
     version: Version,
     cameras: BTreeSet<u64>,
 }
 
-/// Versions that are got ready at the same time: while one is on its way to those who compose, the next is rendered.
+/// Most versions in preparation: while one is distributed to compositors, the next is rendered.
 const MOST_UPCOMING: usize = 2;
 
-/// A version that is got ready.
+/// A version in preparation.
 #[derive(Debug, Clone)]
 struct Upcoming {
     prepared: Prepared,
-    /// How many of its cameras' samples are there.
+    /// Number of its samples that exist.
     there: usize,
-    /// When there were fewer of them last.
+    /// The time of the last progress.
     progressed: Uptime,
 }
 
 /// The versions of one sample set.
 #[derive(Debug, Clone)]
 pub(super) struct Versions {
-    /// Δt; `None` where the scene stands still, and then all versions show the first one's state.
+    /// Δt; `None` in a still scene, where all versions show the first one's state.
     every: Option<Duration>,
-    /// A camera is of interest for this long after a plan named it.
+    /// A camera is of interest for this long after a plan used it.
     interest: Duration,
-    /// How long a version waits for its next sample.
+    /// Longest wait of a version for its next sample.
     patience: Duration,
     served: Prepared,
-    /// The one that was served before.
+    /// The previously served version.
     before: Prepared,
-    /// Older ones that views in work were planned in.
+    /// Older versions that views in work need.
     past: Vec<Prepared>,
-    /// Those that are got ready, oldest first.
+    /// Versions in preparation, oldest first.
     upcoming: VecDeque<Upcoming>,
     /// Number of the next version.
     next: u64,
-    /// When the newest version was issued.
+    /// The time of issue of the newest version.
     issued: Uptime,
-    /// When plans named which cameras last.
+    /// The last use of each camera by a plan.
     used: BTreeMap<u64, Uptime>,
-    /// A version is issued only after so many plans since the last one.
+    /// Least number of plans between two versions.
     plans_each: u64,
     /// Plans since the newest version was issued.
     plans: u64,
 }
 
 impl Versions {
-    /// From a first version on.
+    /// Starts at a first version.
     pub(super) fn new(
         first: Version,
         every: Option<Duration>,
@@ -102,29 +101,29 @@ impl Versions {
         }
     }
 
-    /// Each version is issued only after so many plans: the ticks of the cluster paper, which samples the scene anew for
-    /// every V views, whatever time they take.
+    /// Issues each version only after this many plans, like the cluster paper, which samples the scene anew for every
+    /// V views, whatever time they take.
     pub(super) fn with_plans(self, plans_each: u64) -> Self {
-        // The first is issued at once: while one is served, the next is on its way.
+        // The first one is issued at once, so that it is prepared while the initial version is served.
         Self { plans_each, plans: plans_each, ..self }
     }
 
-    /// The one that plans are made of.
+    /// The version of new plans.
     pub(super) fn served(&self) -> Version {
         self.served.version
     }
 
-    /// The oldest one whose samples are still kept for views that name them.
+    /// The oldest kept version.
     pub(super) fn oldest(&self) -> Version {
         self.before.version
     }
 
-    /// What was got ready, and what is: versions with their cameras.
+    /// The prepared and kept versions, with their cameras.
     pub(super) fn prepared(&self) -> impl Iterator<Item = (Version, u64)> {
         self.all().flat_map(|one| one.cameras.iter().map(|camera| (one.version, *camera)))
     }
 
-    /// All versions that are kept or got ready, the oldest first, each once.
+    /// All versions that are kept or in preparation, oldest first, each once.
     pub(super) fn live(&self) -> Vec<Version> {
         let mut live: Vec<Version> = self.all().map(|one| one.version).collect();
         live.dedup();
@@ -136,13 +135,13 @@ impl Versions {
         self.past.iter().chain([&self.before, &self.served]).chain(upcoming)
     }
 
-    /// Lets go of what was served before the last change, but for versions, by number, that views in work need.
+    /// Drops the versions before the last change, except those that views in work need.
     pub(super) fn retire(&mut self, is_needed: impl Fn(u64) -> bool) {
         self.past.retain(|one| is_needed(one.version.number));
     }
 
-    /// Serves a new version of the state that is shown now, since samples are rendered otherwise from now on. No sample of an
-    /// older version can be rendered again, so that none of them is kept.
+    /// Serves a new version of the present state, since samples are rendered differently from now on. Samples of
+    /// older versions can no longer be rendered, so none of these is kept.
     pub(super) fn renew(&mut self) {
         let version = self.issue(self.served.version.state.epoch);
         self.served.version = version;
@@ -151,19 +150,20 @@ impl Versions {
         self.upcoming.clear();
     }
 
-    /// The next version, which shows that epoch.
+    /// Issues the next version, which shows this epoch.
     fn issue(&mut self, epoch: u64) -> Version {
         let number = self.next;
         self.next += 1;
         Version::of_epoch(number, epoch)
     }
 
-    /// Whether the scene moves at all.
+    /// Whether the scene moves.
     pub(super) fn moves(&self) -> bool {
         self.every.is_some()
     }
 
-    /// A view is asked for: after a pause, a version of the present epoch is served at once. Whether it is another one.
+    /// Serves a version of the present epoch for a new view, after a pause without views. Returns whether the version
+    /// changed.
     pub(super) fn wake(&mut self, now: Uptime) -> bool {
         self.forget(now);
         if !self.upcoming.is_empty() || !self.used.is_empty() {
@@ -179,7 +179,7 @@ impl Versions {
         true
     }
 
-    /// A plan names these cameras.
+    /// Records that a plan uses these cameras.
     pub(super) fn used(&mut self, cameras: impl IntoIterator<Item = u64>, now: Uptime) {
         if self.every.is_some() {
             self.plans += 1;
@@ -187,9 +187,9 @@ impl Versions {
         }
     }
 
-    /// Serves the next version if its samples are there (`is_there` of version and camera), and issues another one when its
+    /// Serves the next version if its samples exist (`is_there` of version and camera). Issues another one when its
     /// time has come and the one before it is rendered (`is_rendered`), for the cameras in use and those of `beside`.
-    /// Whether anything changed; how many samples were ordered.
+    /// Returns whether anything changed, and the number of ordered samples.
     pub(super) fn advance(
         &mut self,
         now: Uptime,
@@ -232,7 +232,7 @@ impl Versions {
         if self.plans < self.plans_each {
             return (changed, 0);
         }
-        // What came late is not caught up with.
+        // Late epochs are skipped.
         self.plans = (self.plans - self.plans_each).min(self.plans_each);
         let cameras: BTreeSet<u64> = self.used.keys().copied().chain(beside).collect();
         let ordered = cameras.len();
@@ -254,7 +254,7 @@ impl Versions {
         u64::try_from(now.since(Uptime::default()).as_nanos() / every.as_nanos().max(1)).unwrap_or(u64::MAX)
     }
 
-    /// Lets go of cameras that nobody has used for long.
+    /// Forgets cameras that were not used for long.
     fn forget(&mut self, now: Uptime) {
         self.used.retain(|_, used| now.since(*used) < self.interest);
         if self.used.len() > MOST_CAMERAS {
@@ -276,7 +276,7 @@ mod tests {
         Versions::new(Version::default(), Some(DT), Duration::from_secs(1), Duration::from_secs(5))
     }
 
-    /// Epochs that versions show, with the cameras that these are got ready for.
+    /// The epochs of prepared versions, with their cameras.
     fn prepared(versions: &Versions) -> Vec<(u64, u64)> {
         versions.prepared().map(|(version, camera)| (version.state.epoch, camera)).collect()
     }
@@ -286,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_that_stands_still_has_one_epoch() {
+    fn a_still_scene_has_one_epoch() {
         let mut still =
             Versions::new(Version::default(), None, Duration::from_secs(1), Duration::from_secs(5));
         still.used([1, 2], ms(0));
@@ -305,13 +305,13 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_is_served_once_all_of_its_samples_are_there() {
+    fn an_epoch_is_served_once_all_of_its_samples_exist() {
         let mut versions = versions();
         versions.used([7, 9], ms(0));
         assert_eq!(
             versions.advance(ms(99), [], |_, _| false, |_, _| false),
             (false, 0),
-            "not before its time"
+            "the time of the epoch has not come"
         );
         assert_eq!(versions.advance(ms(100), [], |_, _| false, |_, _| false), (true, 2));
         assert_eq!(prepared(&versions), [(1, 7), (1, 9)]);
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn while_one_epoch_is_on_its_way_the_next_is_rendered_and_no_third() {
+    fn while_one_epoch_is_distributed_only_the_next_is_rendered() {
         let mut versions = versions();
         versions.used([1], ms(0));
         assert_eq!(versions.advance(ms(100), [], |_, _| false, |_, _| false), (true, 1));
@@ -378,14 +378,14 @@ mod tests {
     }
 
     #[test]
-    fn an_epoch_for_every_so_many_plans_is_issued_after_them_and_no_sooner() {
+    fn an_epoch_per_number_of_plans_is_issued_after_that_number() {
         let mut versions = versions().with_plans(3);
         versions.used([1], ms(100));
         versions.used([1], ms(200));
         assert_eq!(
             versions.advance(ms(300), [], |_, _| true, |_, _| true),
             (true, 1),
-            "the first one ahead of views"
+            "the first one before any view"
         );
         assert_eq!(
             versions.advance(ms(420), [], |_, _| true, |_, _| true),
@@ -397,7 +397,7 @@ mod tests {
         assert_eq!(versions.advance(ms(600), [], |_, _| true, |_, _| true), (true, 0));
         (0..30).for_each(|i| versions.used([1], ms(600 + i)));
         assert_eq!(versions.advance(ms(700), [], |_, _| true, |_, _| true), (true, 1));
-        // Of nine epochs that were missed, one is made up for.
+        // Of nine missed epochs, one is made up for.
         let issued = (0..20)
             .filter(|i| versions.advance(ms(750 + i * 20), [], |_, _| true, |_, _| true).1 > 0)
             .count();
@@ -411,7 +411,7 @@ mod tests {
         let mut changes = 0;
         for now in (100..3000).step_by(50) {
             versions.used([now], ms(now));
-            // What was of interest when the epoch was issued is there 50 ms later; later comers never are.
+            // The samples wanted at the time of issue exist 50 ms later; later ones never do.
             changes += u64::from(
                 versions.advance(ms(now), [], |v, camera| camera <= v.state.epoch * 100, |_, _| false).0,
             );
@@ -439,13 +439,13 @@ mod tests {
     }
 
     #[test]
-    fn while_nobody_looks_nothing_is_issued_and_the_next_view_sees_its_own_time() {
+    fn without_views_no_epoch_is_issued_and_the_next_view_starts_one() {
         let mut versions = versions();
         assert_eq!(versions.advance(ms(700), [], |_, _| true, |_, _| false), (false, 0));
         assert!(versions.wake(ms(750)));
         assert_eq!(versions.served().state.epoch, 7);
         versions.used([1], ms(750));
-        assert!(!versions.wake(ms(790)), "it is looked at");
+        assert!(!versions.wake(ms(790)), "a view came just now");
         assert_eq!(versions.advance(ms(850), [], |_, _| true, |_, _| false), (true, 1));
         assert_eq!(versions.advance(ms(900), [], |_, _| true, |_, _| false), (true, 0));
         assert_eq!(versions.served().state.epoch, 8);
@@ -459,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_version_of_the_same_state_is_served_at_once_and_has_a_number_of_its_own() {
+    fn a_new_version_of_the_same_state_is_served_at_once() {
         let mut still =
             Versions::new(Version::default(), None, Duration::from_secs(1), Duration::from_secs(5));
         still.renew();
@@ -476,7 +476,7 @@ mod tests {
         assert!(moving.served().number > served.number, "{:?}", moving.served());
         let cameras: BTreeSet<u64> = moving.prepared().map(|(_, camera)| camera).collect();
         assert_eq!(cameras, BTreeSet::from([7]), "it is got ready for the same cameras");
-        // Numbers ascend, whatever versions show.
+        // Numbers ascend, whatever the versions show.
         moving.used([7], ms(300));
         assert!(moving.advance(ms(400), [], |_, _| false, |_, _| false).0);
         let numbers: Vec<u64> = moving.live().iter().map(|version| version.number).collect();
