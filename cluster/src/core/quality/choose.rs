@@ -1,4 +1,4 @@
-//! Which setting to try first, and what to do with the frame that came of it.
+//! Choice of the setting to try first, and of what follows its frame.
 
 use std::cmp::Ordering;
 
@@ -7,33 +7,33 @@ use argus_scene::{Holes, PlanRequest, Prediction, Preset};
 use super::Setting;
 use super::regression::Belief;
 
-/// Frames that are rendered for one request at most: the last is delivered whatever it looks like.
+/// Most frames rendered for one request: the last is delivered whatever its error.
 pub const MOST_TRIES: usize = 3;
 
-/// How many times the cheapest plan's time a balanced one may take.
+/// A balanced plan may take this many times the cheapest plan's time.
 const BALANCED: f64 = 2.0;
 
 /// A setting that may be tried.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate<'a> {
-    /// Which.
+    /// The setting.
     pub setting: Setting,
-    /// Milliseconds of rendering that are expected of it.
+    /// Expected milliseconds of rendering.
     pub ms: f64,
-    /// What is believed of its error.
+    /// The belief about its error.
     pub error: Belief<'a>,
-    /// By what factor the error that its own frame is held to lies above the true one, typically.
+    /// Typical factor of the upper bound that its own frame will get, above its true error.
     pub judged_factor: f64,
 }
 
-/// What is wanted beside what the plan must be.
+/// The target that a request states.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct QualityTarget {
-    /// The greatest error that is accepted.
+    /// The greatest accepted error; `None`: no bound.
     pub max_error: Option<f64>,
-    /// Milliseconds that rendering may take, after those it has to wait.
+    /// Milliseconds for waiting and rendering; `None`: no deadline.
     pub deadline_ms: Option<f64>,
-    /// A named trade of time for error.
+    /// A named trade-off between time and error.
     pub preset: Option<Preset>,
 }
 
@@ -45,7 +45,7 @@ impl QualityTarget {
         (target != Self::default()).then_some(target)
     }
 
-    /// Whether a preset forbids a setting: exact ones guess no pixel, and supersample what they warp.
+    /// Whether the preset forbids a setting: exact views guess no pixel, and supersample warped ones.
     fn forbids(&self, setting: Setting) -> bool {
         let guesses = match setting {
             Setting::Direct { .. } => false,
@@ -54,34 +54,33 @@ impl QualityTarget {
         self.preset == Some(Preset::Exact) && guesses
     }
 
-    /// Whether a candidate is done in time after waiting for `wait_ms`.
+    /// Whether a candidate meets the deadline after waiting for `wait_ms`.
     fn affords(&self, candidate: &Candidate<'_>, wait_ms: f64) -> bool {
-        // Written so that NaN is not afforded.
+        // A NaN does not meet it.
         self.deadline_ms.is_none_or(|deadline| wait_ms + candidate.ms <= deadline)
     }
 }
 
-/// What to do next.
+/// The next step for a request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
     /// Render with a setting.
     Try {
         /// Which.
         setting: Setting,
-        /// What is expected of the frame.
+        /// The prediction for the frame.
         expected: Prediction,
-        /// Whether its frame is to be judged: [`next`] decides about it. Else it is delivered.
+        /// Whether [`next`] must judge its frame. Else it is delivered.
         judged: bool,
     },
-    /// Deliver the frame that was seen.
+    /// Deliver the rendered frame.
     Deliver {
-        /// What is now expected of it.
+        /// The prediction after the judgement.
         expected: Prediction,
     },
 }
 
-/// The first setting to try; `None` where there is nothing to choose among. `wait_ms` is how long a setting
-/// has to wait before its turn.
+/// The first setting to try; `None` without candidates. `wait_ms` is the waiting time of a setting.
 pub fn first(
     candidates: &[Candidate<'_>],
     target: &QualityTarget,
@@ -92,7 +91,7 @@ pub fn first(
         candidates.iter().filter(allowed).filter(|c| target.affords(c, wait_ms(c.setting))).copied();
     let mut open: Vec<Candidate<'_>> = affordable.collect();
     if open.is_empty() {
-        // Late all the same: what is done first.
+        // If all are late, the earliest.
         let soonest = |c: &&Candidate<'_>| wait_ms(c.setting) + c.ms;
         let all = || candidates.iter();
         open.extend(least(all().filter(allowed), soonest).or(least(all(), soonest)));
@@ -112,8 +111,8 @@ pub fn first(
     Some(attempt(&chosen?, false))
 }
 
-/// What to do about a frame of `tried`'s last setting. `candidates` are believed in the light of that frame;
-/// `spent_ms` have passed since the first try began.
+/// The step after a frame of the last setting in `tried`. `candidates` include what that frame showed; `spent_ms`
+/// have passed since the first try.
 pub fn next(
     candidates: &[Candidate<'_>],
     target: &QualityTarget,
@@ -137,22 +136,22 @@ pub fn next(
         .copied()
         .collect();
     let last = tried.len() + 1 >= MOST_TRIES;
-    // What was thrown away can be made again, but not to be judged again.
+    // A rejected frame can be rendered again, but is not judged again.
     let unjudged: Vec<Setting> = if last { open.iter().map(|c| c.setting).collect() } else { tried.to_vec() };
-    // Where something is certain to keep the bound, what costs less to begin with may be as uncertain as what was seen.
+    // If a setting surely keeps the bound, cheaper ones may be tried although they are as uncertain as what was seen.
     let reachable = open.iter().any(|c| c.error.upper() <= bound);
     match bounded(&open, &unjudged, bound) {
         Some(chosen) if reachable || by_error(&chosen, seen).is_lt() => {
             attempt(&chosen, !unjudged.contains(&chosen.setting))
         }
-        // Nothing is better.
+        // No candidate is better.
         _ => delivered(seen),
     }
 }
 
-/// The candidate to try for a bound: the cheapest that is certain to keep it, or one that it costs less to
-/// begin with, even though its frame may be thrown away; the best there is where none is certain. Those in
-/// `unjudged` are tried only if they are certain, or the best.
+/// The candidate to try for a bound: the cheapest that surely keeps it, or one that is cheaper to begin with, even
+/// though its frame may be rejected. If none surely keeps it, the best one. Those in `unjudged` are tried only if
+/// they surely keep it, or are the best.
 fn bounded<'a>(open: &[Candidate<'a>], unjudged: &[Setting], bound: f64) -> Option<Candidate<'a>> {
     let certain = least(open.iter().filter(|c| c.error.upper() <= bound), |c| c.ms);
     let fallback = certain.or_else(|| open.iter().min_by(|a, b| by_error(a, b)).copied())?;
@@ -167,9 +166,8 @@ fn bounded<'a>(open: &[Candidate<'a>], unjudged: &[Setting], bound: f64) -> Opti
     })
 }
 
-/// Milliseconds until a frame is accepted that beginning with a candidate is expected to take. Its frame tells
-/// so much about all others that after it the right one is known: the cheapest that keeps the bound, and what
-/// a cheaper one keeps the dearer ones are taken to keep as well.
+/// Expected milliseconds until a frame is accepted, if this candidate is tried first. Its frame is assumed to show
+/// which candidate is right: the cheapest that keeps the bound, where dearer ones keep what a cheaper one keeps.
 fn beginning_with(
     c: &Candidate<'_>,
     accepted: f64,
@@ -194,13 +192,13 @@ fn expected(candidate: &Candidate<'_>) -> Prediction {
     Prediction { error: candidate.error.upper(), ms: candidate.ms }
 }
 
-/// The one first whose error is sure to be less; of two that may both be wrong in any way, the one that is expected to be less so.
+/// Orders candidates by the upper bound of their error; of two with the greatest bound, by the median.
 fn by_error(a: &Candidate<'_>, b: &Candidate<'_>) -> Ordering {
     let upper = a.error.upper().total_cmp(&b.error.upper());
     upper.then_with(|| a.error.median().total_cmp(&b.error.median()))
 }
 
-/// The candidate with the least of something; what is not a number is more than any number.
+/// The candidate with the least value; a NaN is greater than any number.
 fn least<'c, 'a: 'c>(
     candidates: impl Iterator<Item = &'c Candidate<'a>>,
     of: impl Fn(&&Candidate<'a>) -> f64,

@@ -1,4 +1,4 @@
-//! What calibration measured of a scene.
+//! Calibrated models of a scene's errors and costs.
 
 use argus_scene::{PlanRequest, Rig, SceneHash};
 use serde::{Deserialize, Serialize};
@@ -7,86 +7,86 @@ use super::choose::Candidate;
 use super::regression::Belief;
 use super::{Observed, Pace, Regression, Setting, Situation};
 
-/// Of the file format and of the meaning of all features; a model of another version is not read.
+/// Version of the file format and of the features. Models of other versions are not read.
 pub const MODEL_VERSION: u32 = 1;
 
-/// One calibration view, answered with several settings.
+/// One calibration view, rendered with several settings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// What could be said of it before.
+    /// Its features before rendering.
     pub situation: Situation,
-    /// Pixels.
+    /// Number of its pixels.
     pub pixels: u64,
-    /// What came of each setting; the same settings in the same order in all trials.
+    /// Its answer with each setting; the settings and their order are the same in all trials.
     pub answers: Vec<Answer>,
 }
 
-/// A setting's answer to a view.
+/// The frame of one setting for a calibration view.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
-    /// Which.
+    /// The setting.
     pub setting: Setting,
     /// Mean FLIP against the reference, at 67 pixels a degree.
     pub error: f64,
-    /// Milliseconds of rendering it, alone.
+    /// Milliseconds of rendering it alone.
     pub ms: f64,
-    /// What its pixels say.
+    /// The statistics of its pixels.
     pub observed: Observed,
 }
 
-/// Milliseconds of rendering a view.
+/// The cost of rendering a view, linear in its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cost {
-    /// Of a view without pixels.
+    /// Milliseconds of a view without pixels.
     pub fixed_ms: f64,
-    /// Of every million pixels.
+    /// Milliseconds per million pixels.
     pub ms_per_megapixel: f64,
 }
 
-/// What is known of a setting.
+/// The calibration of a setting.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibrated {
-    /// Which.
+    /// The setting.
     pub setting: Setting,
-    /// What it costs.
+    /// Its cost.
     pub cost: Cost,
     /// Median error of the calibration views.
     pub median_error: f64,
-    /// Error before anything was rendered, from [`Situation`].
+    /// Regression of the error before rendering, on [`Situation`].
     pub before: Regression,
-    /// Error once a frame was seen, from [`Situation`] and [`Observed`].
+    /// Regressions of the error after a frame, on [`Situation`] and [`Observed`].
     pub after: Vec<After>,
 }
 
-/// A setting's error once a frame of a setting was seen.
+/// A setting's error after a frame of another setting, or of its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct After {
-    /// The setting of the frame that was seen.
+    /// The setting of the observed frame.
     pub seen: Setting,
-    /// The error, given what was seen.
+    /// Regression of the error.
     pub error: Regression,
 }
 
-/// What calibration measured of one scene, rig and device.
+/// The calibration of one scene, rig and device.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Model {
-    /// [`MODEL_VERSION`].
+    /// [`MODEL_VERSION`] when it was written.
     pub version: u32,
     /// The scene.
     pub scene: SceneHash,
-    /// Where its sample cameras stand.
+    /// The rig of its sample cameras.
     pub rig: Rig,
     /// Adapter, driver and version.
     pub device: String,
-    /// Calibration views.
+    /// Number of calibration views.
     pub views: usize,
-    /// All settings that are chosen among.
+    /// All calibrated settings.
     pub settings: Vec<Calibrated>,
 }
 
 impl Model {
-    /// Fits to calibration views. `timings` are further measurements of cost, (setting, pixels, milliseconds), at
-    /// other sizes than the trials'. Settings that were never measured, or too seldom, are left out.
+    /// Fits a model to calibration views. `timings` are further costs at other sizes: (setting, pixels,
+    /// milliseconds). Settings with too few measurements are omitted.
     pub fn fit(
         scene: SceneHash,
         rig: Rig,
@@ -127,9 +127,9 @@ impl Model {
         Self { version: MODEL_VERSION, scene, rig, device, views: complete.len(), settings }
     }
 
-    /// The file that a model is kept in: one for each scene, rig and device.
+    /// The name of the model's file: one for each scene, rig and device.
     pub fn file_name(&self) -> String {
-        // FNV-1a; what it tells apart is written in the file.
+        // FNV-1a over what the file itself states.
         let text = format!("{} {:?} {}", self.version, self.rig, self.device);
         let hash = text
             .bytes()
@@ -137,17 +137,17 @@ impl Model {
         format!("{}-{hash:016x}.json", self.scene)
     }
 
-    /// Whether it speaks of what is served, and in this version's words.
+    /// Whether it is of this scene and rig, and of this version.
     pub fn fits(&self, scene: SceneHash, rig: &Rig) -> bool {
         self.version == MODEL_VERSION && self.scene == scene && self.rig == *rig && !self.settings.is_empty()
     }
 
-    /// What is known of a setting.
+    /// The calibration of one setting.
     pub fn of(&self, setting: Setting) -> Option<&Calibrated> {
         self.settings.iter().find(|calibrated| calibrated.setting == setting)
     }
 
-    /// The settings that a request allows, each with what is believed of it before anything was rendered.
+    /// The settings that a request allows, with beliefs before rendering.
     pub fn candidates(
         &self,
         request: &PlanRequest,
@@ -166,8 +166,7 @@ impl Model {
             .collect()
     }
 
-    /// The same candidates, now that a frame of the setting `seen` was seen. Those that nothing is known of
-    /// under this light keep what was believed before.
+    /// The candidates after a frame of the setting `seen`. Settings without a regression for it keep their beliefs.
     pub fn enlightened<'a>(
         &'a self,
         candidates: &[Candidate<'a>],
@@ -196,8 +195,8 @@ impl Calibrated {
 }
 
 impl Cost {
-    /// A line through the median times at each size. With one size alone all of the cost is the pixels': small
-    /// views are then thought cheaper than they are, large ones never.
+    /// Fits a line through the median times at each size. With only one size, the cost is proportional to the pixels:
+    /// small views are then underestimated, large ones never.
     pub(crate) fn fit(measured: impl Iterator<Item = (u64, f64)>) -> Option<Self> {
         let mut measured: Vec<(u64, f64)> = measured.filter(|(_, ms)| *ms >= 0.0 && ms.is_finite()).collect();
         measured.sort_by_key(|m| m.0);
@@ -218,13 +217,13 @@ impl Cost {
         }
     }
 
-    /// Of a view of that many pixels.
+    /// Milliseconds of a view of this many pixels.
     pub fn ms(&self, pixels: u64) -> f64 {
         self.fixed_ms + self.ms_per_megapixel * pixels as f64 * 1e-6
     }
 }
 
-/// The lower of two middles.
+/// The median; of two middle values the lower one.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.retain(|v| v.is_finite());
     values.sort_by(f64::total_cmp);

@@ -1,41 +1,41 @@
-//! What a frame's own pixels say about how good it is.
+//! Statistics of a frame's pixels that predict its error.
 
 use argus_scene::Frame;
 use serde::{Deserialize, Serialize};
 
-/// Brightness differs by more than this across a pixel of an edge, of 255.
+/// Least difference of brightness at an edge, of 255.
 const EDGE: u32 = 26;
-/// Pixels across which the coarse detail is taken.
+/// Distance in pixels of the coarse detail.
 const COARSE: usize = 4;
 
 /// Statistics of a frame, each a mean over its pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Observed {
-    /// Difference of brightness (0 to 1) to the pixels right and below: what a sampling of one ray a pixel
-    /// gets wrong.
+    /// Difference of brightness (0 to 1) to the pixels right and below: what one ray per pixel gets wrong.
     pub detail: f64,
-    /// The same to the pixels four columns and rows away: how much of the detail is of that scale.
+    /// Difference of brightness (0 to 1) to the pixels four columns and rows away: the part of the detail at that
+    /// scale.
     pub coarse_detail: f64,
     /// Share of pixels on an edge.
     pub edges: f64,
-    /// Share of pixels that no sample saw and nothing else served.
+    /// Share of pixels that no sample saw and that were not traced.
     pub unresolved: f64,
-    /// Share of pixels where a second sample has the same surface; 0 where that is not known.
+    /// Share of pixels where a second sample shows the same surface; 0 if unknown.
     pub agreeing: f64,
-    /// Mean residual of the pixels that a sample saw, as a share of the tolerance; 0 where that is not known.
+    /// Mean residual of the pixels that a sample saw, relative to the tolerance; 0 if unknown.
     pub residual: f64,
 }
 
 impl Observed {
-    /// How many features there are.
+    /// Number of features.
     pub const FEATURES: usize = 6;
 
-    /// Looks at a frame with colour and, if it was reconstructed, confidence. `None` without colour.
+    /// Measures a frame with colour and, if it was reconstructed, confidence. `None` without colour.
     pub fn of(frame: &Frame) -> Option<Self> {
         let columns = frame.width as usize;
         let pixels = columns * frame.height as usize;
         let color = frame.color.as_ref().filter(|color| color.len() == pixels * 3 && pixels > 0)?;
-        // Rec. 601 luma in 8 bits: FLIP's own weights differ by less than its errors vary.
+        // Rec. 601 luma in 8 bits. FLIP's weights differ by less than its errors vary.
         let luma = |p: &[u8]| (77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2])) >> 8;
         let luma: Vec<u8> = color.chunks_exact(3).map(|p| luma(p) as u8).collect();
         let (fine, edges) = differences(&luma, columns, 1);
@@ -58,7 +58,7 @@ impl Observed {
         })
     }
 
-    /// As numbers that errors' logarithms depend on about linearly.
+    /// Features on which the error's logarithm depends about linearly.
     pub fn features(&self) -> [f64; Self::FEATURES] {
         let least = 1e-4;
         [
@@ -72,8 +72,8 @@ impl Observed {
     }
 }
 
-/// Mean absolute difference, 0 to 1, to the values `step` columns and `step` rows on, and the share of values
-/// that differ from either by more than [`EDGE`].
+/// Mean absolute difference, 0 to 1, to the values `step` columns and rows away, and the share of values that differ
+/// from either by more than [`EDGE`].
 fn differences(luma: &[u8], columns: usize, step: usize) -> (f64, f64) {
     let (mut sum, mut count, mut edges) = (0_u64, 0_u64, 0_u64);
     for (y, row) in luma.chunks_exact(columns).enumerate() {
@@ -136,14 +136,14 @@ mod tests {
     }
 
     #[test]
-    fn confidence_is_told_apart_by_its_bits() {
+    fn confidence_is_decoded_by_its_bits() {
         let seen = Observed::of(&frame(2, 2, vec![0; 12], Some(vec![0, 127, 255, 128]))).unwrap();
         assert_eq!((seen.agreeing, seen.unresolved), (0.5, 0.25));
         assert!((seen.residual - 1.0 / 3.0).abs() < 1e-12, "{seen:?}");
     }
 
     #[test]
-    fn frames_of_one_pixel_and_without_colour_are_no_trouble() {
+    fn frames_of_one_pixel_or_without_colour_are_accepted() {
         let one = Observed::of(&frame(1, 1, vec![7; 3], Some(vec![0]))).unwrap();
         assert!(one.features().iter().all(|f| f.is_finite()), "{one:?}");
         assert!(Observed::of(&Frame { color: None, ..frame(1, 1, vec![7; 3], None) }).is_none());

@@ -1,16 +1,16 @@
-//! Costs kept up to date: what frames were seen to cost against what the model had said.
+//! Correction of the model's costs by measured ones.
 
 use std::collections::HashMap;
 
 use super::super::smooth::Smoothed;
 use super::Setting;
 
-/// A frame may have been this many times as slow, or as fast, as was predicted, before it is taken for an
-/// accident (a program that was compiled, a process that was held up).
+/// Greatest ratio of measured to predicted time, or its inverse. Beyond it is an accident, such as a compiled program
+/// or a delayed process.
 const WILD: f64 = 20.0;
 
-/// The ratio of measured to predicted time of each setting, and, for settings that were not used lately, of
-/// all direct and of all reconstructed views.
+/// The ratio of measured to predicted time of each setting. Settings without recent use take the ratio of all direct,
+/// or of all reconstructed, views.
 #[derive(Debug, Clone)]
 pub struct Pace {
     weight: f64,
@@ -19,15 +19,15 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// Costs are as the model has them; `weight` of the newest observation in (0, 1].
+    /// Starts with the model's costs; `weight` of the newest observation is in (0, 1].
     pub fn new(weight: f64) -> Self {
         Self { weight, settings: HashMap::new(), kinds: [Smoothed::new(weight), Smoothed::new(weight)] }
     }
 
-    /// A frame took `ms` where the model alone says `expected_ms`.
+    /// Learns from a frame's measured time and the model's.
     pub fn observe(&mut self, setting: Setting, ms: f64, expected_ms: f64) {
         let ratio = ms / expected_ms;
-        // Written so that NaN is refused.
+        // A NaN is ignored.
         if !(ratio > 1.0 / WILD && ratio < WILD) {
             return;
         }
@@ -36,7 +36,7 @@ impl Pace {
         self.kinds[usize::from(setting.is_direct())].observe(ratio);
     }
 
-    /// What the model's time for a setting is to be multiplied by.
+    /// The factor on the model's time of a setting.
     pub fn factor(&self, setting: Setting) -> f64 {
         let own = self.settings.get(&setting).and_then(Smoothed::value);
         own.or(self.kinds[usize::from(setting.is_direct())].value()).unwrap_or(1.0)
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_slower_machine_is_noticed_and_accidents_are_not() {
+    fn a_slower_machine_changes_the_pace_and_accidents_do_not() {
         let direct = |samples_per_pixel| Setting::Direct { samples_per_pixel };
         let mut pace = Pace::new(0.3);
         assert_eq!(pace.factor(direct(1)), 1.0);

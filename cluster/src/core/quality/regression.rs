@@ -1,21 +1,20 @@
-//! Ridge regression of an error's logarithm, with quantiles from what is left over.
+//! Ridge regression of an error's logarithm, with quantiles from its residuals.
 
 use serde::{Deserialize, Serialize};
 
-/// Added to errors before their logarithm is taken: two frames closer than this are alike.
+/// Added to errors before their logarithm: smaller errors are alike.
 const LEAST_ERROR: f64 = 1e-4;
-/// Penalties that are tried; the best by left-out residuals is kept.
+/// Penalties that are tried. The best by leave-one-out residuals is kept.
 const PENALTIES: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
-/// Residuals are kept as this many quantiles from the least to the greatest.
+/// Number of quantiles that represent the residuals, from the least to the greatest.
 const QUANTILES: usize = 41;
-/// How much the logarithm of the error may rise for every standard deviation that a feature lies outside of
-/// what was calibrated.
+/// Rise of the error's logarithm for each standard deviation by which a feature lies outside of the calibrated range.
 const OUTSIDE: f64 = 0.25;
-/// A standard deviation is at least this, however little calibration varied the feature: all are logarithms, roots
-/// and shares. A view with two unresolved pixels is believed, though nearly all of those calibrated had none.
+/// Least standard deviation of a feature, however little calibration varied it. Features are logarithms, roots and
+/// shares. So a view with two unresolved pixels is predicted, although nearly all calibrated views had none.
 const LEAST_SCALE: f64 = 0.05;
 
-/// One feature's part.
+/// The term of one feature.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Term {
     center: f64,
@@ -25,30 +24,30 @@ struct Term {
     weight: f64,
 }
 
-/// Predicts errors, which are above 0, from features.
+/// Predicts positive errors from features.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Regression {
     terms: Vec<Term>,
     intercept: f64,
-    /// Quantiles of the left-out residuals, ascending.
+    /// Quantiles of the leave-one-out residuals, ascending.
     residuals: Vec<f64>,
-    /// The residual that all but a share of 1 − [`super::CONFIDENCE`] stay below.
+    /// The residual that a share of [`super::CONFIDENCE`] stays below.
     upper: f64,
 }
 
-/// What is believed of one error.
+/// The belief about one error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Belief<'a> {
-    /// Of the error's logarithm.
+    /// Mean of the error's logarithm.
     mean: f64,
-    /// What is added to every quantile, for features that lie outside.
+    /// Added to every quantile, for features outside of the calibrated range.
     outside: f64,
     of: &'a Regression,
 }
 
 impl Regression {
-    /// Fits to rows of features and the error of each. `None` where there are fewer than eight usable rows; a
-    /// row with anything that is not finite is left out.
+    /// Fits to rows of features and their errors. `None` for fewer than eight usable rows; rows with non-finite
+    /// values are omitted.
     pub fn fit(rows: &[Vec<f64>], errors: &[f64]) -> Option<Self> {
         let width = rows.first()?.len();
         let usable = rows.iter().zip(errors).filter(|(row, error)| {
@@ -68,8 +67,8 @@ impl Regression {
                 let variance = column().map(|x| (x - center).powi(2)).sum::<f64>() / n;
                 Term {
                     center,
-                    // A feature that calibration never varied says nothing, and a view that does vary it is
-                    // outside by as much as it differs.
+                    // A feature that calibration never varied has no weight. A view that varies it is outside by the
+                    // full difference.
                     scale: if variance > 1e-12 { variance.sqrt() } else { 1.0 },
                     low: column().fold(f64::INFINITY, f64::min),
                     high: column().fold(f64::NEG_INFINITY, f64::max),
@@ -91,7 +90,7 @@ impl Regression {
         Some(Self { terms, intercept, upper: upper_quantile(&residuals), residuals: thinned(&residuals) })
     }
 
-    /// By what factor the upper bound lies above the median.
+    /// The factor between upper bound and median.
     pub fn factor(&self) -> f64 {
         (self.upper - self.middle()).exp().max(1.0)
     }
@@ -100,8 +99,8 @@ impl Regression {
         self.residuals.get(self.residuals.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// What is believed of the error of a row of features. What is not finite, or not as many features as were
-    /// fitted, is as far outside as can be.
+    /// The belief about the error of a row of features. A row with non-finite values, or of another length, is as far
+    /// outside as possible.
     pub fn believe(&self, features: &[f64]) -> Belief<'_> {
         let mut belief = Belief { mean: self.intercept, outside: 0.0, of: self };
         if features.len() != self.terms.len() || features.iter().any(|x| !x.is_finite()) {
@@ -118,28 +117,28 @@ impl Regression {
 }
 
 impl Belief<'_> {
-    /// The error that half of all such views stay below, 0 to 1.
+    /// The median error of such views, 0 to 1.
     pub fn median(&self) -> f64 {
         error_of(self.mean + self.of.middle())
     }
 
-    /// The error that [`super::CONFIDENCE`] of all such views stay below, 0 to 1.
+    /// The error that a share of [`super::CONFIDENCE`] of such views stays below, 0 to 1.
     pub fn upper(&self) -> f64 {
         error_of(self.mean + self.outside + self.of.upper)
     }
 
-    /// The share of such views whose error is at most `error / factor`. With the factor by which another
-    /// regression's upper bound lies above the truth, that is the share which that one would accept.
+    /// The share of such views whose error is at most `error / factor`. If `factor` is another regression's factor of
+    /// its upper bound above the truth, this is the share that it would accept.
     pub fn share_within(&self, error: f64, factor: f64) -> f64 {
         let room = (error / factor + LEAST_ERROR).ln() - self.mean - self.outside;
         let quantiles = &self.of.residuals;
-        // Written so that NaN gives 0.
+        // A NaN gives 0.
         let below = quantiles.iter().filter(|&&residual| residual <= room).count();
         below as f64 / quantiles.len().max(1) as f64
     }
 }
 
-/// Back from the logarithm; 1, the greatest FLIP there is, for what is not known.
+/// Converts back from the logarithm; unknown values give 1, the greatest FLIP.
 fn error_of(logarithm: f64) -> f64 {
     let error = logarithm.exp() - LEAST_ERROR;
     if error <= 1.0 { error.max(0.0) } else { 1.0 }
@@ -149,8 +148,7 @@ fn squares(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum()
 }
 
-/// The ⌈(n + 1)·level⌉-th of `n` ascending residuals; where there are too few for that, the greatest and a
-/// half more.
+/// The ⌈(n + 1)·level⌉-th of `n` ascending residuals; with too few, 1.5 times the greatest.
 fn upper_quantile(residuals: &[f64]) -> f64 {
     let rank = ((residuals.len() + 1) as f64 * super::CONFIDENCE).ceil() as usize;
     match residuals.get(rank.saturating_sub(1)) {
@@ -165,8 +163,8 @@ fn thinned(values: &[f64]) -> Vec<f64> {
     (0..QUANTILES).map(at).collect()
 }
 
-/// Weights of the ridge regression without intercept, and the residual of every row when it is left out:
-/// eᵢ / (1 − hᵢᵢ), hᵢᵢ the diagonal of the hat matrix (Allen's PRESS, Technometrics 1974), the mean counted in.
+/// Weights of the ridge regression without intercept, and the leave-one-out residual of every row: eᵢ / (1 − hᵢᵢ),
+/// where hᵢᵢ is the diagonal of the hat matrix (Allen's PRESS, Technometrics 1974), including the mean.
 fn ridge(table: &[Vec<f64>], targets: &[f64], penalty: f64) -> Option<(Vec<f64>, Vec<f64>)> {
     let width = table.first()?.len();
     let mut normal = vec![vec![0.0; width]; width];
@@ -192,14 +190,15 @@ fn ridge(table: &[Vec<f64>], targets: &[f64], penalty: f64) -> Option<(Vec<f64>,
     Some((weights, left_out))
 }
 
-/// The lower triangle L of L·Lᵀ, from the lower triangle of a symmetric matrix; `None` if it is not definite.
+/// The lower triangle L of L·Lᵀ, from the lower triangle of a symmetric matrix; `None` if that is not positive
+/// definite.
 fn cholesky(mut a: Vec<Vec<f64>>) -> Option<Vec<Vec<f64>>> {
     for i in 0..a.len() {
         for j in 0..=i {
             let dot: f64 = (0..j).map(|k| a[i][k] * a[j][k]).sum();
             let rest = a[i][j] - dot;
             a[i][j] = match i == j {
-                // Written so that NaN is refused.
+                // A NaN is refused.
                 true if rest > 0.0 => rest.sqrt(),
                 true => return None,
                 false => rest / a[j][j],
@@ -233,7 +232,7 @@ fn solve(factor: &[Vec<f64>], b: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Numbers that look random, −1 to 1, the same everywhere.
+    /// Deterministic pseudo-random numbers, −1 to 1.
     fn noise(seed: u64) -> impl FnMut() -> f64 {
         let mut state = seed;
         move || {
@@ -254,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_little_more_of_what_calibration_hardly_varied_is_believed_and_much_more_is_not() {
+    fn features_that_calibration_hardly_varied_may_differ_a_little() {
         let (mut train, errors) = rows(40, 5);
         train.iter_mut().enumerate().for_each(|(i, row)| row.push(if i == 0 { 0.001 } else { 0.0 }));
         let regression = Regression::fit(&train, &errors).unwrap();
@@ -264,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_fitted_is_predicted_and_its_upper_bound_holds_as_often_as_it_says() {
+    fn predictions_fit_and_the_upper_bound_holds_as_often_as_promised() {
         let (train, errors) = rows(100, 1);
         let regression = Regression::fit(&train, &errors).unwrap();
         let (test, truth) = rows(2000, 2);
@@ -279,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn outside_of_what_was_calibrated_less_is_certain() {
+    fn predictions_outside_of_the_calibrated_range_are_less_certain() {
         let (train, errors) = rows(100, 3);
         let regression = Regression::fit(&train, &errors).unwrap();
         let inside = regression.believe(&[0.0, 10.0, 0.0, 7.0]);
@@ -290,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_neither_learnt_nor_believed() {
+    fn values_that_are_not_finite_are_ignored() {
         let (mut train, mut errors) = rows(60, 4);
         let clean = Regression::fit(&train, &errors).unwrap();
         train.extend([vec![f64::NAN, 1.0, 1.0, 1.0], vec![0.0, 10.0, 0.0, 7.0], vec![0.0]]);
@@ -305,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_that_are_all_alike_and_fewer_rows_than_features_are_fitted_too() {
+    fn equal_errors_and_few_rows_are_fitted() {
         let (train, _) = rows(40, 5);
         let constant = Regression::fit(&train, &[0.02; 40]).unwrap();
         let belief = constant.believe(&train[0]);

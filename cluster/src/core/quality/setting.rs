@@ -1,34 +1,34 @@
-//! The ways to answer a view that are chosen among: a plan without its samples' names.
+//! Settings: plans without their sample ids, among which the model chooses.
 
 use argus_scene::{Holes, Plan, PlanRequest, SampleId, Search, Warp};
 use serde::{Deserialize, Serialize};
 
-/// One way to answer a view.
+/// A plan without its sample ids.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Setting {
     /// [`Plan::Direct`].
     Direct {
-        /// A square number.
+        /// Samples per pixel, a square number.
         samples_per_pixel: u32,
     },
     /// [`Plan::Warp`].
     Warp {
-        /// How depth is found.
+        /// The search for depth.
         search: Search,
-        /// Of the searches that take steps; 0 for the others.
+        /// Steps of the search; 0 for searches without steps.
         steps: u32,
-        /// A side.
+        /// Sub-pixels per side of a pixel.
         supersampling: u32,
-        /// How many.
+        /// Number of samples.
         samples: u32,
-        /// What becomes of pixels that no sample saw.
+        /// Treatment of pixels that no sample saw.
         holes: Holes,
     },
 }
 
 impl Setting {
-    /// The setting that a plan follows.
+    /// The setting of a plan.
     pub fn of(plan: &Plan) -> Self {
         match plan {
             Plan::Direct { samples_per_pixel } => Self::Direct { samples_per_pixel: *samples_per_pixel },
@@ -42,19 +42,19 @@ impl Setting {
         }
     }
 
-    /// The plan that follows this setting with the given samples, which are at most [`Setting::samples`].
+    /// The plan of this setting with the given samples, at most [`Setting::samples`].
     pub fn plan(self, samples: Vec<SampleId>) -> Plan {
         match self {
             Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
             Self::Warp { search, steps, supersampling, holes, .. } => {
-                // A number that means nothing is the same as in a plan that nobody chose.
+                // An unused number has the default's value.
                 let steps = if search.takes_steps() { steps } else { search.usual_steps() };
                 Plan::Warp(Warp { search, steps, supersampling, samples, holes })
             }
         }
     }
 
-    /// How many samples it reconstructs from.
+    /// Number of samples that it reconstructs from.
     pub fn samples(self) -> usize {
         match self {
             Self::Direct { .. } => 0,
@@ -72,8 +72,8 @@ impl Setting {
         matches!(self, Self::Warp { holes: Holes::Trace, .. })
     }
 
-    /// Whether it does what a request says beside its target: searches, knobs, treatment of holes. A request's
-    /// number of samples is the most that may be used.
+    /// Whether it agrees with a request's explicit search, knobs and treatment of holes. The request's number of
+    /// samples is a maximum.
     pub fn is_allowed_by(self, request: &PlanRequest) -> bool {
         match self {
             Self::Direct { samples_per_pixel } => {

@@ -1,15 +1,15 @@
-//! What can be said of a view before it is rendered.
+//! Features of a view that are known before it is rendered.
 
 use argus_scene::rig::{Among, Sight};
 use argus_scene::{Bounds, Camera, OmniLayout, Rig, SampleCamera};
 use serde::{Deserialize, Serialize};
 
-/// Features of a view among the sample cameras of a rig, each a number that errors may depend on smoothly.
+/// Features of a view among the sample cameras of a rig, on which errors may depend smoothly.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Situation(pub [f64; Situation::FEATURES]);
 
 impl Situation {
-    /// How many features there are.
+    /// Number of features.
     pub const FEATURES: usize = 12;
 
     /// The situation of a view of `height` rows among the cameras of a rig.
@@ -34,7 +34,7 @@ impl Situation {
         let nearest = rig.nearest_among(camera, 2, Among { refined: &[], sight });
         let nearest: Vec<SampleCamera> = nearest.into_iter().filter_map(|i| rig.camera(i).ok()).collect();
         let center = |i: usize| nearest.get(i).or(nearest.first()).map_or(camera.eye, SampleCamera::center);
-        // As seen from what is looked at: by how much the view's direction differs from the sample's.
+        // The angle between the directions of the view and of the sample, as seen from the subject.
         let angle = |i: usize| {
             let to_sample = (center(i) - focus).normalize_or(-axis);
             to_sample.dot(-axis).clamp(-1.0, 1.0).acos()
@@ -60,13 +60,13 @@ impl Situation {
     }
 }
 
-/// How far ahead the view's subject is taken to be: in the middle of what its axis crosses of the scene's box;
-/// as far as the box's middle where it does not.
+/// Assumed distance of the view's subject: the middle of the view axis within the scene's box, or the distance to the
+/// box's middle if the axis misses it.
 fn focus_distance(camera: &Camera, bounds: &Bounds) -> f64 {
     let axis = (camera.target - camera.eye).normalize_or_zero();
     let inverse = axis.recip();
     let (a, b) = ((bounds.min - camera.eye) * inverse, (bounds.max - camera.eye) * inverse);
-    // Along an axis that the view does not move on, the slab is met nowhere or everywhere.
+    // Along a coordinate axis that the view axis does not follow, it is in the slab everywhere or nowhere.
     let along = |i: usize| {
         let (low, high) = (a[i].min(b[i]), a[i].max(b[i]));
         if low.is_finite() && high.is_finite() { (low, high) } else { (f64::NEG_INFINITY, f64::INFINITY) }
@@ -80,7 +80,7 @@ fn focus_distance(camera: &Camera, bounds: &Bounds) -> f64 {
     }
 }
 
-/// Of a sample camera, along its axis.
+/// Texels per radian of a sample camera, along its axis.
 fn texels_per_radian(camera: &SampleCamera) -> f64 {
     match camera {
         SampleCamera::Perspective { camera, height, .. } => {

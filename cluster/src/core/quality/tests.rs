@@ -1,4 +1,4 @@
-//! The model and the choice, on errors and costs that are made up and therefore known.
+//! Tests of the model and of the choice, with synthetic errors and costs.
 
 use std::sync::LazyLock;
 
@@ -15,7 +15,7 @@ const FINE: Setting = warp(2, Holes::Mark);
 const TRACED: Setting = warp(2, Holes::Trace);
 const DIRECT: Setting = Setting::Direct { samples_per_pixel: 1 };
 const BEST: Setting = Setting::Direct { samples_per_pixel: 16 };
-/// Each with its error in a view of middling difficulty, and its milliseconds.
+/// Each setting with its error in a view of average difficulty, and its milliseconds.
 const TABLE: [(Setting, f64, f64); 5] =
     [(CHEAP, 0.04, 1.0), (FINE, 0.03, 3.0), (TRACED, 0.025, 9.0), (DIRECT, 0.02, 20.0), (BEST, 0.004, 200.0)];
 
@@ -23,13 +23,12 @@ const fn warp(supersampling: u32, holes: Holes) -> Setting {
     Setting::Warp { search: Search::Splat, steps: 0, supersampling, samples: 4, holes }
 }
 
-/// Views from all sides. How difficult one is shows in its detail once a frame of it was seen, and before that
-/// in nothing.
+/// Views from all sides. The difficulty of one shows in the detail of its frames, and not before.
 fn trials(count: usize) -> Vec<Trial> {
     trials_of(&TABLE, count, 0.05)
 }
 
-/// Trials of errors whose logarithms differ by up to `noise` from what the frames show.
+/// Trials with errors whose logarithms differ by up to `noise` from what the frames show.
 fn trials_of(table: &[(Setting, f64, f64)], count: usize, noise: f64) -> Vec<Trial> {
     let set = set_info();
     let random = |i: usize, k: u64| {
@@ -56,13 +55,13 @@ fn trials_of(table: &[(Setting, f64, f64)], count: usize, noise: f64) -> Vec<Tri
     (0..count).map(view).collect()
 }
 
-/// What frames of views of some difficulty look like; 1 is the middle.
+/// The statistics of frames of a given difficulty; 1 is average.
 pub(in crate::core) fn observed(difficulty: f64) -> Observed {
     let detail = 0.02 * difficulty;
     Observed { detail, coarse_detail: 0.04, edges: 0.1, unresolved: 0.01, agreeing: 0.8, residual: 0.1 }
 }
 
-/// A model of the scene that the core's tests serve, for workers of the device `device`.
+/// A model of the scene in the core's tests, for workers of the device `device`.
 pub(in crate::core) fn model() -> Model {
     static MODEL: LazyLock<Model> = LazyLock::new(|| {
         let set = set_info();
@@ -88,7 +87,7 @@ fn first(model: &Model, request: &PlanRequest, trial: &Trial) -> Option<Setting>
     }
 }
 
-/// What is delivered in the end, the milliseconds of all tries, and the error that was foretold.
+/// The delivered answer, the milliseconds of all tries, and the predicted error.
 fn play(model: &Model, request: &PlanRequest, trial: &Trial) -> (Answer, f64, f64) {
     let target = QualityTarget::of(request).unwrap();
     let before = candidates(model, request, trial);
@@ -136,8 +135,8 @@ fn bounds_hold_at_nearly_the_least_cost_in_views_that_were_not_calibrated() {
 }
 
 #[test]
-fn what_may_break_a_bound_is_not_delivered_where_something_else_is_sure_to_keep_it() {
-    // Three that are as uncertain as one another, of which each might keep the bound, and two that are better.
+fn a_setting_that_surely_keeps_the_bound_is_preferred() {
+    // Three settings of equal uncertainty, each of which might keep the bound, and two that are better.
     let alike = TABLE.map(|(setting, error, ms)| (setting, if ms < 10.0 { 0.03 } else { 0.5 * error }, ms));
     let (set, trials) = (set_info(), trials_of(&alike, 240, 0.6));
     let model = Model::fit(set.scene, set.rig, "device".to_owned(), &trials[..120], &[]);
@@ -163,7 +162,7 @@ fn what_may_break_a_bound_is_not_delivered_where_something_else_is_sure_to_keep_
 }
 
 #[test]
-fn a_bound_that_nothing_keeps_gets_the_best_there_is_and_says_so() {
+fn a_bound_that_no_setting_keeps_gets_the_best_setting() {
     let model = model();
     for trial in &trials(140)[120..] {
         let (answer, _, foretold) = play(&model, &bounded(1e-4), trial);
@@ -173,7 +172,7 @@ fn a_bound_that_nothing_keeps_gets_the_best_there_is_and_says_so() {
 }
 
 #[test]
-fn what_a_request_says_goes_before_what_it_wishes() {
+fn explicit_fields_of_a_request_go_before_its_target() {
     let model = model();
     let trial = &trials(1)[0];
     let with = |change: fn(&mut PlanRequest)| {
@@ -191,7 +190,7 @@ fn what_a_request_says_goes_before_what_it_wishes() {
 }
 
 #[test]
-fn presets_and_deadlines_choose_by_what_they_are_called() {
+fn presets_and_deadlines_choose_as_named() {
     let model = model();
     let trial = &trials(1)[0];
     let choose = |preset, deadline_ms| {
@@ -257,7 +256,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_delivered_for_a_bound_that_can_be_kept_is_not_expected_to_exceed_it(
+    fn a_frame_delivered_for_a_feasible_bound_is_predicted_to_keep_it(
         view in 0_usize..60,
         bound in 0.02_f64..0.5,
     ) {
@@ -269,7 +268,7 @@ proptest! {
     }
 
     #[test]
-    fn nothing_that_is_no_number_upsets_the_choice(bits in any::<[u64; 6]>(), bound in any::<f64>(), eye in any::<[u64; 3]>()) {
+    fn arbitrary_numbers_do_not_break_the_choice(bits in any::<[u64; 6]>(), bound in any::<f64>(), eye in any::<[u64; 3]>()) {
         let model = model();
         let f = f64::from_bits;
         let strange = Observed {
@@ -297,11 +296,11 @@ proptest! {
 }
 
 #[test]
-fn of_settings_that_may_be_wrong_in_any_way_the_likeliest_to_be_right_is_tried() {
+fn of_settings_without_a_bound_the_likeliest_is_tried() {
     let rows: Vec<Vec<f64>> = (0..16).map(|i| vec![f64::from(i)]).collect();
     let of_error = |error: f64| super::regression::Regression::fit(&rows, &[error; 16]).unwrap();
     let (bad, good) = (of_error(0.3), of_error(0.05));
-    // A view like no other.
+    // A view outside of the calibrated range.
     let [bad, good] = [&bad, &good].map(|regression| regression.believe(&[f64::NAN]));
     assert_eq!((bad.upper(), good.upper()), (1.0, 1.0));
     let candidate = |setting, error| choose::Candidate { setting, ms: 1.0, error, judged_factor: 1.0 };
