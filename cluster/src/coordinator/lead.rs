@@ -7,7 +7,7 @@ use tokio::time::Instant;
 use tracing::{info, warn};
 
 use super::shared_core::SharedCore;
-use crate::leadership::{Held, Registry};
+use crate::leadership::{HeldLease, Registry};
 
 /// Attempts to acquire or renew a lease within its duration.
 const OFTEN: u32 = 8;
@@ -30,7 +30,7 @@ pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, addr
                 told = false;
                 let expected = registry.noted_workers().await.len();
                 shared.lead(held.term, until(registry.as_ref(), asked), expected);
-                *shared.held.lock() = Some(held);
+                *shared.lease.lock() = Some(held);
                 keep(shared, registry.as_ref(), held, address, pause()).await;
                 shared.step_down("another coordinator may lead");
                 give_up(shared, registry.as_ref()).await;
@@ -51,14 +51,14 @@ pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, addr
 
 /// Releases the lease, if it is held, so that another coordinator leads at once.
 pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
-    let held = shared.held.lock().take();
+    let held = shared.lease.lock().take();
     if let Some(held) = held {
         registry.release(held).await;
     }
 }
 
 /// Renews the lease until it is lost, or until the core stepped down.
-async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, address: &str, pause: Duration) {
+async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: HeldLease, address: &str, pause: Duration) {
     let mut noted = Vec::new();
     while shared.leads() {
         tokio::time::sleep(pause).await;
@@ -66,7 +66,7 @@ async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: Held, addr
         match registry.renew(held, address).await {
             Ok(Some(renewed)) => {
                 held = renewed;
-                *shared.held.lock() = Some(held);
+                *shared.lease.lock() = Some(held);
                 shared.lead_until(until(registry, asked));
             }
             Ok(None) => break,

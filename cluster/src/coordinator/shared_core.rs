@@ -22,7 +22,7 @@ use super::surveys::Surveys;
 use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, ViewId, Uptime, WorkerId};
-use crate::leadership::Held;
+use crate::leadership::HeldLease;
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
 use crate::wire::{self, ServiceInfo};
@@ -49,7 +49,7 @@ pub(super) struct SharedCore {
     /// Cancelled on shutdown, when endless streams must end.
     pub(super) closing: CancellationToken,
     /// The lease, while this coordinator holds it.
-    pub(super) held: Mutex<Option<Held>>,
+    pub(super) lease: Mutex<Option<HeldLease>>,
     /// Makes the core of a new leadership.
     fresh: Box<dyn Fn() -> Core + Send + Sync>,
     state: Mutex<State>,
@@ -151,7 +151,7 @@ impl SharedCore {
             planning: PlanningTime::default(),
             surveys: Surveys::default(),
             closing: CancellationToken::new(),
-            held: Mutex::new(None),
+            lease: Mutex::new(None),
             fresh: Box::new(fresh),
             state: Mutex::new(state),
         }

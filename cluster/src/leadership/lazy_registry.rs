@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::sync::OnceCell;
 use tracing::warn;
 
-use super::{Held, NatsAccess, NatsRegistry, Registry, RegistryError};
+use super::{HeldLease, NatsAccess, NatsRegistry, Registry, RegistryError};
 use crate::rate_limited_log::RateLimitedLog;
 
 /// A registry at a NATS server that is connected to when it is first asked, and again each time until it answers. So
@@ -44,15 +44,15 @@ impl Registry for LazyRegistry {
         self.there.get().map_or(Some(self.lease), Registry::lease)
     }
 
-    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn acquire(&self, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         self.there().await?.acquire(address).await
     }
 
-    async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn renew(&self, held: HeldLease, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         self.there().await?.renew(held, address).await
     }
 
-    async fn release(&self, held: Held) {
+    async fn release(&self, held: HeldLease) {
         if let Some(there) = self.there.get() {
             there.release(held).await;
         }

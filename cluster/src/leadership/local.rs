@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use parking_lot::Mutex;
 use tokio::time::Instant;
 
-use super::{Held, Registry, RegistryError};
+use super::{HeldLease, Registry, RegistryError};
 
 /// Shared by cloning.
 #[derive(Debug, Clone)]
@@ -26,7 +26,7 @@ struct State {
 
 #[derive(Debug)]
 struct Holder {
-    held: Held,
+    held: HeldLease,
     address: String,
     renewed: Instant,
 }
@@ -70,20 +70,20 @@ impl Registry for LocalRegistry {
         self.lease
     }
 
-    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn acquire(&self, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         let mut state = self.state.lock();
         state.forget_the_lapsed(self.lease);
         if state.holder.is_some() {
             return Ok(None);
         }
         state.revision += 1;
-        let held = Held { term: state.next_term, revision: state.revision };
+        let held = HeldLease { term: state.next_term, revision: state.revision };
         state.next_term = state.next_term.saturating_add(1);
         state.holder = Some(Holder { held, address: address.to_owned(), renewed: Instant::now() });
         Ok(Some(held))
     }
 
-    async fn renew(&self, held: Held, _address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn renew(&self, held: HeldLease, _address: &str) -> Result<Option<HeldLease>, RegistryError> {
         let mut state = self.state.lock();
         state.forget_the_lapsed(self.lease);
         state.revision += 1;
@@ -96,7 +96,7 @@ impl Registry for LocalRegistry {
         Ok(Some(holder.held))
     }
 
-    async fn release(&self, held: Held) {
+    async fn release(&self, held: HeldLease) {
         let mut state = self.state.lock();
         if state.holder.as_ref().is_some_and(|holder| holder.held == held) {
             state.holder = None;

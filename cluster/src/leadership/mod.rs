@@ -17,7 +17,7 @@ pub use nats::{NatsAccess, NatsRegistry, NatsSecret, NatsTls, nats_host};
 
 /// The lease, held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Held {
+pub struct HeldLease {
     /// Of this leadership; higher than that of any before.
     pub term: u64,
     /// What the registry knows this state of the lease by; changes with each renewal.
@@ -34,16 +34,16 @@ pub trait Registry: Send + Sync + std::fmt::Debug + 'static {
     ///
     /// # Errors
     /// [`RegistryError`] if it is not known whether it was taken; who took it is then asked to renew in vain.
-    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError>;
+    async fn acquire(&self, address: &str) -> Result<Option<HeldLease>, RegistryError>;
 
     /// Goes on holding the lease; `None`: it lapsed, or another one holds it.
     ///
     /// # Errors
     /// [`RegistryError`] if that cannot be told now.
-    async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError>;
+    async fn renew(&self, held: HeldLease, address: &str) -> Result<Option<HeldLease>, RegistryError>;
 
     /// Gives the lease up, so that another one need not wait for it to lapse.
-    async fn release(&self, held: Held);
+    async fn release(&self, held: HeldLease);
 
     /// The address of whoever holds the lease, for people: it may be out of date.
     async fn leader(&self) -> Option<String>;

@@ -19,7 +19,7 @@ use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 use tracing::debug;
 
-use super::{Held, Registry, RegistryError};
+use super::{HeldLease, Registry, RegistryError};
 use crate::net::root_cause;
 
 const LEASES: &str = "argus-lease";
@@ -212,18 +212,18 @@ impl Registry for NatsRegistry {
         Some(self.lease)
     }
 
-    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn acquire(&self, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         match self.timely(self.leases.create(KEY, self.value(address))).await? {
-            Ok(revision) => Ok(Some(Held { term: self.since + revision, revision })),
+            Ok(revision) => Ok(Some(HeldLease { term: self.since + revision, revision })),
             Err(error) if error.kind() == CreateErrorKind::AlreadyExists => Ok(None),
             Err(error) => Err(self.failed(&error)),
         }
     }
 
-    async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn renew(&self, held: HeldLease, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         let value = self.value(address);
         match self.timely(self.leases.update(KEY, value.clone(), held.revision)).await? {
-            Ok(revision) => return Ok(Some(Held { revision, ..held })),
+            Ok(revision) => return Ok(Some(HeldLease { revision, ..held })),
             Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
             Err(error) => return Err(self.failed(&error)),
         }
@@ -233,13 +233,13 @@ impl Registry for NatsRegistry {
             return Ok(None);
         };
         match self.timely(self.leases.update(KEY, value, own.revision)).await? {
-            Ok(revision) => Ok(Some(Held { revision, ..held })),
+            Ok(revision) => Ok(Some(HeldLease { revision, ..held })),
             Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => Ok(None),
             Err(error) => Err(self.failed(&error)),
         }
     }
 
-    async fn release(&self, held: Held) {
+    async fn release(&self, held: HeldLease) {
         let released = self.timely(self.leases.delete_expect_revision(KEY, Some(held.revision))).await;
         if !matches!(released, Ok(Ok(()))) {
             debug!("the lease was not given up; it lapses by itself");

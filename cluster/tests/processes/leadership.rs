@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use argus_client::{Client, Session, SessionEvent, SessionOptions};
 use argus_cluster::leadership::{
-    Held, LazyRegistry, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry, RegistryError,
+    HeldLease, LazyRegistry, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry, RegistryError,
 };
 use argus_cluster::worker::Public;
 use argus_proto::v1;
@@ -172,17 +172,17 @@ impl Registry for Flaky {
         self.inner.lease()
     }
 
-    async fn acquire(&self, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn acquire(&self, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         self.check()?;
         self.inner.acquire(address).await
     }
 
-    async fn renew(&self, held: Held, address: &str) -> Result<Option<Held>, RegistryError> {
+    async fn renew(&self, held: HeldLease, address: &str) -> Result<Option<HeldLease>, RegistryError> {
         self.check()?;
         self.inner.renew(held, address).await
     }
 
-    async fn release(&self, held: Held) {
+    async fn release(&self, held: HeldLease) {
         if self.check().is_ok() {
             self.inner.release(held).await;
         }
