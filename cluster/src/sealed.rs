@@ -86,22 +86,22 @@ impl SealKey {
     }
 }
 
-/// Serial numbers that were shown, so that each ticket is good once: those of the newest [`Shown::SPAN`]; older ones
+/// Serial numbers that were shown, so that each ticket is good once: those of the newest [`RedeemedSerials::SPAN`]; older ones
 /// count as shown.
 #[derive(Debug, Clone)]
-pub(crate) struct Shown {
+pub(crate) struct RedeemedSerials {
     newest: u64,
     /// A ring of bits.
     bits: Box<[u64]>,
 }
 
-impl Default for Shown {
+impl Default for RedeemedSerials {
     fn default() -> Self {
         Self { newest: 0, bits: vec![0; (Self::SPAN / 64) as usize].into_boxed_slice() }
     }
 }
 
-impl Shown {
+impl RedeemedSerials {
     /// Many more than clients are on their way with. Whoever hoards tickets has no more than these.
     const SPAN: u64 = 1 << 12;
 
@@ -173,18 +173,18 @@ mod tests {
 
     #[test]
     fn each_number_is_good_once_in_any_order() {
-        let mut shown = Shown::default();
+        let mut redeemed = RedeemedSerials::default();
         for serial in [3, 1, 2, 70, 65, 66] {
-            assert!(shown.first_time(serial), "{serial}");
+            assert!(redeemed.first_time(serial), "{serial}");
         }
         for serial in [0, 1, 2, 3, 65, 66, 70] {
-            assert!(!shown.first_time(serial), "{serial}");
+            assert!(!redeemed.first_time(serial), "{serial}");
         }
         // The ring turns: numbers that share a place with old ones are new, and old ones do not come back.
-        let far = 70 + Shown::SPAN;
-        assert!(shown.first_time(far));
-        assert!(!shown.first_time(70) && !shown.first_time(far) && !shown.first_time(4));
-        assert!(shown.first_time(far - 1) && shown.first_time(71) && !shown.first_time(71));
-        assert!(shown.first_time(u64::MAX) && !shown.first_time(u64::MAX) && !shown.first_time(far + 1));
+        let far = 70 + RedeemedSerials::SPAN;
+        assert!(redeemed.first_time(far));
+        assert!(!redeemed.first_time(70) && !redeemed.first_time(far) && !redeemed.first_time(4));
+        assert!(redeemed.first_time(far - 1) && redeemed.first_time(71) && !redeemed.first_time(71));
+        assert!(redeemed.first_time(u64::MAX) && !redeemed.first_time(u64::MAX) && !redeemed.first_time(far + 1));
     }
 }

@@ -17,7 +17,7 @@ use crate::coordinator;
 use crate::core::{
     Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Uptime, ViewId, WorkerId,
 };
-use crate::sealed::{Kind, SealKey, Shown};
+use crate::sealed::{Kind, SealKey, RedeemedSerials};
 use crate::wire::{self, Served, ServiceInfo};
 use crate::worker;
 
@@ -130,9 +130,9 @@ pub fn ticket(body: &[u8]) -> Result<(), String> {
     let sealed = key().seal_bytes(Kind::RedirectTicket, body.to_vec());
     assert!(key().open::<v1::Receipt>(Kind::Receipt, &sealed).is_none(), "a ticket passes for a receipt");
     let ticket: v1::RedirectTicket = key().open(Kind::RedirectTicket, &sealed).ok_or("it is no ticket")?;
-    let mut shown = Shown::default();
-    let first = shown.first_time(ticket.serial);
-    assert!(first == (ticket.serial > 0) && !shown.first_time(ticket.serial), "a ticket is good twice");
+    let mut redeemed = RedeemedSerials::default();
+    let first = redeemed.first_time(ticket.serial);
+    assert!(first == (ticket.serial > 0) && !redeemed.first_time(ticket.serial), "a ticket is good twice");
     continued_from(&tracing::Span::none(), &ticket.traceparent);
     let request = ticket.request.ok_or("it holds no request")?;
     let order = request.order.ok_or("it holds no order")?;
@@ -179,7 +179,7 @@ pub fn sealed(sealed: &v1::Sealed) -> Result<(), String> {
 }
 
 /// What a coordinator makes of what the client of a session says.
-pub fn words(requests: Vec<v1::SessionRequest>) {
+pub fn session_messages(requests: Vec<v1::SessionRequest>) {
     coordinator::check_inbox(requests.into_iter());
 }
 

@@ -101,7 +101,7 @@ messages! {
         m.cameras.into_iter().try_for_each(|camera| view(of(camera)))
     },
     RenderBatchResponse,
-    SessionRequest => |m| { argus_cluster::untrusted::words(vec![m]); Ok(()) },
+    SessionRequest => |m| { argus_cluster::untrusted::session_messages(vec![m]); Ok(()) },
     SessionView => |m| view(m.view.unwrap_or_default()),
     SessionAck, SessionMissed, SessionResponse, SessionFailure,
     Redirect => |m| argus_cluster::untrusted::sealed(&m.ticket.unwrap_or_default()),

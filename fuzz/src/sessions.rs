@@ -37,7 +37,7 @@ pub fn words(bytes: &[u8]) -> Result<(), String> {
             }
         }
     }
-    untrusted::words(requests);
+    untrusted::session_messages(requests);
     end
 }
 

@@ -29,7 +29,7 @@ use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask,
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
-use crate::sealed::{Kind, SealKey, Shown};
+use crate::sealed::{Kind, SealKey, RedeemedSerials};
 
 /// Versions whose sets are kept: those of views in work, and the next ones.
 const VERSIONS_AT_HAND: usize = 16;
@@ -91,7 +91,7 @@ pub(super) struct Node {
 /// How clients get in.
 struct Door {
     key: SealKey,
-    shown: Shown,
+    shown: RedeemedSerials,
 }
 
 /// A request in work, as long as it lives.
@@ -168,7 +168,7 @@ impl Node {
     pub(super) fn open_door(&self, key: Option<SealKey>) {
         let mut door = self.door.lock();
         if door.as_ref().map(|door| &door.key) != key.as_ref() {
-            *door = key.map(|key| Door { key, shown: Shown::default() });
+            *door = key.map(|key| Door { key, shown: RedeemedSerials::default() });
         }
     }
 
