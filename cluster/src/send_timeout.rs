@@ -17,7 +17,7 @@ use tonic::Status;
 type Inner<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
 /// A stream that is dropped, and with it all that it holds, where an item that it gave is not sent in time.
-pub(crate) struct Taken<T> {
+pub(crate) struct WithSendTimeout<T> {
     state: Arc<Mutex<State<T>>>,
     watch: AbortHandle,
     item: Duration,
@@ -32,14 +32,14 @@ struct State<T> {
 }
 
 /// The stream, of which each item is sent within `item`.
-pub(crate) fn in_time<T: Send + 'static>(
+pub(crate) fn with_send_timeout<T: Send + 'static>(
     stream: impl Stream<Item = Result<T, Status>> + Send + 'static,
     item: Duration,
-) -> Taken<T> {
+) -> WithSendTimeout<T> {
     let inner: Inner<T> = Box::pin(stream);
     let state = Arc::new(Mutex::new(State { inner: Some(inner), unsent: None, late: false }));
     let watch = tokio::spawn(watch(state.clone(), item)).abort_handle();
-    Taken { state, watch, item }
+    WithSendTimeout { state, watch, item }
 }
 
 /// Looks at the time until it is over.
@@ -62,7 +62,7 @@ async fn watch<T>(state: Arc<Mutex<State<T>>>, item: Duration) {
     }
 }
 
-impl<T> Stream for Taken<T> {
+impl<T> Stream for WithSendTimeout<T> {
     type Item = Result<T, Status>;
 
     fn poll_next(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
@@ -82,7 +82,7 @@ impl<T> Stream for Taken<T> {
     }
 }
 
-impl<T> Drop for Taken<T> {
+impl<T> Drop for WithSendTimeout<T> {
     fn drop(&mut self) {
         self.watch.abort();
         // What is held goes now and not with the task.
@@ -111,7 +111,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn an_item_that_is_not_sent_in_time_ends_the_stream_and_frees_what_it_holds() {
         let place = Arc::new(());
-        let mut stream = in_time(held(&place, 9), ITEM);
+        let mut stream = with_send_timeout(held(&place, 9), ITEM);
         for item in 0..4 {
             assert_eq!(stream.next().await.unwrap().unwrap(), item);
             tokio::time::sleep(ITEM * 9 / 10).await;
@@ -130,7 +130,7 @@ mod tests {
             tokio::time::sleep(ITEM * 20).await;
             Ok(7)
         });
-        let mut stream = in_time(late.chain(held(&place, 1)), ITEM);
+        let mut stream = with_send_timeout(late.chain(held(&place, 1)), ITEM);
         assert_eq!(stream.next().await.unwrap().unwrap(), 7, "the reader did not keep it waiting");
         assert_eq!(stream.next().await.unwrap().unwrap(), 0);
         tokio::time::sleep(ITEM * 2).await;
@@ -140,7 +140,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn whoever_goes_frees_all_at_once() {
         let place = Arc::new(());
-        let stream = in_time(held(&place, 9), ITEM);
+        let stream = with_send_timeout(held(&place, 9), ITEM);
         assert_eq!(Arc::strong_count(&place), 2);
         drop(stream);
         assert_eq!(Arc::strong_count(&place), 1);

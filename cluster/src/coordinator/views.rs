@@ -22,7 +22,7 @@ use super::shared_core::SharedCore;
 use super::session;
 use super::view_request::ViewRequest;
 use crate::security::guard::Caller;
-use crate::send_timeout::in_time;
+use crate::send_timeout::with_send_timeout;
 
 /// The gRPC service.
 pub(super) struct ViewsService {
@@ -110,7 +110,7 @@ impl Views for ViewsService {
             Ok(Answer::Redirect(_)) => None,
             Err(status) => Some(Err(status)),
         });
-        Ok(Response::new(Box::pin(in_time(frame, self.shared.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(frame, self.shared.read_within))))
     }
 
     async fn render_batch(
@@ -123,7 +123,7 @@ impl Views for ViewsService {
         let client = Caller::of(&request).name;
         let batch = Batch::checked(&self.shared, client, request.into_inner(), span).map_err(invalid)?;
         let answers = batch::answers(self.shared.clone(), batch).map(Ok);
-        Ok(Response::new(Box::pin(in_time(answers, self.shared.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(answers, self.shared.read_within))))
     }
 
     async fn redeem(
@@ -139,6 +139,6 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::SessionStream>, Status> {
         let open = session::Open::new(self.shared.clone(), Caller::of(&request).name)?;
         let answers = session::run(open, request.into_inner());
-        Ok(Response::new(Box::pin(in_time(answers, self.shared.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(answers, self.shared.read_within))))
     }
 }

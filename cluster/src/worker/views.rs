@@ -35,7 +35,7 @@ use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::Kind;
-use crate::send_timeout::in_time;
+use crate::send_timeout::with_send_timeout;
 use crate::wire;
 
 /// The service.
@@ -133,7 +133,7 @@ impl Views for ViewsService {
             let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
             Ok((bodies.collect(), places))
         });
-        Ok(Response::new(Box::pin(in_time(answered, self.node.config.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(answered, self.node.config.read_within))))
     }
 
     async fn render_batch(
@@ -202,7 +202,7 @@ fn sent<T: Send + 'static>(
         let _in_work_until_sent = &places;
         Ok(item)
     });
-    Box::pin(in_time(futures::stream::iter(items), item_within))
+    Box::pin(with_send_timeout(futures::stream::iter(items), item_within))
 }
 
 impl ViewsService {
