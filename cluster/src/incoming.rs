@@ -6,7 +6,7 @@
 //! nothing at all for a minute, not even the answers to this side's probes, has none.
 //!
 //! A quarter of the places is a reserve for the cluster's own processes: else clients, wherever they come from, could keep
-//! those out, who would wait behind them. Who comes is known by its certificate, and so only after it has a place. One of the
+//! those out, who would wait behind them. Who comes is known by its certificate, and so only after it has a slot. One of the
 //! reserve is therefore lost again unless its first moments show a member (the guard of `security` says so), and clients who
 //! have one are told at once that there is no room for them; probes of health are answered. In plaintext there are no
 //! certificates, and everybody may ask for everything: there whoever calls what members alone call counts as one. That keeps
@@ -39,19 +39,19 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// A connection over which nothing came for so long is ended: both sides probe theirs more often.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// Who has a place of the reserve has so long to show that it is a member: connections within a cluster take milliseconds.
+/// Who has a slot of the reserve has so long to show that it is a member: connections within a cluster take milliseconds.
 const INTRODUCTION: Duration = Duration::from_secs(5);
 
 /// How many places each address has.
 type Peers = Arc<Mutex<HashMap<IpAddr, usize>>>;
 
 /// One of an address's places.
-struct PeerSeat {
+struct AddressSlot {
     peers: Peers,
     address: IpAddr,
 }
 
-impl PeerSeat {
+impl AddressSlot {
     /// `None` if it has `most` already.
     fn take(peers: &Peers, address: IpAddr, most: usize) -> Option<Self> {
         let mut taken = peers.lock();
@@ -64,7 +64,7 @@ impl PeerSeat {
     }
 }
 
-impl Drop for PeerSeat {
+impl Drop for AddressSlot {
     fn drop(&mut self) {
         let mut taken = self.peers.lock();
         if let Some(count) = taken.get_mut(&self.address) {
@@ -81,22 +81,22 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
     let peers = Peers::default();
     let most_of_one = (most / 4 * 3).max(1);
     let reserve = most / 4;
-    let seats = |count: usize| Arc::new(Semaphore::new(count.min(Semaphore::MAX_PERMITS)));
-    let (open, reserved) = (seats(most - reserve), seats(reserve));
+    let slots = |count: usize| Arc::new(Semaphore::new(count.min(Semaphore::MAX_PERMITS)));
+    let (open, reserved) = (slots(most - reserve), slots(reserve));
     async_stream::stream! {
         loop {
-            let (seat, is_reserved) = tokio::select! {
+            let (slot, is_reserved) = tokio::select! {
                 biased;
-                seat = open.clone().acquire_owned() => (seat, false),
-                seat = reserved.clone().acquire_owned() => (seat, true),
+                slot = open.clone().acquire_owned() => (slot, false),
+                slot = reserved.clone().acquire_owned() => (slot, true),
             };
             // They are never closed.
-            let Ok(seat) = seat else { return };
+            let Ok(slot) = slot else { return };
             match listener.accept().await {
-                Ok((stream, between)) => {
-                    let address = between.remote_addr().map_or(Ipv4Addr::UNSPECIFIED.into(), |a| a.ip());
-                    match PeerSeat::take(&peers, address, most_of_one) {
-                        Some(own) => yield Ok(Connection::new(stream, between, is_reserved, (seat, own))),
+                Ok((stream, info)) => {
+                    let address = info.remote_addr().map_or(Ipv4Addr::UNSPECIFIED.into(), |a| a.ip());
+                    match AddressSlot::take(&peers, address, most_of_one) {
+                        Some(own) => yield Ok(Connection::new(stream, info, is_reserved, (slot, own))),
                         None => {
                             static REFUSED: RateLimitedLog = RateLimitedLog::new();
                             if let Some(left_out) = REFUSED.now() {
@@ -117,39 +117,39 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
     }
 }
 
-/// Between whom a connection is, and what its place is: in the extensions of its requests.
+/// ConnectionInfo whom a connection is, and what its slot is: in the extensions of its requests.
 #[derive(Clone)]
-pub(crate) struct Between {
+pub(crate) struct ConnectionInfo {
     pub(crate) tcp: TcpConnectInfo,
-    place: Arc<Place>,
+    slot: Arc<Slot>,
 }
 
-struct Place {
+struct Slot {
     is_reserved: bool,
-    is_members: AtomicBool,
+    is_member: AtomicBool,
 }
 
-impl Between {
+impl ConnectionInfo {
     /// It is a member of the cluster that is at the other end.
-    pub(crate) fn is_members(&self) {
-        self.place.is_members.store(true, Ordering::Relaxed);
+    pub(crate) fn set_member(&self) {
+        self.slot.is_member.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it has a place that is kept for somebody else.
-    pub(crate) fn is_in_the_way(&self) -> bool {
-        self.place.is_reserved && !self.place.is_members.load(Ordering::Relaxed)
+    /// Whether it has a slot that is kept for somebody else.
+    pub(crate) fn holds_reserved_slot(&self) -> bool {
+        self.slot.is_reserved && !self.slot.is_member.load(Ordering::Relaxed)
     }
 }
 
-/// A connection, and its place among those that are open.
+/// A connection, and its slot among those that are open.
 pub(crate) struct Connection {
     stream: Box<dyn Duplex>,
-    between: Between,
+    info: ConnectionInfo,
     since: Instant,
     /// When something came last, and when that is looked at.
     heard: Instant,
     silent: Pin<Box<Sleep>>,
-    _seats: (OwnedSemaphorePermit, PeerSeat),
+    _slots: (OwnedSemaphorePermit, AddressSlot),
 }
 
 impl Connection {
@@ -157,25 +157,25 @@ impl Connection {
         stream: Box<dyn Duplex>,
         tcp: TcpConnectInfo,
         is_reserved: bool,
-        seats: (OwnedSemaphorePermit, PeerSeat),
+        slots: (OwnedSemaphorePermit, AddressSlot),
     ) -> Self {
         let now = Instant::now();
-        let place = Arc::new(Place { is_reserved, is_members: AtomicBool::new(false) });
+        let slot = Arc::new(Slot { is_reserved, is_member: AtomicBool::new(false) });
         let look = now + if is_reserved { INTRODUCTION } else { SILENCE };
         Self {
             stream,
-            between: Between { tcp, place },
+            info: ConnectionInfo { tcp, slot },
             since: now,
             heard: now,
             silent: Box::pin(sleep_until(look)),
-            _seats: seats,
+            _slots: slots,
         }
     }
 
     /// When it is over unless something comes, or a member shows itself, before.
     fn ends(&self) -> Instant {
         let silent = self.heard + SILENCE;
-        match self.between.is_in_the_way() {
+        match self.info.holds_reserved_slot() {
             true => silent.min(self.since + INTRODUCTION),
             false => silent,
         }
@@ -183,10 +183,10 @@ impl Connection {
 }
 
 impl Connected for Connection {
-    type ConnectInfo = Between;
+    type ConnectInfo = ConnectionInfo;
 
-    fn connect_info(&self) -> Between {
-        self.between.clone()
+    fn connect_info(&self) -> ConnectionInfo {
+        self.info.clone()
     }
 }
 
@@ -324,10 +324,10 @@ mod tests {
         for _ in 0..8 {
             open.push(accepted.next().await.unwrap().unwrap());
         }
-        let in_the_way: Vec<bool> = open.iter().map(|c| c.between.is_in_the_way()).collect();
+        let in_the_way: Vec<bool> = open.iter().map(|c| c.info.holds_reserved_slot()).collect();
         assert_eq!(in_the_way, [false, false, false, false, false, false, true, true]);
         // One of the two is a member's, which shows in time.
-        open[7].connect_info().is_members();
+        open[7].connect_info().set_member();
         let mut byte = [0];
         for connection in &mut open[6..] {
             connection.since = Instant::now() - INTRODUCTION;

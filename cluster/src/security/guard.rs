@@ -19,7 +19,7 @@ use tracing::warn;
 use webpki::EndEntityCert;
 
 use super::{CLUSTER_NAME, Security};
-use crate::incoming::Between;
+use crate::incoming::ConnectionInfo;
 use crate::rate_limited_log::RateLimitedLog;
 
 /// When connections that were refused their place may find one.
@@ -190,9 +190,9 @@ where
 
     fn call(&mut self, mut request: http::Request<B>) -> Self::Future {
         let extensions = request.extensions();
-        let secured = extensions.get::<TlsConnectInfo<Between>>();
+        let secured = extensions.get::<TlsConnectInfo<ConnectionInfo>>();
         let certificates = secured.and_then(TlsConnectInfo::peer_certs);
-        let connection = secured.map(TlsConnectInfo::get_ref).or_else(|| extensions.get::<Between>());
+        let connection = secured.map(TlsConnectInfo::get_ref).or_else(|| extensions.get::<ConnectionInfo>());
         let address = connection.and_then(|connection| connection.tcp.remote_addr());
         let peer = Peer {
             address: address.map_or_else(|| "unknown".into(), |address| address.ip().to_string().into()),
@@ -208,10 +208,10 @@ where
                 None => needs == Rank::Member,
             };
             if is_members {
-                connection.is_members();
+                connection.set_member();
             }
         }
-        let kept = connection.is_some_and(Between::is_in_the_way) && !is_health(path);
+        let kept = connection.is_some_and(ConnectionInfo::holds_reserved_slot) && !is_health(path);
         let admitted = admitted.and_then(|caller| if kept { Err(no_place()) } else { Ok(caller) });
         match admitted {
             Ok(caller) => {
