@@ -1,16 +1,18 @@
-//! Connections of a listener: bounded, and never its end.
+//! Accepts connections: bounded in number, and surviving accept errors.
 //!
-//! A process that is out of file descriptors cannot accept; the server that is given such an error stops serving
-//! everybody. So errors are waited out here. Beyond the bound, connections wait in the operating system's queue, which has
-//! a bound of its own. One address has three quarters of the places at most, so that nobody takes them all; and who says
-//! nothing at all for a minute, not even the answers to this side's probes, has none.
+//! A process without free file descriptors cannot accept, and a server that gets such an error stops serving. So
+//! errors are waited out here. Beyond the limit, connections wait in the operating system's queue, which is bounded
+//! as well. One address gets at most three quarters of the slots. A connection over which nothing arrives for a
+//! minute, not even answers to keepalive probes, is closed.
 //!
-//! A quarter of the places is a reserve for the cluster's own processes: else clients, wherever they come from, could keep
-//! those out, who would wait behind them. Who comes is known by its certificate, and so only after it has a slot. One of the
-//! reserve is therefore lost again unless its first moments show a member (the guard of `security` says so), and clients who
-//! have one are told at once that there is no room for them; probes of health are answered. In plaintext there are no
-//! certificates, and everybody may ask for everything: there whoever calls what members alone call counts as one. That keeps
-//! clients out that mean no harm, and nobody else: against those, listen on loopback or give certificates.
+//! A quarter of the slots is reserved for the cluster's own processes, which would otherwise wait behind clients. A
+//! process is known by its certificate, and so only after it has a slot. So a reserved slot is lost unless the
+//! connection soon proves to be a member's (`security::guard` decides). Clients in reserved slots are refused at
+//! once, but health probes are answered.
+//!
+//! Plaintext has no certificates, and any process may call anything. There, a process that calls what only members
+//! call counts as one. That keeps harmless clients out of the reserve, but no attacker: against those, listen on
+//! loopback or use certificates.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -33,26 +35,27 @@ use tracing::warn;
 use crate::network::{Accept, Duplex};
 use crate::rate_limited_log::RateLimitedLog;
 
-/// Until what made a connection fail may have passed.
+/// Pause after an accept error.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// A connection over which nothing came for so long is ended: both sides probe theirs more often.
+/// A connection is closed if nothing arrives for this long. Both sides send probes more often.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// Who has a slot of the reserve has so long to show that it is a member: connections within a cluster take milliseconds.
+/// Time in which a connection in a reserved slot must prove that it is a member's. Within a cluster this takes
+/// milliseconds.
 const INTRODUCTION: Duration = Duration::from_secs(5);
 
-/// How many places each address has.
+/// Number of slots that each address uses.
 type Peers = Arc<Mutex<HashMap<IpAddr, usize>>>;
 
-/// One of an address's places.
+/// One slot of an address.
 struct AddressSlot {
     peers: Peers,
     address: IpAddr,
 }
 
 impl AddressSlot {
-    /// `None` if it has `most` already.
+    /// Takes a slot; `None` if the address uses `most` already.
     fn take(peers: &Peers, address: IpAddr, most: usize) -> Option<Self> {
         let mut taken = peers.lock();
         let count = taken.entry(address).or_default();
@@ -76,7 +79,7 @@ impl Drop for AddressSlot {
     }
 }
 
-/// The connections of `listener`, at most so many at the same time.
+/// The connections of `listener`, at most `most` at the same time.
 pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item = io::Result<Connection>> {
     let peers = Peers::default();
     let most_of_one = (most / 4 * 3).max(1);
@@ -90,7 +93,7 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
                 slot = open.clone().acquire_owned() => (slot, false),
                 slot = reserved.clone().acquire_owned() => (slot, true),
             };
-            // They are never closed.
+            // The semaphores are never closed.
             let Ok(slot) = slot else { return };
             match listener.accept().await {
                 Ok((stream, info)) => {
@@ -100,7 +103,7 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
                         None => {
                             static REFUSED: RateLimitedLog = RateLimitedLog::new();
                             if let Some(left_out) = REFUSED.now() {
-                                warn!(%address, left_out, "a connection is refused: its address has too many");
+                                warn!(%address, left_out, "connection refused: its address has too many open ones");
                             }
                         }
                     }
@@ -108,7 +111,7 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
                 Err(error) => {
                     static FAILED: RateLimitedLog = RateLimitedLog::new();
                     if let Some(left_out) = FAILED.now() {
-                        warn!(%error, left_out, "no connection can be accepted");
+                        warn!(%error, left_out, "cannot accept connections");
                     }
                     tokio::time::sleep(PAUSE).await;
                 }
@@ -117,7 +120,7 @@ pub(crate) fn incoming(listener: impl Accept, most: usize) -> impl Stream<Item =
     }
 }
 
-/// ConnectionInfo whom a connection is, and what its slot is: in the extensions of its requests.
+/// The addresses and the slot of a connection, in the extensions of its requests.
 #[derive(Clone)]
 pub(crate) struct ConnectionInfo {
     pub(crate) tcp: TcpConnectInfo,
@@ -130,23 +133,23 @@ struct Slot {
 }
 
 impl ConnectionInfo {
-    /// It is a member of the cluster that is at the other end.
+    /// Records that the other end is a member of the cluster.
     pub(crate) fn set_member(&self) {
         self.slot.is_member.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it has a slot that is kept for somebody else.
+    /// Whether it holds a reserved slot without being a member's.
     pub(crate) fn holds_reserved_slot(&self) -> bool {
         self.slot.is_reserved && !self.slot.is_member.load(Ordering::Relaxed)
     }
 }
 
-/// A connection, and its slot among those that are open.
+/// A connection, and its slot.
 pub(crate) struct Connection {
     stream: Box<dyn Duplex>,
     info: ConnectionInfo,
     since: Instant,
-    /// When something came last, and when that is looked at.
+    /// The time of the last received bytes.
     heard: Instant,
     silent: Pin<Box<Sleep>>,
     _slots: (OwnedSemaphorePermit, AddressSlot),
@@ -172,7 +175,7 @@ impl Connection {
         }
     }
 
-    /// When it is over unless something comes, or a member shows itself, before.
+    /// The time at which it is closed, unless bytes arrive or it proves to be a member's.
     fn ends(&self) -> Instant {
         let silent = self.heard + SILENCE;
         match self.info.holds_reserved_slot() {
@@ -204,7 +207,7 @@ impl AsyncRead for Connection {
             }
             return read;
         }
-        // The timer is moved when it rings rather than with each read.
+        // The timer is moved when it fires, not with each read.
         while self.silent.as_mut().poll(cx).is_ready() {
             let until = self.ends();
             if until <= Instant::now() {
@@ -251,7 +254,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_connection_beyond_the_bound_waits_for_a_place() {
+    async fn a_connection_beyond_the_limit_waits_for_a_slot() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let accepted = incoming(listener, 1);
@@ -266,7 +269,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn one_address_cannot_take_all_places() {
+    async fn one_address_cannot_take_all_slots() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let accepted = incoming(listener, 4);
@@ -287,7 +290,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_connection_over_which_nothing_comes_is_ended() {
+    async fn a_silent_connection_is_closed() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let accepted = incoming(listener, 4);
@@ -297,7 +300,7 @@ mod tests {
         client.write_all(b"x").await.unwrap();
         let mut byte = [0];
         connection.read_exact(&mut byte).await.unwrap();
-        // As if it had been heard of long ago: the timer rings, and is moved by what has come.
+        // Pretends that the last bytes came long ago: the timer fires, and is moved by those that came.
         connection.silent.as_mut().reset(Instant::now());
         let waits = tokio::time::timeout(Duration::from_millis(50), connection.read_exact(&mut byte)).await;
         assert!(waits.is_err(), "something came just now");
@@ -308,13 +311,13 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_place_of_the_reserve_is_kept_by_members_alone() {
+    async fn only_members_keep_reserved_slots() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let accepted = incoming(listener, 8);
         tokio::pin!(accepted);
         let mut clients = Vec::new();
-        // From several addresses, since one has not that many places.
+        // From several addresses, since one address may not use so many slots.
         for from in [2, 2, 2, 3, 3, 3, 4, 4] {
             let socket = tokio::net::TcpSocket::new_v4().unwrap();
             socket.bind((Ipv4Addr::new(127, 0, 0, from), 0).into()).unwrap();
@@ -326,7 +329,7 @@ mod tests {
         }
         let in_the_way: Vec<bool> = open.iter().map(|c| c.info.holds_reserved_slot()).collect();
         assert_eq!(in_the_way, [false, false, false, false, false, false, true, true]);
-        // One of the two is a member's, which shows in time.
+        // One of the two proves to be a member's in time.
         open[7].connect_info().set_member();
         let mut byte = [0];
         for connection in &mut open[6..] {

@@ -1,5 +1,5 @@
-//! How processes of a cluster talk: servers, and channels to others, one an address, connected when first used
-//! and reconnected by themselves.
+//! Networking between processes: servers, and one channel per address, which connects lazily and reconnects by
+//! itself.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -16,34 +16,33 @@ use crate::network::Network;
 use crate::security::Security;
 use crate::security::guard::{Guard, Guarded};
 
-/// Both ends probe an idle connection this often, so that a machine that vanished is noticed.
+/// Interval of keepalive probes from both ends, which detect a vanished machine.
 const KEEPALIVE: Duration = Duration::from_secs(10);
 
-/// Channels that were used so long ago are closed: a connection is made anew within milliseconds.
+/// Channels are closed this long after their last use. A new connection takes milliseconds.
 const UNUSED: Duration = Duration::from_secs(30);
 
-/// Requests on one connection: as many as a coordinator has sessions by default, all of which a load balancer, or one that
-/// tries how much a service bears, may put on one connection (`argus load` takes four). What is too many is the core's
-/// decision, and it says so at once, while a request over this limit would silently wait in the client; each that is open
-/// takes memory whatever becomes of it, so that it is no larger.
+/// Most concurrent requests on one connection: the default number of sessions, since a load balancer or a load test
+/// (`argus load` uses four connections) may put all of them on one. Beyond it a request would wait silently in the
+/// client, while the core refuses overload at once. It is no larger, since each open request takes memory.
 const MAX_STREAMS: u32 = 1 << 14;
 
-/// Bytes of what strangers may ask: a service's name, or that of a symbol.
+/// Largest request of unauthenticated services, bytes: the name of a service or a symbol.
 pub(crate) const MOST_QUESTION_BYTES: usize = 4 << 10;
 
-/// Requests that were cancelled before they were looked at, on one connection: a client that gives up on all
-/// of its views at once is no attack.
+/// Most cancelled, unprocessed requests on one connection. A client that cancels all of its views at once is no
+/// attack.
 const MAX_RESETS: usize = 1 << 12;
 
-/// Bytes that may be on their way to a server on one connection. Fixed and large: h2 (0.4.20) ends a
-/// connection with ENHANCE_YOUR_CALM once small DATA frames that nobody has read yet take up half of it, and
-/// an adaptive window begins at 64 KiB, where three hundred requests sent at once do.
+/// HTTP/2 window of a server's connection, bytes. Fixed and large: h2 (0.4.20) ends a connection with
+/// ENHANCE_YOUR_CALM once unread small DATA frames take up half of it. An adaptive window begins at 64 KiB, where
+/// three hundred requests at once cause that.
 const CONNECTION_WINDOW: u32 = 64 << 20;
 
-/// How an address is connected to: by TLS, and to a member of the cluster alone, where there is security.
+/// The endpoint of an address. With `security`, it uses TLS and accepts only a member of the cluster.
 ///
 /// # Errors
-/// What is wrong with the address, or with the certificates, in one line.
+/// What is wrong with the address or the certificates, in one line.
 pub(crate) fn endpoint(
     address: &str,
     connect_timeout: Duration,
@@ -69,12 +68,12 @@ pub(crate) fn endpoint(
     }
 }
 
-/// How addresses of members begin.
+/// The URL scheme of members' addresses.
 pub(crate) fn scheme(security: Option<&Security>) -> &'static str {
     if security.is_some() { "https" } else { "http" }
 }
 
-/// The innermost reason, which is the one that says something ("connection refused").
+/// The innermost cause of an error, which is the informative one ("connection refused").
 pub(crate) fn root_cause(error: &dyn std::error::Error) -> String {
     let mut cause = error;
     while let Some(inner) = cause.source() {
@@ -83,10 +82,10 @@ pub(crate) fn root_cause(error: &dyn std::error::Error) -> String {
     cause.to_string()
 }
 
-/// How both kinds of process serve.
+/// The server of both kinds of process.
 ///
 /// # Errors
-/// Certificates that are none.
+/// Invalid certificates.
 pub(crate) fn server(
     guarded: Guarded,
     security: Option<&Arc<Security>>,
@@ -96,7 +95,7 @@ pub(crate) fn server(
         server = server.tls_config(security.of_listener())?;
     }
     Ok(server
-        // Metrics and probes are asked for over plain HTTP.
+        // Metrics and probes use HTTP/1.1.
         .accept_http1(true)
         .initial_connection_window_size(CONNECTION_WINDOW)
         .http2_keepalive_interval(Some(KEEPALIVE))
@@ -105,8 +104,8 @@ pub(crate) fn server(
         .layer(Guard::new(guarded, security.cloned())))
 }
 
-/// Whether what a connection broke with is that one side's certificate is not one that the other trusts, or that it
-/// does not speak TLS. The transport keeps the words alone.
+/// Whether a connection failed since one side does not trust the other's certificate, or does not use TLS. The
+/// transport keeps only the text.
 pub(crate) fn is_distrust(reason: &str) -> bool {
     ["certificate", "fatal alert", "corrupt message"].iter().any(|word| reason.contains(word))
 }
@@ -117,12 +116,12 @@ pub(crate) struct Channels {
     connect_timeout: Duration,
     security: Option<Arc<Security>>,
     network: Network,
-    /// Answers of one address at the same time that are passed on; `None` where all are read here.
+    /// Most concurrent relayed responses from one address; `None`: nothing is relayed.
     relays: Option<usize>,
     by_address: Mutex<HashMap<String, Known>>,
 }
 
-/// A channel that was made.
+/// A channel and the time of its last use.
 #[derive(Debug)]
 struct Known {
     channel: Channel,
@@ -134,13 +133,13 @@ impl Channels {
         Self { connect_timeout, security, network, relays: None, by_address: Mutex::default() }
     }
 
-    /// Channels for answers that are passed on, up to `most` of one address at the same time: answers that are not read never
-    /// stop the others.
+    /// Makes channels for relayed responses, up to `most` concurrent ones from one address. Unread responses then
+    /// never block other ones.
     pub(crate) fn for_relays(self, most: usize) -> Self {
         Self { relays: Some(most), ..self }
     }
 
-    /// By which they are secured.
+    /// The TLS configuration.
     pub(crate) fn security(&self) -> Option<&Security> {
         self.security.as_deref()
     }
@@ -148,7 +147,7 @@ impl Channels {
     /// The channel to an address.
     ///
     /// # Errors
-    /// [`Fault::Unavailable`] if the address is none.
+    /// [`Fault::Unavailable`] if the address is invalid.
     pub(crate) fn to(&self, address: &str) -> Result<Channel, Fault> {
         let now = Instant::now();
         if let Some(known) = self.by_address.lock().get_mut(address) {
@@ -166,14 +165,14 @@ impl Channels {
         Ok(channels.entry(address.to_owned()).or_insert_with(made).channel.clone())
     }
 
-    /// Closes channels that nobody has asked for in a while, once nobody uses them: each keeps a place at its other end, and
-    /// in a large cluster everybody talks to everybody sooner or later.
+    /// Closes channels that were not requested for a while, once they are idle. Each keeps a connection slot at its
+    /// other end, and in a large cluster all processes eventually talk to each other.
     pub(crate) fn close_unused(&self) {
         let now = Instant::now();
         self.by_address.lock().retain(|_, known| now < known.used + UNUSED);
     }
 
-    /// Closes the channel to an address once nobody uses it.
+    /// Closes the channel to an address once it is idle.
     pub(crate) fn forget(&self, address: &str) {
         self.by_address.lock().remove(address);
     }
@@ -195,7 +194,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn channels_that_nobody_uses_are_closed() {
+    async fn unused_channels_are_closed() {
         let channels = Channels::new(Duration::from_secs(1), None, Network::default());
         let count = || channels.by_address.lock().len();
         channels.to("http://127.0.0.1:1").unwrap();
@@ -212,7 +211,7 @@ mod tests {
         assert_eq!(count(), 1, "it was used since");
     }
 
-    /// Answers when it is told to, and then sends a chunk each time that it is told to.
+    /// A service that answers, and then sends each chunk, when the test tells it to.
     struct Told {
         answer: Arc<Semaphore>,
         chunk: Arc<Semaphore>,
@@ -236,7 +235,7 @@ mod tests {
         }
     }
 
-    /// Such a service, its address, and what says of each connection there that it was closed.
+    /// Starts such a service. Returns it, its address, and a receiver that gets an item for each closed connection.
     async fn told() -> (Told, String, mpsc::UnboundedReceiver<()>) {
         let told = Told { answer: Arc::new(Semaphore::new(0)), chunk: Arc::new(Semaphore::new(0)) };
         let server = Told { answer: told.answer.clone(), chunk: told.chunk.clone() };
@@ -261,7 +260,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn requests_in_flight_outlive_their_channel_and_its_connection_ends_with_them() {
+    async fn requests_in_flight_outlive_their_closed_channel() {
         let forget: [fn(&Channels, &str); 2] = [
             |channels, address| channels.forget(address),
             |channels, _| {
@@ -275,11 +274,11 @@ mod tests {
             let (told, address, mut closed) = told().await;
             let channels = Channels::new(Duration::from_secs(1), None, Network::default()).for_relays(2);
             let ask = || {
-                // As a relay does: the stream alone stays.
+                // Like a relay, keeps only the stream.
                 let channel = channels.to(&address).unwrap();
                 async move { ScenesClient::new(channel).fetch(v1::FetchRequest::default()).await }
             };
-            // Some of one answer is there, another was asked for, and a third is not on its way yet.
+            // One answer is partly read, one was requested, and one was not sent yet.
             told.answer.add_permits(1);
             let mut begun = ask().await.unwrap().into_inner();
             told.chunk.add_permits(1);

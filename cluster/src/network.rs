@@ -1,4 +1,4 @@
-//! What processes talk over: the machine's network, or one that a test simulates.
+//! The network of a process: the machine's, or one that a test simulates.
 
 use std::io;
 use std::net::SocketAddr;
@@ -10,15 +10,15 @@ use tokio::net::TcpListener;
 use tonic::transport::server::{Connected, TcpConnectInfo};
 use tracing::warn;
 
-/// Where connections come in.
+/// A listener.
 pub trait Accept: Send + Sync + 'static {
-    /// What it listens on.
+    /// The address that it listens on.
     ///
     /// # Errors
-    /// Whatever the network says.
+    /// The network's error.
     fn local_addr(&self) -> io::Result<SocketAddr>;
 
-    /// The next connection, and between whom it is.
+    /// The next connection, and its two addresses.
     fn accept(&self) -> BoxFuture<'_, io::Result<(Box<dyn Duplex>, TcpConnectInfo)>>;
 }
 
@@ -31,7 +31,7 @@ impl Accept for TcpListener {
         async {
             let (stream, _) = self.accept().await?;
             if let Err(error) = stream.set_nodelay(true) {
-                warn!(%error, "a connection keeps its delays");
+                warn!(%error, "cannot set TCP_NODELAY; small messages may be delayed");
             }
             let between = stream.connect_info();
             Ok((Box::new(stream) as Box<dyn Duplex>, between))

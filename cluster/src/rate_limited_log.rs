@@ -1,15 +1,15 @@
-//! Log lines about what may happen with every request: the first at once, then no more than one in ten seconds, with how
-//! many were left out.
+//! Rate-limited log lines for events that may happen with every request: the first at once, then at most one in ten
+//! seconds, with the number of omitted ones.
 
 use std::time::Duration;
 
 use parking_lot::Mutex;
 use tokio::time::Instant;
 
-/// Between two lines.
+/// Least time between two lines.
 const PAUSE: Duration = Duration::from_secs(10);
 
-/// One kind of line, wherever it comes from in this process.
+/// The rate limit of one kind of line.
 #[derive(Debug)]
 pub(crate) struct RateLimitedLog(Mutex<State>);
 
@@ -24,7 +24,7 @@ impl RateLimitedLog {
         Self(Mutex::new(State { said: None, left_out: 0 }))
     }
 
-    /// Whether to say it now: how many were left out before it; `None` to leave this one out, too.
+    /// Whether to log now: `Some` with the number of lines omitted before; `None` to omit this one.
     pub(crate) fn now(&self) -> Option<u64> {
         let now = Instant::now();
         let mut state = self.0.lock();
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn the_first_line_comes_at_once_and_the_next_says_how_many_were_left_out() {
+    async fn the_first_line_is_logged_at_once_and_the_next_counts_omitted_ones() {
         let line = RateLimitedLog::new();
         assert_eq!(line.now(), Some(0));
         assert!((0..1000).all(|_| line.now().is_none()));

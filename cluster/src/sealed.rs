@@ -1,9 +1,10 @@
-//! What one process says to another through a client.
+//! Sealed messages: messages between two processes that a client carries and cannot change.
 //!
-//! A coordinator that sends a client to a worker gives it a *ticket* to show there, and the worker gives it a *receipt*
-//! to bring back. Both are sealed by a key that the two processes share and the client does not know: a keyed BLAKE3
-//! hash, over what kind of message it is and its bytes. The key is drawn for one stay of a worker under one
-//! leadership; a worker that lost its coordinator takes tickets until the next assignment brings another key.
+//! A coordinator that redirects a client to a worker gives it a *ticket* for the worker, and the worker gives the
+//! client a *receipt* for the coordinator. Both are sealed by a key that the two processes share and the client does
+//! not know: a keyed BLAKE3 hash over the kind of the message and its bytes. The key is drawn for one joining of a
+//! worker under one leadership. A worker that lost its coordinator accepts tickets until the next assignment brings
+//! another key.
 
 use argus_proto::v1::Sealed;
 use blake3::{Hash, Hasher};
@@ -11,7 +12,7 @@ use prost::Message;
 use rand::TryRngCore;
 use rand::rngs::OsRng;
 
-/// Key by which a coordinator and one worker seal what they send each other.
+/// The key by which a coordinator and one worker seal their messages.
 #[derive(Clone, PartialEq, Eq)]
 pub struct SealKey([u8; 32]);
 
@@ -21,7 +22,7 @@ impl std::fmt::Debug for SealKey {
     }
 }
 
-/// Kinds of sealed messages: one cannot be passed off as another.
+/// Kinds of sealed messages. A message of one kind does not open as another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// [`argus_proto::v1::RedirectTicket`], from a coordinator to a worker.
@@ -40,24 +41,24 @@ impl Kind {
 }
 
 impl SealKey {
-    /// A new one; `None` where the operating system has no randomness to give.
+    /// A new random key; `None` if the operating system has no randomness.
     pub fn drawn() -> Option<Self> {
         let mut key = [0; 32];
         OsRng.try_fill_bytes(&mut key).ok()?;
         Some(Self(key))
     }
 
-    /// The bytes of an assignment; `None` where they are no key.
+    /// The key of an assignment; `None` if it has not 32 bytes.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         bytes.try_into().ok().map(Self)
     }
 
-    /// For an assignment, which travels within the cluster only.
+    /// The bytes for an assignment, which travels only within the cluster.
     pub fn to_bytes(&self) -> Vec<u8> {
         self.0.to_vec()
     }
 
-    /// A message as a client may carry it.
+    /// Seals a message.
     pub fn seal(&self, kind: Kind, message: &impl Message) -> Sealed {
         self.seal_bytes(kind, message.encode_to_vec())
     }
@@ -67,10 +68,10 @@ impl SealKey {
         Sealed { body: body.into(), seal: seal.into() }
     }
 
-    /// The message, if it is of that kind and the other side sealed it.
+    /// Opens a message; `None` unless it is of this kind and sealed with this key.
     pub fn open<M: Message + Default>(&self, kind: Kind, sealed: &Sealed) -> Option<M> {
         let seal = Hash::from_bytes(sealed.seal.as_ref().try_into().ok()?);
-        // Hashes compare in constant time.
+        // Hashes are compared in constant time.
         if self.hash(kind, &sealed.body) != seal {
             return None;
         }
@@ -80,18 +81,18 @@ impl SealKey {
     fn hash(&self, kind: Kind, body: &[u8]) -> Hash {
         let mut hasher = Hasher::new_keyed(&self.0);
         let name = kind.name();
-        // With its length: no name and body can be cut at another place.
+        // The length separates name and body unambiguously.
         hasher.update(&[name.len() as u8]).update(name).update(body);
         hasher.finalize()
     }
 }
 
-/// Serial numbers that were shown, so that each ticket is good once: those of the newest [`RedeemedSerials::SPAN`]; older ones
-/// count as shown.
+/// Serial numbers of redeemed tickets, so that each ticket is accepted once. Numbers older than the newest
+/// [`RedeemedSerials::SPAN`] count as redeemed.
 #[derive(Debug, Clone)]
 pub(crate) struct RedeemedSerials {
     newest: u64,
-    /// A ring of bits.
+    /// A ring of bits, one for each number.
     bits: Box<[u64]>,
 }
 
@@ -102,10 +103,11 @@ impl Default for RedeemedSerials {
 }
 
 impl RedeemedSerials {
-    /// Many more than clients are on their way with. Whoever hoards tickets has no more than these.
+    /// Numbers that are remembered: many more than there are redirects in flight. A client that hoards tickets loses
+    /// older ones.
     const SPAN: u64 = 1 << 12;
 
-    /// Notes a number; `false` if it was shown before, or is too old to tell. Numbers begin at 1.
+    /// Records a number; `false` if it was redeemed before or is too old. Numbers start at 1.
     pub(crate) fn first_time(&mut self, serial: u64) -> bool {
         if serial == 0 || serial.saturating_add(Self::SPAN) <= self.newest {
             return false;
@@ -114,7 +116,7 @@ impl RedeemedSerials {
             if serial - self.newest >= Self::SPAN {
                 self.bits.fill(0);
             } else {
-                // What the ring now stands for was something else before.
+                // Clears the bits of older numbers.
                 for fresh in self.newest + 1..serial {
                     *self.word(fresh) &= !Self::bit(fresh);
                 }
@@ -149,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_sealed_opens_under_its_key_and_kind_alone() {
+    fn a_sealed_message_opens_only_with_its_key_and_kind() {
         let ticket = RedirectTicket { serial: 7, ..RedirectTicket::default() };
         let sealed = key(1).seal(Kind::RedirectTicket, &ticket);
         assert_eq!(key(1).open(Kind::RedirectTicket, &sealed), Some(ticket));
@@ -172,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn each_number_is_good_once_in_any_order() {
+    fn each_number_is_accepted_once_in_any_order() {
         let mut redeemed = RedeemedSerials::default();
         for serial in [3, 1, 2, 70, 65, 66] {
             assert!(redeemed.first_time(serial), "{serial}");
@@ -180,7 +182,7 @@ mod tests {
         for serial in [0, 1, 2, 3, 65, 66, 70] {
             assert!(!redeemed.first_time(serial), "{serial}");
         }
-        // The ring turns: numbers that share a place with old ones are new, and old ones do not come back.
+        // The ring turns: numbers that share a bit with old ones are new, and old ones do not return.
         let far = 70 + RedeemedSerials::SPAN;
         assert!(redeemed.first_time(far));
         assert!(!redeemed.first_time(70) && !redeemed.first_time(far) && !redeemed.first_time(4));

@@ -1,7 +1,8 @@
 //! Ends response streams whose client stopped reading (send timeout).
 //!
-//! A stream is asked for its next item when its connection has room for it. A client that does not read keeps what the stream
-//! holds: a place, a worker's stream, a packed frame. The stream itself is not asked meanwhile, so a task watches the time.
+//! A stream is polled for its next item when its connection has room for it. While a client does not read, the stream
+//! holds resources: a place in a queue, a worker's stream, a packed frame. It is not polled meanwhile, so a task
+//! watches the time.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -16,7 +17,7 @@ use tonic::Status;
 
 type Inner<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// A stream that is dropped, and with it all that it holds, where an item that it gave is not sent in time.
+/// A stream that is dropped, with everything it holds, if an item is not sent in time.
 pub(crate) struct WithSendTimeout<T> {
     state: Arc<Mutex<State<T>>>,
     watch: AbortHandle,
@@ -24,14 +25,14 @@ pub(crate) struct WithSendTimeout<T> {
 }
 
 struct State<T> {
-    /// `None` once it is over.
+    /// The stream; `None` once it ended.
     inner: Option<Inner<T>>,
-    /// Since when an item was given and no other asked for.
+    /// The time of the last item, until the next poll.
     unsent: Option<Instant>,
     late: bool,
 }
 
-/// The stream, of which each item is sent within `item`.
+/// Wraps a stream so that each item must be sent within `item`.
 pub(crate) fn with_send_timeout<T: Send + 'static>(
     stream: impl Stream<Item = Result<T, Status>> + Send + 'static,
     item: Duration,
@@ -42,7 +43,7 @@ pub(crate) fn with_send_timeout<T: Send + 'static>(
     WithSendTimeout { state, watch, item }
 }
 
-/// Looks at the time until it is over.
+/// Watches the time until the stream ends.
 async fn watch<T>(state: Arc<Mutex<State<T>>>, item: Duration) {
     let mut look = Instant::now() + item;
     loop {
@@ -69,7 +70,7 @@ impl<T> Stream for WithSendTimeout<T> {
         let mut state = self.state.lock();
         state.unsent = None;
         let Some(inner) = &mut state.inner else {
-            let reason = || format!("what was sent was not read for {:.1} s", self.item.as_secs_f64());
+            let reason = || format!("send timeout: the client read nothing for {:.1} s", self.item.as_secs_f64());
             let late = std::mem::take(&mut state.late);
             return Poll::Ready(late.then(|| Err(Status::unavailable(reason()))));
         };
@@ -85,7 +86,7 @@ impl<T> Stream for WithSendTimeout<T> {
 impl<T> Drop for WithSendTimeout<T> {
     fn drop(&mut self) {
         self.watch.abort();
-        // What is held goes now and not with the task.
+        // Drops the stream now, not with the task.
         let dropped = self.state.lock().inner.take();
         drop(dropped);
     }
@@ -124,7 +125,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn the_last_item_counts_and_waiting_for_the_next_does_not() {
+    async fn the_timeout_covers_the_last_item_but_not_waiting_for_the_next() {
         let place = Arc::new(());
         let late = futures::stream::once(async {
             tokio::time::sleep(ITEM * 20).await;
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn whoever_goes_frees_all_at_once() {
+    async fn a_dropped_stream_frees_what_it_holds() {
         let place = Arc::new(());
         let stream = with_send_timeout(held(&place, 9), ITEM);
         assert_eq!(Arc::strong_count(&place), 2);

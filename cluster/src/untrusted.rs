@@ -1,4 +1,4 @@
-//! What the processes of a cluster make of messages, for fuzzing: all of it is what they run, none of it is of other use.
+//! Entry points for fuzzing: they process messages with the code of production.
 
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ fn hello() -> Hello {
     Hello { name, pid: 1, address, public_address: None, device: "none".to_owned(), cores: 1 }
 }
 
-/// A coordinator with one worker that is ready.
+/// A coordinator's core with one ready worker.
 fn core() -> Core {
     let mut core = Core::new(Config::default(), set());
     let worker = WorkerId(1);
@@ -81,10 +81,10 @@ fn service() -> ServiceInfo {
     }
 }
 
-/// What a coordinator makes of a worker's message: time passes, and its state can be told.
+/// Processes a worker's message as a coordinator, lets time pass, and takes a status.
 ///
 /// # Errors
-/// The field that is refused.
+/// The invalid field.
 pub fn report(message: v1::WorkerReport) -> Result<(), InvalidField> {
     let mut core = core();
     match message.body {
@@ -102,30 +102,30 @@ pub fn report(message: v1::WorkerReport) -> Result<(), InvalidField> {
     Ok(())
 }
 
-/// What a coordinator makes of a view that passed its checks.
+/// Processes a validated view as a coordinator.
 pub fn view(view: View) {
     let mut core = core();
     ask(&mut core, view, Uptime::default());
     pass_time(&mut core);
 }
 
-/// What a worker makes of an assignment.
+/// Checks an assignment as a worker.
 ///
 /// # Errors
-/// The field that is refused.
+/// The invalid field.
 pub fn assignment(message: v1::Assignment) -> Result<(), InvalidField> {
     worker::checked_assignment(message)
 }
 
-/// Known to whoever fuzzes, so that bytes get past the seal.
+/// A fixed key, so that fuzzed bytes pass the seal.
 fn key() -> SealKey {
     SealKey::from_bytes(&[7; 32]).expect("32 bytes are a key")
 }
 
-/// What a worker makes of a ticket whose seal is right, whatever is in it.
+/// Processes the body of a correctly sealed ticket as a worker.
 ///
 /// # Errors
-/// What is refused, as it is before anything is rendered.
+/// Why it is refused, before anything is rendered.
 pub fn ticket(body: &[u8]) -> Result<(), String> {
     let sealed = key().seal_bytes(Kind::RedirectTicket, body.to_vec());
     assert!(key().open::<v1::Receipt>(Kind::Receipt, &sealed).is_none(), "a ticket passes for a receipt");
@@ -142,10 +142,10 @@ pub fn ticket(body: &[u8]) -> Result<(), String> {
     argus_scene::Plan::try_from(order.plan.unwrap_or_default()).map(drop).map_err(words)
 }
 
-/// What a coordinator makes of a receipt whose seal is right, whatever is in it.
+/// Processes the body of a correctly sealed receipt as a coordinator.
 ///
 /// # Errors
-/// It is refused.
+/// Why it is refused.
 pub fn receipt(body: &[u8]) -> Result<(), String> {
     let sealed = key().seal_bytes(Kind::Receipt, body.to_vec());
     assert!(key().open::<v1::RedirectTicket>(Kind::RedirectTicket, &sealed).is_none(), "a receipt passes for a ticket");
@@ -164,7 +164,7 @@ pub fn receipt(body: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// What either makes of what a stranger sealed: nothing.
+/// Opens a message that was sealed elsewhere, as either process.
 ///
 /// # Errors
 /// It is refused.
@@ -178,12 +178,12 @@ pub fn sealed(sealed: &v1::Sealed) -> Result<(), String> {
     }
 }
 
-/// What a coordinator makes of what the client of a session says.
+/// Processes the messages of a session's client as a coordinator.
 pub fn session_messages(requests: Vec<v1::SessionRequest>) {
     coordinator::check_inbox(requests.into_iter());
 }
 
-/// Valid messages by their names.
+/// Valid messages with the names of their types.
 pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let id = argus_scene::SampleId { version: 0, camera: 2 };
     let measured = Report {

@@ -1,4 +1,4 @@
-//! The core's words on the wire.
+//! Conversions between the core's types and wire messages.
 
 use std::time::Duration;
 
@@ -12,7 +12,7 @@ use crate::core::{Assignment, Hello, Probed, Report, Role, Source, Status, Worke
 use crate::sealed::SealKey;
 use crate::security::Security;
 
-/// Longest name of a worker: it stands in every frame and log line.
+/// Longest name of a worker, bytes: it is in every frame and log line.
 const MAX_NAME: usize = 128;
 
 pub(crate) fn role(role: Role) -> v1::Role {
@@ -23,7 +23,7 @@ pub(crate) fn role(role: Role) -> v1::Role {
     }
 }
 
-/// The role of an assignment.
+/// Reads the role of an assignment.
 pub(crate) fn role_from(number: i32) -> Result<Role, InvalidField> {
     match v1::Role::try_from(number) {
         Ok(v1::Role::Sampler) => Ok(Role::Sampler),
@@ -69,7 +69,7 @@ pub(crate) fn hello(hello: &Hello) -> v1::WorkerReport {
 }
 
 pub(crate) fn report_from(wire: v1::Measurements) -> Report {
-    // A broken clock must not poison sums; the smoothing of costs checks for itself.
+    // A wrong clock must not corrupt sums. The smoothing of costs has its own checks.
     let busy = |ms: f64| if ms > 0.0 && ms.is_finite() { ms } else { 0.0 };
     Report {
         applied: wire.applied,
@@ -144,14 +144,14 @@ fn cost(Cost { fixed_ms, ms_per_megapixel }: Cost) -> v1::Cost {
     v1::Cost { fixed_ms, ms_per_megapixel }
 }
 
-/// A cost that is not finite, or below zero, was not measured.
+/// Reads a cost. `None` if it is not finite, negative or zero.
 fn cost_from(v1::Cost { fixed_ms, ms_per_megapixel }: v1::Cost) -> Option<Cost> {
     let measured = |ms: f64| ms >= 0.0 && ms.is_finite();
     let cost = Cost { fixed_ms, ms_per_megapixel };
     (measured(fixed_ms) && measured(ms_per_megapixel) && fixed_ms + ms_per_megapixel > 0.0).then_some(cost)
 }
 
-/// Probes whose errors are not finite, or below zero, were none.
+/// Reads counts of probes. Errors that are not finite or negative make them empty.
 fn probed_from(count: u64, error: f64, predicted: f64) -> Probed {
     let is_sum = |x: f64| x >= 0.0 && x.is_finite();
     match is_sum(error) && is_sum(predicted) {
@@ -164,7 +164,7 @@ fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
     v1::WayCost { visibility: v1::Visibility::from(visibility) as i32, ms }
 }
 
-/// What every assignment of a coordinator says alike, whatever its term.
+/// Constant parts of all assignments of a coordinator.
 #[derive(Debug, Clone)]
 pub(crate) struct ServiceInfo {
     pub(crate) scene: SceneRef,
@@ -172,11 +172,11 @@ pub(crate) struct ServiceInfo {
     pub(crate) report_interval: Duration,
 }
 
-/// What of the core's state goes with each assignment.
+/// The parts of the core's state in each assignment.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Served<'a> {
     pub(crate) set: &'a SampleSetInfo,
-    /// The versions that the assignment's samples may be of.
+    /// The versions of the assignment's samples.
     pub(crate) versions: &'a [Version],
     pub(crate) visibility_is_open: bool,
 }
@@ -215,7 +215,7 @@ pub(crate) fn observed(observed: Observed) -> v1::Observed {
     v1::Observed { detail, coarse_detail, edges, unresolved, agreeing, residual }
 }
 
-/// Taken as it is: what is not a number makes no belief ([`crate::core::quality::Regression::believe`]).
+/// Reads statistics unchecked: non-finite values are rejected by [`crate::core::quality::Regression::believe`].
 pub(crate) fn observed_from(wire: v1::Observed) -> Observed {
     let v1::Observed { detail, coarse_detail, edges, unresolved, agreeing, residual } = wire;
     Observed { detail, coarse_detail, edges, unresolved, agreeing, residual }
@@ -278,7 +278,7 @@ pub(crate) fn status(
         rays_per_tick: status.rays_per_tick,
         ray_ms: status.ray_ms,
         error_factor: status.error_factor,
-        // The core has no clock.
+        // The shell fills these in, since the core has no clock.
         views_planned: 0,
         planning_us: 0.0,
     }
@@ -321,7 +321,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn probes_come_as_they_were_reported_and_errors_that_are_no_numbers_are_refused() {
+    fn probes_with_invalid_errors_are_ignored() {
         let probed = Probed { count: 3, error: 0.06, predicted: 0.045 };
         let sent = |probed| {
             let report = report(Report { probed, ..Report::default() }, Role::Both);
