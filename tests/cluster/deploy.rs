@@ -194,7 +194,7 @@ fn a_compose_cluster_by_tls_serves_only_clients_with_a_token() {
     assert!(Path::new(&picture).is_file());
     let plain = cluster.url();
     for (how, reason) in [
-        (&["--server", &url, "--ca", &ca][..], "a token is wanted"),
+        (&["--server", &url, "--ca", &ca][..], "a token is required"),
         (&["--server", &plain], "is not an Argus server"),
     ] {
         let refused = run(&[&view[..], how].concat());

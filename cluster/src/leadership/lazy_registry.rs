@@ -1,4 +1,4 @@
-//! A registry that may not be there yet.
+//! A registry that connects when it is first used.
 
 use std::time::Duration;
 
@@ -8,8 +8,8 @@ use tracing::warn;
 use super::{HeldLease, NatsAccess, NatsRegistry, Registry, RegistryError};
 use crate::rate_limited_log::RateLimitedLog;
 
-/// A registry at a NATS server that is connected to when it is first asked, and again each time until it answers. So
-/// processes may be started in any order: a coordinator stands by meanwhile, and says so to whoever asks.
+/// A registry in NATS that connects when it is first used, and retries with each use. So processes may start in any
+/// order: until it answers, a coordinator is on standby and says so.
 #[derive(Debug)]
 pub struct LazyRegistry {
     url: String,
@@ -19,7 +19,7 @@ pub struct LazyRegistry {
 }
 
 impl LazyRegistry {
-    /// As [`NatsRegistry::connect_as`], which is not waited for.
+    /// A registry with the arguments of [`NatsRegistry::connect_as`]; it does not connect yet.
     pub fn new(url: &str, lease: Duration, access: NatsAccess) -> Self {
         Self { url: url.to_owned(), lease, access, there: OnceCell::new() }
     }
@@ -32,7 +32,7 @@ impl LazyRegistry {
         connected.inspect_err(|error| {
             static ABSENT: RateLimitedLog = RateLimitedLog::new();
             if let Some(left_out) = ABSENT.now() {
-                warn!(%error, left_out, "the registry does not answer yet, trying on");
+                warn!(%error, left_out, "the registry does not answer yet; retrying");
             }
         })
     }

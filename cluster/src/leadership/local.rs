@@ -1,4 +1,4 @@
-//! A registry within one process: for the only coordinator of a cluster, and for tests of several.
+//! A registry within one process: for a single coordinator, and for tests.
 
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -8,7 +8,7 @@ use tokio::time::Instant;
 
 use super::{HeldLease, Registry, RegistryError};
 
-/// Shared by cloning.
+/// A registry within one process. Clones share it.
 #[derive(Debug, Clone)]
 pub struct LocalRegistry {
     lease: Option<Duration>,
@@ -32,19 +32,19 @@ struct Holder {
 }
 
 impl LocalRegistry {
-    /// For a coordinator that is alone: it leads at once, and its lease never lapses. Its term is the milliseconds since
-    /// 1970, so that a coordinator that is started again has a higher one.
+    /// For a single coordinator: it leads at once, and its lease never lapses. The term is the milliseconds since
+    /// 1970, so that it is higher after a restart.
     pub fn alone() -> Self {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         Self::alone_under(u64::try_from(since.as_millis()).unwrap_or(u64::MAX))
     }
 
-    /// The same under a given term.
+    /// For a single coordinator, with a given term.
     pub fn alone_under(term: u64) -> Self {
         Self::new(term, None)
     }
 
-    /// For several; the first leader has the term `first_term`.
+    /// For several coordinators. The first leader has the term `first_term`.
     pub fn shared(first_term: u64, lease: Duration) -> Self {
         Self::new(first_term, Some(lease))
     }

@@ -1,10 +1,10 @@
 //! A registry in NATS JetStream's key-value store.
 //!
-//! The lease is one key in a bucket whose entries live as long as the lease: it is acquired by *create*, which the server
-//! refuses while the key is there, and renewed by *update* of the revision that was written last. Revisions ascend over
-//! the bucket's whole life, so the revision of an acquisition, counted from when the bucket was made, is the term. A read may be answered by a server that lags
-//! behind, so nothing is decided by one; an entry that expires leaves no marker, so who waits for it asks again. Servers
-//! from 2.9 on will do: they need not know lifetimes of single keys.
+//! The lease is one key in a bucket whose entries expire after the lease's duration. It is acquired by *create*,
+//! which the server refuses while the key exists, and renewed by *update* of the last revision. Revisions ascend over
+//! the bucket's whole life, so the term is the time when the bucket was made plus the revision of the acquisition.
+//! Reads may be answered by a server that lags, so nothing is decided by them. An expired entry leaves no marker, so
+//! waiting coordinators poll. Servers from 2.9 on are supported, since lifetimes of single keys are not needed.
 
 use std::fmt;
 use std::future::Future;
@@ -27,38 +27,38 @@ const MEMBERS: &str = "argus-members";
 const KEY: &str = "leader";
 const WORKERS: &str = "workers";
 
-/// No answer of the server is worth more than this part of a lease.
+/// Requests to the server time out after this part of a lease.
 const PATIENCE: u32 = 3;
 
-/// How long it is remembered what workers there were: a few leases, since they look for the new leader that long.
+/// Workers are recorded for this many leases, since they look for the new leader that long.
 const REMEMBERED: u32 = 10;
 
-/// How a NATS server is spoken to: in plaintext and as nobody, unless it is said.
+/// Access to a NATS server. The default is plaintext without authentication.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct NatsAccess {
-    /// By TLS or not at all.
+    /// TLS; `None`: plaintext.
     pub tls: Option<NatsTls>,
-    /// As whom.
+    /// Credentials; `None`: no authentication.
     pub secret: Option<NatsSecret>,
 }
 
-/// PEM files. They are read with each connection, so that certificates may be renewed.
+/// Paths of PEM files. They are read with each connection, so that certificates may be renewed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NatsTls {
-    /// The authority that signed the server's certificate; no other one is trusted.
+    /// The only trusted authority of the server's certificate.
     pub ca: PathBuf,
-    /// PEM file of the certificate by which the server knows this process.
+    /// The client certificate of this process.
     pub certificate: PathBuf,
-    /// PEM file of that certificate's private key.
+    /// The private key of the client certificate.
     pub key: PathBuf,
 }
 
-/// What a NATS server knows a client by; printing it shows nothing.
+/// Credentials for a NATS server, which are never printed.
 #[derive(Clone, PartialEq, Eq)]
 pub enum NatsSecret {
-    /// A word.
+    /// A token.
     Token(String),
-    /// A name and a word.
+    /// User and password.
     User(String, String),
 }
 
@@ -69,15 +69,15 @@ impl fmt::Debug for NatsSecret {
 }
 
 impl NatsSecret {
-    /// Of the text of a file: a token, or a user and a password with a space between.
+    /// Parses the text of a file: a token, or a user and a password separated by a space.
     ///
     /// # Errors
-    /// What is wrong with it, without the text.
+    /// What is wrong, without the text.
     pub fn parse(text: &str) -> Result<Self, &'static str> {
         match text.split_whitespace().collect::<Vec<_>>()[..] {
             [token] => Ok(Self::Token(token.to_owned())),
             [user, password] => Ok(Self::User(user.to_owned(), password.to_owned())),
-            _ => Err("a token is wanted, or a user and a password with a space between"),
+            _ => Err("must be a token, or a user and a password separated by a space"),
         }
     }
 }
@@ -85,55 +85,56 @@ impl NatsSecret {
 /// The host of a NATS server's address.
 ///
 /// # Errors
-/// Why it is none, without the address: it may hold a password.
+/// Why it is invalid, without the address, which may contain a password.
 pub fn nats_host(url: &str) -> Result<String, &'static str> {
-    let none = "is no address of a NATS server";
+    let none = "is not an address of a NATS server";
     let address: async_nats::ServerAddr = url.parse().map_err(|_| none)?;
     if address.host().is_empty() {
         return Err(none);
     }
     match address.username().is_some() || address.password().is_some() {
         true => {
-            Err("must hold no user and no password: they belong in coordinator.registry_credentials, a file")
+            Err("must have no user and no password: put them into the file of coordinator.registry_credentials")
         }
         false => Ok(address.host().to_owned()),
     }
 }
 
-/// An address as it may be shown: whatever stands before its host is left out.
+/// An address for messages, without the credentials before its host.
 fn shown(url: &str) -> String {
     let (scheme, rest) = url.split_once("://").map_or(("", url), |(scheme, rest)| (scheme, rest));
     let Some((_, host)) = rest.rsplit_once('@') else { return url.to_owned() };
     if scheme.is_empty() { host.to_owned() } else { format!("{scheme}://{host}") }
 }
 
-/// A registry at a NATS server, or a cluster of them.
+/// A registry in a NATS server or cluster.
 #[derive(Debug)]
 pub struct NatsRegistry {
     url: String,
     lease: Duration,
-    /// Told apart from another process at the same address.
+    /// Distinguishes this process from others at the same address.
     nonce: u64,
-    /// What revisions are counted from, as terms: when the bucket was made, milliseconds since 1970. So one that is made
-    /// anew, or comes after a coordinator that was alone, begins with a higher term.
+    /// The base of terms: the time when the bucket was made, milliseconds since 1970. So a new bucket, or one after a
+    /// single coordinator's registry, starts with a higher term.
     since: u64,
     leases: Store,
     members: Store,
 }
 
 impl NatsRegistry {
-    /// Connects, and makes the buckets where they are not there yet. Where they are, theirs is the lease that counts.
+    /// Connects, and makes missing buckets. An existing bucket's lease duration is used.
     ///
     /// # Errors
-    /// [`RegistryError`] if nobody answers at `url`, such as `nats://127.0.0.1:4222`, or JetStream is not enabled there.
+    /// [`RegistryError`] if no server answers at `url`, such as `nats://127.0.0.1:4222`, or if JetStream is off.
     pub async fn connect(url: &str, lease: Duration) -> Result<Self, RegistryError> {
         Self::connect_as(url, lease, NatsAccess::default()).await
     }
 
-    /// [`NatsRegistry::connect`] by TLS, or as somebody.
+    /// Connects with TLS or credentials, and makes missing buckets.
     ///
     /// # Errors
-    /// As [`NatsRegistry::connect`], where one does not trust the other, and for certificates that cannot be read.
+    /// [`RegistryError`] if no server answers, if JetStream is off, if one side does not trust the other, or if
+    /// certificates cannot be read.
     pub async fn connect_as(url: &str, lease: Duration, access: NatsAccess) -> Result<Self, RegistryError> {
         let failed = |reason: String| RegistryError { url: shown(url), reason };
         let mut options =
@@ -153,8 +154,8 @@ impl NatsRegistry {
             if let Ok(store) = context.get_key_value(name).await {
                 return Ok(store);
             }
-            // A bucket is a stream of this form. The library's own way to make one first asks about the account, which
-            // servers before 2.10 answer otherwise than it expects.
+            // A bucket is a stream of this form. The library's function queries the account first, whose answer from
+            // servers before 2.10 it does not understand.
             let stream = Config {
                 name: format!("KV_{name}"),
                 subjects: vec![format!("$KV.{name}.>")],
@@ -180,7 +181,7 @@ impl NatsRegistry {
             context.create_stream(stream).await.map_err(|error| refused(&error))?;
             context.get_key_value(name).await.map_err(|error| refused(&error))
         };
-        // In a file, so that terms ascend over a restart of the server, too.
+        // In a file, so that terms ascend across restarts of the server.
         let leases = bucket(LEASES, lease, StorageType::File).await?;
         let members = bucket(MEMBERS, lease * REMEMBERED, StorageType::Memory).await?;
         let status = leases.status().await.map_err(|error| failed(error.to_string()))?;
@@ -193,12 +194,12 @@ impl NatsRegistry {
         RegistryError { url: self.url.clone(), reason: reason.to_string() }
     }
 
-    /// What stands in the registry while this process leads.
+    /// The lease's value while this process leads.
     fn value(&self, address: &str) -> Bytes {
         Bytes::from(format!("{address}\n{:016x}", self.nonce))
     }
 
-    /// What comes too late says nothing about now.
+    /// Waits for an answer with a timeout, since late answers are useless.
     async fn timely<T>(&self, answer: impl Future<Output = T>) -> Result<T, RegistryError> {
         let limit = self.lease / PATIENCE;
         let silent = |_| self.failed(&format!("no answer within {} ms", limit.as_millis()));
@@ -227,7 +228,7 @@ impl Registry for NatsRegistry {
             Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
             Err(error) => return Err(self.failed(&error)),
         }
-        // The answer to an earlier renewal may have been lost: what stands there may be this process's own.
+        // The answer to an earlier renewal may have been lost, so the value may be this process's own.
         let there = self.timely(self.leases.entry(KEY)).await?.map_err(|error| self.failed(&error))?;
         let Some(own) = there.filter(|e| e.operation == Operation::Put && e.value == value) else {
             return Ok(None);
@@ -242,7 +243,7 @@ impl Registry for NatsRegistry {
     async fn release(&self, held: HeldLease) {
         let released = self.timely(self.leases.delete_expect_revision(KEY, Some(held.revision))).await;
         if !matches!(released, Ok(Ok(()))) {
-            debug!("the lease was not given up; it lapses by itself");
+            debug!("the lease was not released; it will lapse");
         }
     }
 
@@ -255,7 +256,7 @@ impl Registry for NatsRegistry {
     async fn note_workers(&self, names: &[String]) {
         let Ok(text) = serde_json::to_vec(names) else { return };
         if !matches!(self.timely(self.members.put(WORKERS, text.into())).await, Ok(Ok(_))) {
-            debug!("the workers were not written down");
+            debug!("the workers were not recorded");
         }
     }
 
@@ -271,7 +272,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_server_knows_a_client_by_is_read_from_a_file_and_never_shown() {
+    fn credentials_are_read_from_a_file_and_never_printed() {
         let token = NatsSecret::parse("s3cret\n").unwrap();
         let user = NatsSecret::parse("argus s3cret").unwrap();
         assert_eq!(token, NatsSecret::Token("s3cret".to_owned()));

@@ -1,4 +1,4 @@
-//! Metrics, written at the moment they are asked for from what a process knows anyway: nothing is counted twice.
+//! Metrics that are computed when they are scraped, from the process's state.
 
 use std::fmt;
 
@@ -7,13 +7,13 @@ use prometheus_client::encoding::{
 };
 use prometheus_client::metrics::MetricType;
 
-/// Where metrics are written to.
+/// Writer of metrics.
 pub(crate) struct Exposition<'a>(DescriptorEncoder<'a>);
 
-/// Labels of one row.
+/// Labels of one row: names and values.
 type Labels<'l, const N: usize> = [(&'l str, &'l str); N];
 
-/// Labels as the library wants them.
+/// Labels, in the library's form.
 #[derive(Debug)]
 struct LabelSet<'l, const N: usize>(Labels<'l, N>);
 
@@ -31,12 +31,12 @@ impl<'a> Exposition<'a> {
         Self(encoder)
     }
 
-    /// A number that goes up and down. What is not a number is left out.
+    /// Writes a gauge: a number that goes up and down. Non-finite values are omitted.
     pub(crate) fn gauge(&mut self, name: &str, help: &str, value: f64) -> fmt::Result {
         self.gauges(name, help, [([], value)])
     }
 
-    /// Such a number for each set of labels.
+    /// Writes a gauge for each set of labels.
     pub(crate) fn gauges<'l, const N: usize>(
         &mut self,
         name: &str,
@@ -47,12 +47,12 @@ impl<'a> Exposition<'a> {
         self.family(name, help, MetricType::Gauge, rows, |mut encoder, value| encoder.encode_gauge(&value))
     }
 
-    /// A number that only grows while the process lives; `_total` is added to its name.
+    /// Writes a counter: a number that only grows. `_total` is appended to its name.
     pub(crate) fn counter(&mut self, name: &str, help: &str, value: u64) -> fmt::Result {
         self.counters(name, help, [([], value as f64)])
     }
 
-    /// Such a number for each set of labels.
+    /// Writes a counter for each set of labels.
     pub(crate) fn counters<'l, const N: usize>(
         &mut self,
         name: &str,
@@ -76,7 +76,7 @@ impl<'a> Exposition<'a> {
         for (labels, value) in rows {
             match N {
                 0 => {
-                    // The one row that there can be.
+                    // Without labels there is only one row.
                     return encode(encoder, value);
                 }
                 _ => encode(encoder.encode_family(&LabelSet(labels))?, value)?,

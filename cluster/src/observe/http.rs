@@ -1,4 +1,4 @@
-//! The pages of a process, on the port of its gRPC services.
+//! The HTTP pages of a process, on the port of its gRPC services.
 
 use std::fmt;
 use std::sync::Arc;
@@ -17,22 +17,22 @@ use super::{Exposition, Monitored};
 
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// What the pages are made from.
+/// The sources of the pages.
 #[derive(Clone)]
 struct Pages {
     monitored: Arc<dyn Monitored>,
     registry: Arc<Registry>,
 }
 
-/// The services with `/metrics`, `/readyz` and `/livez` beside them. `recorded` holds what the process counts as it
-/// happens, such as histograms.
+/// Adds `/metrics`, `/readyz` and `/livez` to the services. `recorded` holds metrics that are recorded as they
+/// happen, such as histograms.
 pub(crate) fn with_pages(services: Routes, monitored: Arc<dyn Monitored>, mut recorded: Registry) -> Routes {
-    recorded.register_collector(Box::new(AtHand(monitored.clone())));
+    recorded.register_collector(Box::new(ComputedMetrics(monitored.clone())));
     let pages = Pages { monitored, registry: Arc::new(recorded) };
     let pages = Router::new()
         .route("/metrics", get(metrics))
-        .route("/readyz", get(async |State(pages): State<Pages>| told(pages.monitored.ready(), "ready")))
-        .route("/livez", get(async |State(pages): State<Pages>| told(pages.monitored.live(), "live")))
+        .route("/readyz", get(async |State(pages): State<Pages>| answer(pages.monitored.ready(), "ready")))
+        .route("/livez", get(async |State(pages): State<Pages>| answer(pages.monitored.live(), "live")))
         .with_state(pages);
     let mut services = services.prepare();
     let router = services.axum_router_mut();
@@ -48,23 +48,23 @@ async fn metrics(State(pages): State<Pages>) -> Response {
     }
 }
 
-fn told(well: Result<(), String>, word: &'static str) -> Response {
+fn answer(well: Result<(), String>, word: &'static str) -> Response {
     match well {
         Ok(()) => (StatusCode::OK, format!("{word}\n")).into_response(),
         Err(reason) => (StatusCode::SERVICE_UNAVAILABLE, format!("{reason}\n")).into_response(),
     }
 }
 
-/// A process's own figures, collected when they are asked for.
-struct AtHand(Arc<dyn Monitored>);
+/// Metrics that are computed when they are scraped.
+struct ComputedMetrics(Arc<dyn Monitored>);
 
-impl fmt::Debug for AtHand {
+impl fmt::Debug for ComputedMetrics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("AtHand")
+        f.write_str("ComputedMetrics")
     }
 }
 
-impl Collector for AtHand {
+impl Collector for ComputedMetrics {
     fn encode(&self, encoder: DescriptorEncoder<'_>) -> fmt::Result {
         self.0.expose(&mut Exposition::new(encoder))
     }

@@ -1,10 +1,8 @@
-//! What people and machines watch a process by: metrics, readiness and liveness, beside its gRPC services and
-//! on their port.
+//! Monitoring of a process: metrics, readiness and liveness, on the port of its gRPC services.
 //!
-//! `GET /metrics` is in the OpenMetrics text format, `GET /readyz` answers 200 once a view can be answered and 503 with
-//! the reason while none can, `GET /livez` fails only for a process that is wedged and gains from being started again.
-//! The standard gRPC health service says the same: the service names `""` and those that are offered are readiness,
-//! [`LIVE`] is liveness.
+//! `GET /metrics` answers in the OpenMetrics text format. `GET /readyz` answers 200 if a view can be answered, else
+//! 503 with the reason. `GET /livez` fails only for a wedged process that should be restarted. The standard gRPC
+//! health service agrees: the service name `""` and the offered services are readiness, [`LIVE`] is liveness.
 
 mod exposition;
 mod http;
@@ -18,28 +16,28 @@ use tonic_health::server::HealthReporter;
 pub(crate) use exposition::Exposition;
 pub(crate) use http::with_pages;
 
-/// The name under which the gRPC health service answers for liveness.
+/// The service name of liveness in the gRPC health service.
 pub const LIVE: &str = "live";
 
-/// What the name of every metric begins with.
+/// The prefix of every metric's name.
 pub(crate) const PREFIX: &str = "argus";
 
-/// How soon a change of readiness shows.
+/// Interval between updates of the gRPC health service.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// A process that can be monitored.
 pub(crate) trait Monitored: Send + Sync + 'static {
-    /// Whether it can answer a view, or why not.
+    /// Whether it can answer a view, or the reason why not.
     fn ready(&self) -> Result<(), String>;
-    /// Whether it still gets on with its work, or how it does not.
+    /// Whether it makes progress, or the reason why not.
     fn live(&self) -> Result<(), String>;
-    /// Writes what it counts and measures.
+    /// Writes its metrics.
     fn expose(&self, exposition: &mut Exposition<'_>) -> std::fmt::Result;
 }
 
-/// Keeps the gRPC health service true, for `services` and for the process as a whole.
+/// Keeps the gRPC health service up to date, for `services` and for the process.
 ///
-/// It is true once this returns, so that nobody asks before it is; the future that it returns keeps it so and never ends.
+/// The status is correct once this returns, before any request. The returned future keeps it so, and never ends.
 pub(crate) async fn keep_health(
     monitored: Arc<dyn Monitored>,
     health: HealthReporter,

@@ -1,7 +1,7 @@
-//! Stands before every service of a listener: who calls, and whether they may.
+//! The guard before all services of a listener: authenticates and authorises each call.
 //!
-//! What a call needs follows from its path alone and is decided before any of it is read; a path that is not known
-//! needs what members have.
+//! The required rank follows from the path alone, and is checked before the body is read. An unknown path requires a
+//! member.
 
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -22,49 +22,49 @@ use super::{CLUSTER_NAME, Security};
 use crate::incoming::ConnectionInfo;
 use crate::rate_limited_log::RateLimitedLog;
 
-/// When connections that were refused their place may find one.
+/// Hint when a refused connection may find a slot.
 const COME_AGAIN: Duration = Duration::from_secs(1);
 
-/// What a caller may do; each may do what those before it may.
+/// The rank of a caller. Each includes the ones before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Rank {
-    /// Ask for health, and for frames that they were sent for.
+    /// May check health, and redeem tickets.
     Anybody,
-    /// Ask for views.
+    /// May request views.
     View,
-    /// Ask for the state of the cluster.
+    /// May read status and metrics.
     Admin,
-    /// Be part of it.
+    /// May act as a process of the cluster.
     Member,
 }
 
-/// Who calls: in the extensions of every request that was let in.
+/// The caller, in the extensions of every admitted request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Caller {
-    /// A client's limits are counted under it: the name of its token, or else its address.
+    /// The name by which a client's limits are counted: that of its token, or else its address.
     pub(crate) name: Arc<str>,
 }
 
 impl Caller {
-    /// Of a request that was let in.
+    /// The caller of an admitted request.
     pub(crate) fn of<T>(request: &tonic::Request<T>) -> Self {
         let unknown = || Self { name: "unknown".into() };
         request.extensions().get::<Self>().cloned().unwrap_or_else(unknown)
     }
 }
 
-/// Whose services are guarded.
+/// The kind of process whose services are guarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Guarded {
     Coordinator,
     Worker,
 }
 
-/// What a call needs.
+/// The rank that a path requires.
 fn needed(guarded: Guarded, path: &str) -> Rank {
     match (guarded, path) {
         (_, path) if is_health(path) => Rank::Anybody,
-        // Whoever was sent to a worker shows a ticket, which is looked at there.
+        // A redirected client has a ticket, which the service checks.
         (Guarded::Worker, "/argus.v1.Views/Redeem") => Rank::Anybody,
         (_, "/metrics") => Rank::Admin,
         (Guarded::Coordinator, path) if path.starts_with("/argus.v1.Views/") => Rank::View,
@@ -74,18 +74,18 @@ fn needed(guarded: Guarded, path: &str) -> Rank {
     }
 }
 
-/// Whether a probe asks.
+/// Whether a path belongs to health probes.
 fn is_health(path: &str) -> bool {
     path.starts_with("/grpc.health.v1.Health/") || matches!(path, "/livez" | "/readyz")
 }
 
-/// The answer to a client whose connection has a place that is kept for members.
-fn no_place() -> Status {
-    let what = "as many connections as there are places for are open here".to_owned();
+/// The answer to a client in a slot that is reserved for members.
+fn no_slot() -> Status {
+    let what = "the connection limit is reached: only slots for the cluster's own processes are free; retry later, or raise limits.connections".to_owned();
     Fault::Overloaded { what, retry_after: COME_AGAIN }.into()
 }
 
-/// The layer that puts a guard before services.
+/// The layer that guards services.
 #[derive(Debug, Clone)]
 pub(crate) struct Guard {
     guarded: Guarded,
@@ -97,10 +97,10 @@ impl Guard {
         Self { guarded, security }
     }
 
-    /// Who calls.
+    /// Authenticates and authorises a call.
     ///
     /// # Errors
-    /// What they lack.
+    /// Why the call is refused.
     fn admit(&self, path: &str, headers: &http::HeaderMap, peer: &Peer<'_>) -> Result<Caller, Status> {
         let Some(security) = &self.security else { return Ok(Caller { name: peer.address.clone() }) };
         let needs = needed(self.guarded, path);
@@ -108,10 +108,10 @@ impl Guard {
             return Ok(Caller { name: peer.address.clone() });
         }
         if needs == Rank::Member {
-            // Whatever token is shown: none opens this.
+            // No token gives the rank of a member.
             return Err(Status::permission_denied(format!(
-                "only the cluster's own processes may ask for this: a certificate of its authority with the name \
-                 {CLUSTER_NAME} is wanted"
+                "only the cluster's own processes may call this: a certificate of its authority with the name \
+                 {CLUSTER_NAME} is required"
             )));
         }
         let token = match headers.get(http::header::AUTHORIZATION) {
@@ -134,22 +134,22 @@ impl Guard {
             return Ok(Caller { name });
         }
         Err(match rank {
-            Rank::Anybody => Status::unauthenticated("a token is wanted: give one with --token-file"),
+            Rank::Anybody => Status::unauthenticated("a token is required: give one with --token-file"),
             _ => Status::permission_denied(format!(
-                "a token of the role admin is wanted, that of {name} has the role view"
+                "a token of the role admin is required, but that of {name} has the role view"
             )),
         })
     }
 }
 
-/// What a connection says of who is at its other end.
+/// The other end of a connection.
 struct Peer<'a> {
     address: Arc<str>,
     certificate: Option<&'a CertificateDer<'static>>,
 }
 
 impl Peer<'_> {
-    /// Whether it has a certificate of a member. That the authority signed it was checked by the handshake.
+    /// Whether it has a member's certificate. The handshake checked that the authority signed it.
     fn is_member(&self) -> bool {
         let Some(certificate) = self.certificate else { return false };
         let (Ok(certificate), Ok(name)) =
@@ -169,7 +169,7 @@ impl<S> Layer<S> for Guard {
     }
 }
 
-/// A service behind a guard.
+/// A guarded service.
 #[derive(Debug, Clone)]
 pub(crate) struct Gate<S> {
     guard: Guard,
@@ -202,7 +202,7 @@ where
         let needs = needed(self.guard.guarded, path);
         let admitted = self.guard.admit(path, request.headers(), &peer);
         if let Some(connection) = connection.filter(|_| admitted.is_ok()) {
-            // Where there are no certificates, by what it asks for.
+            // Without certificates, the requested path decides.
             let is_members = match &self.guard.security {
                 Some(_) => peer.is_member(),
                 None => needs == Rank::Member,
@@ -212,7 +212,7 @@ where
             }
         }
         let kept = connection.is_some_and(ConnectionInfo::holds_reserved_slot) && !is_health(path);
-        let admitted = admitted.and_then(|caller| if kept { Err(no_place()) } else { Ok(caller) });
+        let admitted = admitted.and_then(|caller| if kept { Err(no_slot()) } else { Ok(caller) });
         match admitted {
             Ok(caller) => {
                 request.extensions_mut().insert(caller);
@@ -225,7 +225,7 @@ where
                 }
                 let code = status.code();
                 let mut response = status.into_http();
-                // A page is not asked for by gRPC, whose refusals are successes of HTTP.
+                // Pages are requested by HTTP, where gRPC's refusals would count as successes.
                 if matches!(path, "/metrics" | "/livez" | "/readyz") {
                     *response.status_mut() = match code {
                         Code::Unauthenticated => http::StatusCode::UNAUTHORIZED,
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_token_opens_what_its_role_may_and_no_more() {
+    fn a_token_allows_what_its_role_may_do() {
         let guard = guard(Guarded::Coordinator);
         let (view, admin) = (format!("Bearer {VIEW}"), format!("Bearer {ADMIN}"));
         let (none, view, admin) = (None, Some(view.as_str()), Some(admin.as_str()));
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_token_is_refused_even_where_none_is_needed() {
+    fn a_wrong_token_is_refused_even_if_none_is_required() {
         let guard = guard(Guarded::Coordinator);
         let health = "/grpc.health.v1.Health/Check";
         assert!(call(&guard, health, None).is_ok());
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worker_serves_members_alone_but_for_health_and_tickets() {
+    fn a_worker_serves_only_members_except_for_health_and_tickets() {
         let guard = guard(Guarded::Worker);
         let admin = format!("Bearer {ADMIN}");
         for open in ["/grpc.health.v1.Health/Watch", "/argus.v1.Views/Redeem"] {
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn without_security_callers_are_their_addresses() {
+    fn without_security_callers_are_named_by_their_addresses() {
         let open = Guard::new(Guarded::Coordinator, None);
         assert_eq!(call(&open, "/argus.v1.Cluster/Join", None).as_deref(), Ok("10.0.0.1"));
     }

@@ -1,13 +1,13 @@
-//! Who may talk to whom.
+//! Authentication and authorisation between processes and clients.
 //!
-//! Without a [`Security`] everything is plaintext and everybody may ask for anything: for one machine. With one, every
-//! listener and every connection of a process is TLS, and callers are told apart ([`guard`]):
+//! Without a [`Security`], connections are plaintext and any caller may call anything: for one machine. With one,
+//! every listener and connection uses TLS, and callers have ranks ([`guard`]):
 //!
 //! * *members*, the cluster's own processes, have a certificate of the cluster's authority with the name
-//!   [`CLUSTER_NAME`]. They alone join, fetch scenes and samples, and give orders. They check each other by that name and
-//!   not by their hosts', which change;
+//!   [`CLUSTER_NAME`]. Only they join, fetch scenes and samples, and give orders. They verify each other by this
+//!   name, not by host names, which change;
 //! * *clients* have a token, of the role view or admin, and at most a certificate without that name;
-//! * health is for anybody: probes have no credentials.
+//! * health is open to any caller, since probes have no credentials.
 
 pub(crate) mod guard;
 mod tokens;
@@ -19,29 +19,29 @@ use tonic::transport::{Certificate, ClientTlsConfig, Identity, ServerTlsConfig};
 pub use argus_proto::CLUSTER_NAME;
 pub use tokens::Tokens;
 
-/// Longest handshake: whoever connects and says nothing holds no connection for longer.
+/// Timeout of a TLS handshake at a listener, so that silent connections are closed.
 const HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(10);
 
-/// Longest handshake of a connection that this process opens: another server may answer.
+/// Timeout of a TLS handshake of a connection that this process opens. Another server may answer.
 const CONNECTION_HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(2);
 
-/// What makes a process a member, and whom it takes for one. Everything in it is PEM.
+/// Credentials of a process, and what it trusts. All certificates and keys are PEM.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Security {
-    /// Certificate of this process, with [`CLUSTER_NAME`] and, for clients, the names of its host.
+    /// The certificate of this process, with [`CLUSTER_NAME`] and, for clients, its host names.
     pub certificate: Vec<u8>,
-    /// Its key.
+    /// The private key of the certificate.
     pub key: Vec<u8>,
-    /// The authority that signs the certificates of all members.
+    /// The certificate of the authority that signs those of all members.
     pub ca: Vec<u8>,
-    /// Of clients; a worker has none.
+    /// Tokens of clients; empty for a worker.
     pub tokens: Tokens,
-    /// Whether a connection without a certificate is refused, whatever its token; probes of health included.
+    /// Whether connections without a client certificate are refused, including those with a token and health probes.
     pub require_client_certificates: bool,
 }
 
 impl fmt::Debug for Security {
-    /// Without the key.
+    /// Prints no key.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { require_client_certificates, tokens, .. } = self;
         f.debug_struct("Security")
@@ -56,7 +56,7 @@ impl Security {
         Identity::from_pem(&self.certificate, &self.key)
     }
 
-    /// How a listener proves itself, and asks callers who can to prove themselves.
+    /// The TLS configuration of a listener, which requests client certificates.
     pub(crate) fn of_listener(&self) -> ServerTlsConfig {
         ServerTlsConfig::new()
             .identity(self.identity())
@@ -65,13 +65,13 @@ impl Security {
             .timeout(HANDSHAKE)
     }
 
-    /// How a connection to another member is made.
+    /// The TLS configuration of a connection to another member.
     pub(crate) fn of_connection(&self) -> ClientTlsConfig {
         ClientTlsConfig::new()
             .identity(self.identity())
             .ca_certificate(Certificate::from_pem(&self.ca))
             .domain_name(CLUSTER_NAME)
-            // That of a connection ends with TCP's part of it: what listens there may be a process that hangs.
+            // The connection timeout covers only TCP: the listener may be a process that hangs.
             .timeout(CONNECTION_HANDSHAKE)
     }
 }

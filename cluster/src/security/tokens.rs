@@ -1,4 +1,4 @@
-//! The tokens by which clients are known.
+//! Tokens that authenticate clients.
 
 use std::fmt;
 use std::sync::Arc;
@@ -7,11 +7,11 @@ use subtle::{Choice, ConditionallySelectable, ConstantTimeEq};
 
 use super::guard::Rank;
 
-/// Shortest token that is taken: 128 bits in hexadecimal are 32 characters, in base 64 they are 22.
+/// Shortest accepted token: 128 bits are 32 characters in hexadecimal and 22 in base 64.
 const LEAST_TOKEN: usize = 22;
 
-/// Tokens of clients, each with its role and a name for the log. Kept as hashes, which have one length, so that a
-/// comparison takes as long whatever is compared.
+/// Tokens of clients, each with a role and a name for the log. They are kept as hashes of one length, so that
+/// comparisons take constant time.
 #[derive(Clone, PartialEq, Eq, Default)]
 pub struct Tokens(Vec<Entry>);
 
@@ -23,18 +23,18 @@ struct Entry {
 }
 
 impl fmt::Debug for Tokens {
-    /// Names alone.
+    /// Prints only names and roles.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_list().entries(self.0.iter().map(|entry| (&entry.name, entry.rank))).finish()
     }
 }
 
 impl Tokens {
-    /// Reads tokens, a line each: role (`view` or `admin`), name, token, with spaces between. Empty lines and those that
-    /// begin with `#` say nothing.
+    /// Parses tokens, one a line: role (`view` or `admin`), name and token, separated by spaces. Empty lines and
+    /// lines that begin with `#` are ignored.
     ///
     /// # Errors
-    /// The line and what is wrong with it, never the token itself.
+    /// The number of the line and what is wrong with it, never the token itself.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut tokens: Vec<Entry> = Vec::new();
         for (number, line) in (1..).zip(text.lines()) {
@@ -44,7 +44,7 @@ impl Tokens {
             }
             let words: Vec<&str> = line.split_whitespace().collect();
             let [role, name, token] = words[..] else {
-                return Err(format!("line {number}: ROLE NAME TOKEN is wanted, not {} words", words.len()));
+                return Err(format!("line {number}: must be ROLE NAME TOKEN, not {} words", words.len()));
             };
             let rank = match role {
                 "view" => Rank::View,
@@ -56,17 +56,17 @@ impl Tokens {
             }
             let hash = *blake3::hash(token.as_bytes()).as_bytes();
             if tokens.iter().any(|entry| entry.hash == hash || *entry.name == *name) {
-                return Err(format!("line {number}: its name or its token stands above already"));
+                return Err(format!("line {number}: its name or its token is a duplicate"));
             }
             tokens.push(Entry { hash, rank, name: name.into() });
         }
         if tokens.is_empty() {
-            return Err("it has no token".to_owned());
+            return Err("the file has no token".to_owned());
         }
         Ok(Self(tokens))
     }
 
-    /// Who has that token. Looks at every token, whichever it is.
+    /// The role and the name of a token. Compares with all tokens, to take constant time.
     pub(super) fn find(&self, token: &[u8]) -> Option<(Rank, Arc<str>)> {
         let hash = *blake3::hash(token).as_bytes();
         let mut found = u32::MAX;
@@ -87,7 +87,7 @@ mod tests {
     const ADMIN: &str = "BBBBBBBBBBBBBBBBBBBBBBBBBBBB";
 
     #[test]
-    fn a_token_is_known_by_all_of_it() {
+    fn only_a_whole_token_is_found() {
         let tokens =
             Tokens::parse(&format!("# clients\nview shop {VIEW}\n\n admin ops\t{ADMIN} \n")).unwrap();
         assert_eq!(tokens.find(VIEW.as_bytes()), Some((Rank::View, "shop".into())));
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_malformed_line_is_named_and_its_token_is_not() {
+    fn an_error_names_the_line_and_not_the_token() {
         let reason = |text: &str| Tokens::parse(text).unwrap_err();
         assert!(reason("").contains("no token"));
         for (line, word) in [
