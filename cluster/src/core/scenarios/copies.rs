@@ -1,4 +1,4 @@
-//! What views use is held by two: a worker that is lost takes no sample with it.
+//! Second copies: the loss of a worker loses no sample in use.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use argus_scene::{Plan, SampleId};
 use super::sim::Sim;
 use crate::core::*;
 
-/// Samples of the plans of views that workers answer, a second long.
+/// Samples of the plans of one second of answered views.
 fn used(sim: &mut Sim) -> BTreeSet<SampleId> {
     let mut used = BTreeSet::new();
     for _ in 0..8 {
@@ -28,7 +28,7 @@ fn holders(sim: &Sim, id: SampleId) -> usize {
 }
 
 #[test]
-fn whoever_is_lost_takes_no_sample_along_that_views_used() {
+fn a_lost_worker_loses_no_sample_in_use() {
     for who in 0..3 {
         let mut sim = Sim::with_workers(3);
         let used = used(&mut sim);
@@ -36,7 +36,7 @@ fn whoever_is_lost_takes_no_sample_along_that_views_used() {
         let lost = *sim.workers.keys().nth(who).unwrap();
         sim.leave(lost);
         assert!(used.iter().all(|id| holders(&sim, *id) >= 1), "without worker {who}: {used:?}");
-        // … and those who are left hold them twice again.
+        // The remaining workers hold two copies again.
         sim.second(0, 0);
         sim.second(0, 0);
         assert!(used.iter().all(|id| holders(&sim, *id) == 2), "{used:?}");
@@ -44,7 +44,7 @@ fn whoever_is_lost_takes_no_sample_along_that_views_used() {
 }
 
 #[test]
-fn what_all_have_lost_is_rendered_again_before_a_view_asks_for_it() {
+fn a_sample_without_holders_is_rendered_again_before_a_view_needs_it() {
     let mut sim = Sim::with_workers(3);
     let used = used(&mut sim);
     sim.workers.values_mut().for_each(|worker| worker.report.held.clear());
@@ -57,7 +57,7 @@ fn what_all_have_lost_is_rendered_again_before_a_view_asks_for_it() {
 }
 
 #[test]
-fn what_nobody_has_looked_at_for_a_while_is_nobodys_duty() {
+fn samples_out_of_use_are_not_copied() {
     let mut sim = Sim::with_workers(3);
     let used = used(&mut sim);
     let listed = |sim: &Sim| {

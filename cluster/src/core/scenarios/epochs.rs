@@ -1,4 +1,4 @@
-//! A scene that moves: epochs follow one another, no frame mixes two, and nobody waits for the next one.
+//! A moving scene: epochs ascend, no frame mixes two, and no view waits for the next one.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -25,7 +25,7 @@ fn pass(sim: &mut Sim, ms: u64) {
     sim.step(Event::Tick);
 }
 
-/// A view every 10 ms, reports every 20 ms; the epochs of the answers, in order.
+/// The epochs of the answers to a view every 10 ms, with reports every 20 ms.
 fn watch(sim: &mut Sim, ms: u64) -> Vec<u64> {
     let mut epochs = Vec::new();
     for step in 0..ms / 10 {
@@ -55,7 +55,7 @@ fn epochs_ascend_with_the_clock_and_every_view_has_one() {
 }
 
 #[test]
-fn the_next_epochs_samples_are_where_views_are_composed_before_a_view_asks() {
+fn compositors_hold_the_next_epochs_samples_before_a_view_needs_them() {
     let mut sim = moving(3);
     watch(&mut sim, 2000);
     for _ in 0..50 {
@@ -82,7 +82,7 @@ fn a_view_in_work_keeps_its_epoch_and_its_samples() {
     assert!(told(&sim) <= version);
     let held = &sim.workers[&order.worker].report.held;
     assert!(order.sources.iter().all(|source| held.contains(&source.id)));
-    // The worker dies: another one is told the very same.
+    // The worker dies: another one gets the same order.
     sim.leave(order.worker);
     let again = sim.orders[&slow].clone();
     assert_eq!((again.state.epoch, &again.plan, again.attempt), (order.state.epoch, &order.plan, 2));
@@ -94,7 +94,7 @@ fn a_view_in_work_keeps_its_epoch_and_its_samples() {
 }
 
 #[test]
-fn slow_samplers_make_fewer_epochs_and_no_view_wait() {
+fn slow_samplers_make_fewer_epochs_and_delay_no_view() {
     let mut sim = moving(3);
     watch(&mut sim, 500);
     let samplers: Vec<WorkerId> = sim.workers.keys().copied().collect();
@@ -105,7 +105,7 @@ fn slow_samplers_make_fewer_epochs_and_no_view_wait() {
         epochs.insert(sim.orders[&view_id].state.epoch);
         sim.answer(view_id);
         pass(&mut sim, 10);
-        // Whoever renders needs 800 ms until it can say that it has the next epoch.
+        // A sampler takes 800 ms until it reports the next epoch.
         for &worker in samplers.iter().filter(|_| step % 80 == 0) {
             sim.report(worker);
         }
@@ -115,7 +115,7 @@ fn slow_samplers_make_fewer_epochs_and_no_view_wait() {
 }
 
 #[test]
-fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_when_nobody_looks() {
+fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_without_views() {
     let mut sim = moving(3);
     watch(&mut sim, 12_000);
     // Four samples, ten times a tick of a second.
@@ -136,7 +136,7 @@ fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_when_nobody_looks() {
 }
 
 #[test]
-fn more_samplers_take_a_moving_scene_over() {
+fn a_moving_scene_gets_more_samplers() {
     let mut sim = moving(6);
     // A sample costs 80 ms, a view 2: four samples for each of ten epochs a second keep more than three busy.
     watch(&mut sim, 15_000);
@@ -171,7 +171,7 @@ fn a_sampler_that_dies_in_the_middle_of_an_epoch_is_replaced() {
 type SimWorkerTold = (WorkerId, bool);
 
 #[test]
-fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
+fn pins_of_kept_epochs_are_repeated_and_others_refused() {
     let mut sim = moving(2);
     watch(&mut sim, 1000);
     let view_id = sim.ask(false);
@@ -185,12 +185,12 @@ fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
         panic!("{:?}", sim.refused)
     };
     assert!(reason.contains(&format!("epoch {} is not served", order.state.epoch)), "{reason}");
-    // From triangles any moment can be seen.
+    // From triangles any epoch can be rendered.
     for epoch in [order.state.epoch, 0, 1 << 40] {
         let direct = sim.pin(epoch, Plan::Direct { samples_per_pixel: 1 });
         assert_eq!(sim.orders[&direct].state.epoch, epoch);
     }
-    // A plan whose samples are of another moment than it says is nobody's.
+    // A pin whose samples are of another epoch is refused.
     let served = sim.core.set().version;
     let fault_of = |sim: &Sim, view_id| sim.refused.iter().find(|(t, _)| *t == view_id).map(|(_, f)| f.clone());
     let mixed = sim.pin(served.state.epoch, order.plan.clone());
@@ -204,7 +204,7 @@ fn pins_of_epochs_that_are_kept_are_repeated_and_others_refused_by_name() {
 }
 
 #[test]
-fn a_scene_that_stands_still_is_told_nothing_more() {
+fn a_still_scene_needs_no_further_assignments() {
     let mut sim = Sim::with_workers(3);
     let told = |sim: &Sim| sim.workers.values().map(|w| w.told.len()).sum::<usize>();
     watch(&mut sim, 500);

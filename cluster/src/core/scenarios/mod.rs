@@ -1,4 +1,4 @@
-//! The machine driven by events alone: workers that come and go, demand that rises and falls.
+//! Tests of the machine by events: workers join and leave, demand rises and falls.
 
 mod copies;
 mod epochs;
@@ -10,4 +10,4 @@ mod silence;
 mod sim;
 mod targets;
 mod views;
-mod ways;
+mod visibility;

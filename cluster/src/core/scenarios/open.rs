@@ -1,4 +1,4 @@
-//! Views whose request leaves the way open: answered at once, by anyone, in the way that is done first.
+//! Views that leave the way open: answered at once, by any worker, in the faster way.
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ impl Sight for Open {
     }
 }
 
-/// Two workers that have measured what views cost, in a scene of cells.
+/// Two workers with measured costs of views, in a scene of cells.
 fn measured(direct_ms: f64, warp_ms: f64) -> Sim {
     let rig = argus_scene::Rig::Cell { origin: DVec3::ZERO, spacing: 4.0, face: 512 };
     let set = argus_scene::SampleSetInfo { rig, ..crate::core::tests::set_info() };
@@ -55,12 +55,12 @@ fn view() -> View {
     View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
 }
 
-/// Asks for a view with what is to be known of it before.
+/// Requests a view, with its survey.
 fn ask(sim: &mut Sim, view: &View) -> ViewId {
     ask_after(sim, view, None)
 }
 
-/// Asks for the next view of a session.
+/// Requests the next view of a session.
 fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
     let view_id = ViewId(sim.next);
     sim.next += 1;
@@ -74,7 +74,7 @@ fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
     view_id
 }
 
-/// Holds the corners of the viewer's cell everywhere.
+/// Lets all workers hold the corners of the viewer's cell.
 fn hold(sim: &mut Sim) {
     let set = sim.core.set().clone();
     let ids: Vec<SampleId> = set
@@ -94,7 +94,7 @@ fn is_direct(sim: &Sim, view_id: ViewId) -> bool {
 }
 
 #[test]
-fn a_view_that_leaves_the_way_open_never_waits_for_a_sample_nor_for_a_role() {
+fn a_view_that_leaves_the_way_open_waits_for_no_sample_and_no_role() {
     let mut sim = measured(40.0, 10.0);
     let view_ids: Vec<ViewId> = (0..6).map(|_| ask(&mut sim, &view())).collect();
     assert!(view_ids.iter().all(|view_id| is_direct(&sim, *view_id)));
@@ -109,7 +109,7 @@ fn a_view_that_leaves_the_way_open_never_waits_for_a_sample_nor_for_a_role() {
 }
 
 #[test]
-fn held_samples_are_used_where_that_is_faster_and_only_there() {
+fn held_samples_are_used_only_if_that_is_faster() {
     for (direct_ms, warp_ms, warped) in [(40.0, 10.0, true), (10.0, 40.0, false)] {
         let mut sim = measured(direct_ms, warp_ms);
         hold(&mut sim);
@@ -119,13 +119,13 @@ fn held_samples_are_used_where_that_is_faster_and_only_there() {
         let decision = order.decision.unwrap();
         assert_eq!((decision.reason, decision.render_ms), (Reason::Soonest, direct_ms.min(warp_ms)));
         assert_eq!(order.fallback, warped.then_some(1));
-        // It is in no hurry to fetch anything.
+        // It fetches nothing.
         assert!(order.sources.iter().all(|source| source.dispensable && source.addresses.is_empty()));
     }
 }
 
 #[test]
-fn samples_too_coarse_for_a_large_view_are_no_way() {
+fn samples_too_coarse_for_a_large_view_are_not_used() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
     let large = View { width: 1920, height: 1440, ..view() };
@@ -135,7 +135,7 @@ fn samples_too_coarse_for_a_large_view_are_no_way() {
 }
 
 #[test]
-fn samples_whose_frames_probes_find_worse_than_the_bound_are_used_no_more_until_that_is_forgotten() {
+fn samples_that_probes_find_worse_than_the_bound_are_not_used_for_a_while() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
     let id = *sim.workers.keys().next().unwrap();
@@ -144,7 +144,7 @@ fn samples_whose_frames_probes_find_worse_than_the_bound_are_used_no_more_until_
     for count in 1..=6 {
         let report = &mut sim.workers.get_mut(&id).unwrap().report;
         report.probed = Probed { count, error: 0.5 * count as f64, predicted: 0.015 * count as f64 };
-        // A report that says the same once more is no news.
+        // A repeated report changes nothing.
         (0..3).for_each(|_| sim.report(id));
     }
     let factor = sim.core.status().error_factor;
@@ -152,19 +152,19 @@ fn samples_whose_frames_probes_find_worse_than_the_bound_are_used_no_more_until_
     let after = ask(&mut sim, &view());
     assert!(is_direct(&sim, after));
     assert_eq!(sim.orders[&after].decision.unwrap().reason, Reason::SamplesFallShort);
-    // A worker that counts from zero again has probed nothing since.
+    // A worker that counts from zero again adds no probes.
     sim.workers.get_mut(&id).unwrap().report.probed = Probed::default();
     sim.report(id);
     assert_eq!(sim.core.status().error_factor, factor);
 }
 
 #[test]
-fn a_retried_view_is_decided_anew() {
+fn a_retried_view_is_planned_anew() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
     let view_id = ask(&mut sim, &view());
     let first = sim.orders[&view_id].clone();
-    // Meanwhile the other worker has lost its samples.
+    // Meanwhile the other worker dropped its samples.
     let other = *sim.workers.keys().find(|id| **id != first.worker).unwrap();
     sim.workers.get_mut(&other).unwrap().report.held.clear();
     sim.report(other);
@@ -174,7 +174,7 @@ fn a_retried_view_is_decided_anew() {
 }
 
 #[test]
-fn steady_views_have_their_samples_rendered_and_then_come_from_them() {
+fn steady_views_get_samples_rendered_and_then_use_them() {
     let mut sim = measured(40.0, 10.0);
     let mut seconds_until_warped = None;
     for second in 0..60 {
@@ -191,7 +191,7 @@ fn steady_views_have_their_samples_rendered_and_then_come_from_them() {
             sim.step(Event::Tick);
         }
     }
-    // 20 views a second save .6 s, and four samples of .2 s cost .8 s.
+    // 20 views a second save 0.6 s, and four samples of 0.2 s cost 0.8 s.
     assert!(
         seconds_until_warped.is_some_and(|seconds| (1..15).contains(&seconds)),
         "{seconds_until_warped:?}"
@@ -201,7 +201,7 @@ fn steady_views_have_their_samples_rendered_and_then_come_from_them() {
 }
 
 #[test]
-fn where_triangles_are_cheaper_no_sample_is_ever_rendered() {
+fn if_triangles_are_cheaper_no_sample_is_rendered() {
     let mut sim = measured(8.0, 10.0);
     for _ in 0..200 {
         for _ in 0..5 {
@@ -216,7 +216,7 @@ fn where_triangles_are_cheaper_no_sample_is_ever_rendered() {
     assert!(sim.workers.values().all(|worker| worker.report.held.is_empty()));
 }
 
-/// What a session's shell keeps of a view that was answered as it was ordered.
+/// The shell's memory of a view that was answered as ordered.
 fn remembered(sim: &Sim, view: &View, view_id: ViewId, since_change: Option<Duration>) -> LastView {
     let order = &sim.orders[&view_id];
     let provenance = Provenance {
@@ -230,7 +230,7 @@ fn remembered(sim: &Sim, view: &View, view_id: ViewId, since_change: Option<Dura
     LastView { view: view.clone(), provenance, reason: order.decision.unwrap().reason, since_change }
 }
 
-/// What views cost at every worker from now on.
+/// Sets the costs of views at every worker.
 fn costs(sim: &mut Sim, direct_ms: f64, warp_ms: f64) {
     let cost = |fixed_ms| Some(Cost { fixed_ms, ms_per_megapixel: 0.0 });
     for worker in sim.workers.values_mut() {
@@ -240,7 +240,7 @@ fn costs(sim: &mut Sim, direct_ms: f64, warp_ms: f64) {
 }
 
 #[test]
-fn a_session_whose_camera_stands_still_gets_the_same_plan_while_its_samples_are_held() {
+fn a_still_session_repeats_its_plan_while_its_samples_are_held() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
     let first = ask(&mut sim, &view());
@@ -248,7 +248,7 @@ fn a_session_whose_camera_stands_still_gets_the_same_plan_while_its_samples_are_
     assert!(!is_direct(&sim, first));
     let last = remembered(&sim, &view(), first, Some(Duration::ZERO));
     sim.answer_taking(first, 10.0);
-    // From triangles would now be sooner, and the way has just changed.
+    // Triangles would now be faster, but the way has just changed.
     costs(&mut sim, 5.0, 10.0);
     let again = ask_after(&mut sim, &view(), Some(last.clone()));
     assert_eq!(
@@ -256,13 +256,13 @@ fn a_session_whose_camera_stands_still_gets_the_same_plan_while_its_samples_are_
         (&plan, Reason::Kept)
     );
     sim.answer_taking(again, 10.0);
-    // Long after, that is an upgrade.
+    // Much later, that is an upgrade.
     let calm = LastView { since_change: Some(Duration::from_secs(3)), ..last.clone() };
     let later = ask_after(&mut sim, &view(), Some(calm));
     assert_eq!(sim.orders[&later].decision.unwrap().reason, Reason::Upgrade);
     assert!(is_direct(&sim, later));
     sim.answer_taking(later, 5.0);
-    // And a lost sample changes the plan at once.
+    // A lost sample changes the plan at once.
     for id in sim.workers.keys().copied().collect::<Vec<_>>() {
         sim.workers.get_mut(&id).unwrap().report.held.clear();
         sim.report(id);
@@ -272,7 +272,7 @@ fn a_session_whose_camera_stands_still_gets_the_same_plan_while_its_samples_are_
 }
 
 #[test]
-fn a_session_that_moves_changes_its_way_at_most_once_in_two_seconds() {
+fn a_moving_session_changes_its_way_at_most_once_in_two_seconds() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);
     let mut view = view();

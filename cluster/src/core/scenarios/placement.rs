@@ -1,4 +1,4 @@
-//! Samples at refinements of the rig: holes vanish, the budget holds, and nothing flaps.
+//! Samples at refinements of the rig: holes vanish, the budget is kept, and placements are stable.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -19,7 +19,7 @@ fn interior() -> SampleSetInfo {
 
 const SAMPLE_BYTES: u64 = 6 * 64 * 64 * 8;
 
-/// A lap of viewpoints along a line, half a metre apart.
+/// Viewpoints along a line, half a metre apart.
 fn walk(count: usize) -> Vec<Camera> {
     (0..count)
         .map(|i| {
@@ -29,16 +29,16 @@ fn walk(count: usize) -> Vec<Camera> {
         .collect()
 }
 
-/// A tenth of the pixels for each metre to the nearest sample: what an interior is like, made simple.
+/// A simple model of an interior: a tenth of the pixels is uncovered for each metre to the nearest sample.
 fn uncovered(set: &SampleSetInfo, camera: &Camera, plan: &Plan) -> u64 {
     let Plan::Warp(warp) = plan else { return 0 };
     let far = |index| (set.rig.camera(index).unwrap().center() - camera.eye).length();
     let nearest = warp.samples.iter().map(|id| far(id.camera)).fold(f64::INFINITY, f64::min);
-    // The last decimetre is free.
+    // The last decimetre costs nothing.
     (PIXELS * (0.02 * (nearest - 0.1)).clamp(0.0, 1.0)) as u64
 }
 
-/// What came of a lap.
+/// The result of a lap.
 #[derive(Debug, Clone, PartialEq)]
 struct Lap {
     plans: Vec<Plan>,
@@ -46,7 +46,7 @@ struct Lap {
     refined: usize,
 }
 
-/// Looks from each viewpoint once, four a second.
+/// Requests a view from each viewpoint, four a second.
 fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
     let set = sim.core.set().clone();
     let (mut plans, mut sum) = (Vec::new(), 0);
@@ -64,7 +64,7 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
     Lap { plans, uncovered: sum, refined: refined(sim).len() }
 }
 
-/// Refinements that anybody was told to have at hand.
+/// Refinements in any worker's prefetch list.
 fn refined(sim: &Sim) -> BTreeSet<u64> {
     let told = sim.workers.values().filter_map(|worker| worker.told.last());
     let is_refined = |index: &u64| sim.core.set().rig.level(*index) != Some(0);
@@ -89,7 +89,7 @@ fn share(lap: &Lap) -> f64 {
 }
 
 #[test]
-fn holes_vanish_lap_by_lap_and_then_nothing_moves() {
+fn holes_vanish_lap_by_lap_and_placements_settle() {
     for workers in [1, 2, 4] {
         let views = walk(40);
         let mut sim = cluster(Config::default(), workers);
@@ -109,7 +109,7 @@ fn holes_vanish_lap_by_lap_and_then_nothing_moves() {
 }
 
 #[test]
-fn a_plan_takes_what_else_is_at_hand_unless_the_request_says_how_many() {
+fn a_plan_uses_more_held_samples_unless_the_request_fixes_their_number() {
     let mut sim = cluster(Config::default(), 2);
     let camera = walk(1)[0];
     let set = sim.core.set().clone();
@@ -151,18 +151,18 @@ fn samplers_spend_no_more_than_their_share() {
     let began = sim.now;
     for _ in 0..6 {
         lap(&mut sim, &views);
-        // A quarter of one sampler's time, at half a second each: one in two seconds, and four to begin with.
+        // A quarter of one sampler's time at half a second each: one in two seconds, and four at the start.
         let secs = sim.now.since(began).as_secs_f64();
         let most = 4.0 + 0.5 * secs;
         assert!(rendered(&sim) as f64 <= most + 1.0, "{} in {secs} s", rendered(&sim));
     }
     assert!(rendered(&sim) > 10);
-    // S knows of them, as of every sample.
+    // S counts them like all samples.
     assert!(sim.core.status().samples_per_tick > 0.1);
 }
 
 #[test]
-fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() {
+fn a_refining_sampler_composes_once_queues_are_as_long_as_a_sample_takes() {
     let mut sim = cluster(Config { samplers_composite: true, ..Config::default() }, 2);
     (sim.direct_ms, sim.view_ms) = (100.0, 10.0);
     let views = walk(8);
@@ -173,7 +173,7 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
     let Plan::Warp(warp) = sim.orders[&view_id].plan.clone() else { panic!("a warp") };
     sim.answer(view_id);
     sim.workers.get_mut(&sampler).unwrap().report.held.extend(warp.samples);
-    // Somebody looks where samples are needed that nobody has yet: the sampler is told, and has not reported since.
+    // A view needs samples that no worker holds: the sampler is told to render them, and has not reported since.
     let place = Camera::look_at(DVec3::new(3.9, 1.7, 0.9), DVec3::new(9.0, 1.0, 3.0));
     for _ in 0..20 {
         let view_id = sim.ask_from(place, PlanRequest::from_samples(), None);
@@ -188,19 +188,19 @@ fn a_sampler_that_refines_composes_once_others_would_take_as_long_as_a_sample() 
     let asked: Vec<ViewId> =
         (0..40).map(|_| sim.ask_from(views[0], PlanRequest::from_samples(), None)).collect();
     let to_it: Vec<bool> = asked.iter().map(|view_id| sim.orders[view_id].worker == sampler).collect();
-    // A sample takes as long as ten views; from then on they take turns.
+    // A sample takes as long as ten views; from then on they alternate.
     assert!(to_it.iter().take(9).all(|is| !is), "{to_it:?}");
     let count = to_it.iter().filter(|is| **is).count();
     assert!((10..=20).contains(&count), "{count}: {to_it:?}");
 }
 
 #[test]
-fn busy_workers_refine_little_and_idle_ones_as_much_as_their_share_allows() {
+fn busy_workers_refine_less_than_idle_ones() {
     let rendered_in_a_minute = |view_ms: f64| {
         let mut sim = cluster(Config { samplers_composite: true, ..Config::default() }, 2);
         (sim.direct_ms, sim.view_ms) = (250.0, view_ms);
         for _ in 0..3 {
-            // Four views a second, and many more viewpoints than there is time for samples.
+            // Four views a second, and more viewpoints than time for samples.
             lap(&mut sim, &walk(80));
         }
         rendered(&sim)
@@ -210,7 +210,7 @@ fn busy_workers_refine_little_and_idle_ones_as_much_as_their_share_allows() {
 }
 
 #[test]
-fn without_a_share_the_rig_stays_as_it_is() {
+fn without_a_share_there_are_no_refinements() {
     let mut sim = cluster(Config { refining_share: 0.0, ..Config::default() }, 2);
     (0..5).for_each(|_| drop(lap(&mut sim, &walk(20))));
     assert!(refined(&sim).is_empty());
@@ -229,7 +229,7 @@ fn a_full_memory_keeps_the_most_useful_and_does_not_churn() {
     }
     assert_eq!(rendered(&sim), before, "what serves as many as any other stays");
 
-    // Viewers move elsewhere: what nobody uses gives way.
+    // Viewers move elsewhere: unused samples are replaced.
     let elsewhere: Vec<Camera> =
         walk(12).into_iter().map(|c| Camera::look_at(c.eye + DVec3::Z * 9.0, c.target)).collect();
     let there = lap(&mut sim, &elsewhere);
@@ -239,11 +239,11 @@ fn a_full_memory_keeps_the_most_useful_and_does_not_churn() {
 }
 
 #[test]
-fn samples_that_are_larger_than_their_texels_say_leave_room_for_fewer() {
+fn fewer_large_samples_fit_into_memory() {
     let config = Config { refining_bytes: 20 * SAMPLE_BYTES, ..Config::default() };
     let mut sim = cluster(config, 2);
     for worker in sim.workers.values_mut() {
-        // With what is shaded per view.
+        // With planes for effects that are shaded per view.
         worker.report.sample_bytes = 2 * SAMPLE_BYTES;
     }
     let laps: Vec<Lap> = (0..20).map(|_| lap(&mut sim, &walk(60))).collect();
@@ -252,7 +252,7 @@ fn samples_that_are_larger_than_their_texels_say_leave_room_for_fewer() {
 }
 
 #[test]
-fn plans_name_only_what_is_where_views_are_composed() {
+fn plans_use_only_samples_that_compositors_hold() {
     let mut sim = cluster(Config::default(), 4);
     let views = walk(20);
     for round in 0..12 {
@@ -268,7 +268,7 @@ fn plans_name_only_what_is_where_views_are_composed() {
         }
         sim.second(0, 0);
         if round == 6 {
-            // A compositor that joins has none of them yet, which takes none away from the others.
+            // A compositor that joins lacks them, but they stay usable for the others.
             let usable = sim.core.samples().placement().usable().to_vec();
             let newcomer = sim.join("late");
             sim.report(newcomer);
@@ -276,7 +276,7 @@ fn plans_name_only_what_is_where_views_are_composed() {
             assert_eq!(sim.core.samples().placement().usable(), usable);
         }
     }
-    // When nobody is left who has them, plans go back to the rig's own cameras at once.
+    // If no worker holds them any more, plans use the rig's own cameras at once.
     for id in sim.workers.keys().copied().collect::<Vec<_>>() {
         sim.leave(id);
     }
@@ -296,7 +296,7 @@ fn refinements(order: &Order) -> Vec<SampleId> {
 }
 
 #[test]
-fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
+fn no_view_waits_for_a_lost_refinement() {
     let mut sim = cluster(Config::default(), 5);
     let views = walk(20);
     (0..12).for_each(|_| drop(lap(&mut sim, &views)));
@@ -305,7 +305,7 @@ fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
     }
     let before = sim.orders.clone();
     assert!(before.values().any(|order| !refinements(order).is_empty()));
-    // One after the other goes, until a sampler is left that has a third of what there was.
+    // Workers leave one after the other, until one sampler is left that holds a third of the samples.
     let last = sim.sampler();
     sim.workers.get_mut(&last).unwrap().report.held.retain(|id| id.camera % 3 == 0);
     sim.report(last);
@@ -334,11 +334,11 @@ fn no_view_waits_for_a_refinement_that_is_lost_with_its_workers() {
 }
 
 #[test]
-fn a_view_is_not_sent_to_and_fro_for_a_refinement_that_is_not_where_it_was_thought_to_be() {
+fn a_view_is_not_sent_back_and_forth_for_a_lost_refinement() {
     let mut sim = cluster(Config::default(), 3);
     let views = walk(20);
     (0..12).for_each(|_| drop(lap(&mut sim, &views)));
-    // A newcomer has none of them, and finds them nowhere.
+    // A new worker holds none of them, and finds no holder.
     let newcomer = sim.join("late");
     sim.report(newcomer);
     let lacks = |order: &Order| order.worker == newcomer && !refinements(order).is_empty();
@@ -356,7 +356,7 @@ fn a_view_is_not_sent_to_and_fro_for_a_refinement_that_is_not_where_it_was_thoug
 }
 
 #[test]
-fn tiles_are_refined_from_where_they_are_looked_at() {
+fn tiles_are_refined_near_their_viewers() {
     let mut sim = Sim::with_workers(2);
     let rig = sim.core.set().rig;
     let camera = Camera::look_at(DVec3::new(40.0, 16.0, 9.0), DVec3::new(5.0, 0.0, 5.0));

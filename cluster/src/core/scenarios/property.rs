@@ -1,4 +1,4 @@
-//! Anything in any order.
+//! Random events in any order.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use super::sim::Sim;
 use crate::core::tests::set_info;
 use crate::core::*;
 
-/// What may happen, in any order.
+/// A random event.
 #[derive(Debug, Clone)]
 enum Step {
     Join(u8),
@@ -39,8 +39,8 @@ fn any_step() -> impl Strategy<Value = Step> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
-    /// Whatever happens, every view ends in exactly one of: answered, failed, refused, cancelled, in flight;
-    /// and two ready workers or more always cover both roles, unless all render directly.
+    /// Every view ends in exactly one of: answered, failed, refused, cancelled, in flight. Two or more ready workers
+    /// always cover both roles, unless all render directly.
     #[test]
     fn no_view_is_lost_or_answered_twice(
         moves in any::<bool>(),
@@ -101,7 +101,7 @@ proptest! {
                 prop_assert!(status.samplers >= 1 && status.compositors >= 1, "{:?}", status.workers);
             }
         }
-        // Given workers and time enough, what is in flight is answered or refused.
+        // With workers and enough time, all views in flight are answered or refused.
         for round in 0..20 {
             if sim.workers.is_empty() {
                 sim.join(&format!("late{round}"));

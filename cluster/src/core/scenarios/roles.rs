@@ -1,4 +1,4 @@
-//! Who joins, who leaves, and who plays which role.
+//! Workers that join and leave, and their roles.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use super::sim::Sim;
 use crate::core::*;
 
 #[test]
-fn one_worker_alone_plays_both_roles_and_a_second_takes_one_of_them() {
+fn a_single_worker_plays_both_roles_and_a_second_takes_one() {
     let mut sim = Sim::new(Config::default());
     assert_eq!(sim.roles(), (0, 0));
     let waiting = sim.ask(false);
@@ -28,12 +28,12 @@ fn one_worker_alone_plays_both_roles_and_a_second_takes_one_of_them() {
 }
 
 #[test]
-fn a_role_moves_when_demand_moves_and_only_then() {
+fn roles_change_only_with_demand() {
     let mut sim = Sim::with_workers(3);
     (0..10).for_each(|_| sim.second(400, 0));
     assert_eq!(sim.roles(), (1, 2));
     let settled = sim.roles_changed();
-    // 400 views are 0.8 s per tick, 30 direct ones 2.4 s: two shall sample.
+    // 400 views are 0.8 s per tick, 30 direct ones 2.4 s: two workers must sample.
     (0..3).for_each(|_| sim.second(400, 30));
     assert_eq!(sim.roles_changed(), settled, "the dwell is not over");
     (0..10).for_each(|_| sim.second(400, 30));
@@ -52,7 +52,7 @@ fn a_role_moves_when_demand_moves_and_only_then() {
 }
 
 #[test]
-fn noise_about_a_boundary_moves_nothing() {
+fn noise_around_a_boundary_changes_no_role() {
     let mut sim = Sim::with_workers(3);
     // a·(P − K) = b·(K − 1) at K = 2: a tie between one sampler and two.
     sim.view_ms = 4.0;
@@ -67,7 +67,7 @@ fn noise_about_a_boundary_moves_nothing() {
 }
 
 #[test]
-fn a_worker_that_changes_its_role_gets_nothing_new_until_it_has_finished() {
+fn a_worker_that_changes_its_role_drains_first() {
     let mut sim = Sim::with_workers(3);
     (0..10).for_each(|_| sim.second(400, 0));
     for worker in sim.workers.values_mut() {
@@ -97,7 +97,7 @@ fn a_worker_that_changes_its_role_gets_nothing_new_until_it_has_finished() {
 }
 
 #[test]
-fn a_worker_that_falls_silent_is_lost_when_its_lease_is_over() {
+fn a_silent_worker_is_lost_when_its_lease_ends() {
     let mut sim = Sim::with_workers(2);
     let silent = *sim.workers.keys().next().unwrap();
     let other = *sim.workers.keys().last().unwrap();
@@ -111,12 +111,12 @@ fn a_worker_that_falls_silent_is_lost_when_its_lease_is_over() {
     sim.step(Event::Tick);
     assert_eq!(sim.expelled, [silent]);
     assert_eq!(sim.roles(), (1, 1));
-    // It was only slow: what its old stream still says is answered by ending it.
+    // It was only slow: reports on its old stream are answered by ending that.
     sim.step(Event::Reported { worker: silent, report: Report::default() });
     assert_eq!(sim.expelled, [silent, silent]);
 }
 
-/// Time passes in which all report but one.
+/// Time passes in which all workers but one report.
 fn all_but(sim: &mut Sim, silent: WorkerId, quarters: u32) {
     for _ in 0..quarters {
         sim.now = sim.now.after(Duration::from_millis(250));
@@ -127,7 +127,7 @@ fn all_but(sim: &mut Sim, silent: WorkerId, quarters: u32) {
 }
 
 #[test]
-fn a_worker_that_hangs_is_suspected_before_it_is_lost_and_others_get_its_views() {
+fn the_views_of_a_suspected_worker_are_retried_before_it_is_lost() {
     let mut sim = Sim::with_workers(3);
     let view_id = sim.ask(true);
     let hangs = sim.orders[&view_id].worker;
@@ -161,7 +161,7 @@ fn a_worker_that_hangs_is_suspected_before_it_is_lost_and_others_get_its_views()
 }
 
 #[test]
-fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
+fn a_suspected_worker_gets_no_new_prefetch_list() {
     let mut sim = Sim::with_workers(3);
     // Prefetch lists hold refinements and samples of the next version.
     let lists = |sim: &Sim| -> Vec<Vec<Source>> {
@@ -178,7 +178,7 @@ fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
     }
     let before = lists(&sim);
     assert!(before.iter().any(|list| !list.is_empty()), "nothing is prefetched: {before:?}");
-    // The only sampler.
+    // It is the only sampler.
     assert_eq!(sim.roles().0, 1);
     let view_id = sim.ask(true);
     let sampler = sim.orders[&view_id].worker;
@@ -190,7 +190,7 @@ fn a_suspected_worker_is_told_to_forget_nothing_and_nobody_else_is() {
 }
 
 #[test]
-fn views_of_workers_that_hang_together_move_as_soon_as_one_is_back() {
+fn views_of_hanging_workers_move_as_soon_as_one_recovers() {
     let mut sim = Sim::with_workers(2);
     let view_id = sim.ask(true);
     let has = sim.orders[&view_id].worker;
@@ -206,7 +206,7 @@ fn views_of_workers_that_hang_together_move_as_soon_as_one_is_back() {
 }
 
 #[test]
-fn after_a_pause_of_the_coordinator_itself_nobody_is_suspected() {
+fn after_a_pause_of_the_coordinator_no_worker_is_suspected() {
     let mut sim = Sim::with_workers(2);
     sim.step(Event::Tick);
     let view_id = sim.ask(true);
@@ -217,7 +217,7 @@ fn after_a_pause_of_the_coordinator_itself_nobody_is_suspected() {
 }
 
 #[test]
-fn a_view_that_went_round_already_stays_with_a_worker_that_seems_to_hang() {
+fn a_view_on_its_last_attempt_stays_with_a_suspected_worker() {
     let mut sim = Sim::with_workers(2);
     let view_id = sim.ask(true);
     let last = sim.core.config().max_attempts;
@@ -247,7 +247,7 @@ fn a_worker_of_the_same_name_replaces_the_older_one() {
 }
 
 #[test]
-fn a_worker_that_says_it_leaves_finishes_and_gets_nothing_new() {
+fn a_leaving_worker_finishes_its_views_and_gets_no_new_ones() {
     let mut sim = Sim::with_workers(3);
     let view_ids: Vec<ViewId> = (0..10).map(|_| sim.ask(false)).collect();
     let leaver = sim.orders[&view_ids[0]].worker;
@@ -264,7 +264,7 @@ fn a_worker_that_says_it_leaves_finishes_and_gets_nothing_new() {
     assert_eq!((counters.views_answered, counters.workers_lost, counters.views_retried), (30, 0, 0));
 }
 
-/// Time passes in which all report, that one that it has been at one piece of work for so long.
+/// Time passes in which all workers report, and one reports the time in its present piece of work.
 fn at_one_piece(sim: &mut Sim, id: WorkerId, piece: Duration) {
     sim.workers.get_mut(&id).unwrap().report.piece_ms = piece.as_secs_f64() * 1e3;
     sim.now = sim.now.after(Duration::from_millis(250));
@@ -273,7 +273,7 @@ fn at_one_piece(sim: &mut Sim, id: WorkerId, piece: Duration) {
 }
 
 #[test]
-fn a_worker_that_reports_and_does_not_get_on_is_suspected_where_another_answers() {
+fn a_stuck_worker_is_suspected_if_another_one_answers() {
     let secs = Duration::from_secs_f64;
     let mut sim = Sim::with_workers(3);
     (0..4).for_each(|_| sim.second(40, 2));
@@ -298,16 +298,16 @@ fn a_worker_that_reports_and_does_not_get_on_is_suspected_where_another_answers(
 }
 
 #[test]
-fn work_that_takes_long_by_all_measurements_is_no_reason_to_suspect_anybody() {
+fn work_that_is_expected_to_take_long_causes_no_suspicion() {
     let secs = Duration::from_secs_f64;
     let mut sim = Sim::with_workers(3);
-    // Nobody knows yet what a direct view takes: its device may be making machine code.
+    // The cost of a direct view is unknown: its device may be compiling shaders.
     let view_id = sim.ask(true);
     let busy = sim.orders[&view_id].worker;
     at_one_piece(&mut sim, busy, secs(50.0));
     assert_eq!(sim.orders[&view_id].worker, busy);
     sim.answer(view_id);
-    // Two seconds each, by now.
+    // Two seconds each, as measured.
     sim.direct_ms = 2000.0;
     (0..8).for_each(|_| sim.second(0, 2));
     let view_id = sim.ask(true);
@@ -319,7 +319,7 @@ fn work_that_takes_long_by_all_measurements_is_no_reason_to_suspect_anybody() {
 }
 
 #[test]
-fn a_worker_alone_is_suspected_of_nothing_by_what_it_reports() {
+fn a_single_worker_is_not_suspected_for_its_reports() {
     let mut sim = Sim::with_workers(1);
     (0..4).for_each(|_| sim.second(20, 2));
     let view_id = sim.ask(true);
@@ -329,14 +329,14 @@ fn a_worker_alone_is_suspected_of_nothing_by_what_it_reports() {
 }
 
 #[test]
-fn a_worker_that_fails_at_everything_rests_and_is_tried_with_one_view() {
+fn a_failing_worker_pauses_and_is_then_tried_with_one_view() {
     let mut sim = Sim::with_workers(3);
     sim.answer_all();
-    // A compositor, which has the shortest queue whenever it has failed.
+    // A compositor, whose queue is the shortest after each failure.
     let view_id = sim.ask(false);
     let broken = sim.orders[&view_id].worker;
     sim.answer(view_id);
-    // It fails at what it has; how many views it was given.
+    // Lets it fail at its views; the number of views that it got.
     let press = |sim: &mut Sim, views: usize| {
         let asked: Vec<ViewId> = (0..views).map(|_| sim.ask(false)).collect();
         let mut given = 0;
@@ -377,7 +377,7 @@ fn a_worker_that_fails_at_everything_rests_and_is_tried_with_one_view() {
 }
 
 #[test]
-fn workers_that_all_fail_are_asked_all_the_same() {
+fn if_all_workers_fail_they_still_get_views() {
     let mut sim = Sim::with_workers(2);
     for _ in 0..12 {
         let view_id = sim.ask(false);
@@ -391,7 +391,7 @@ fn workers_that_all_fail_are_asked_all_the_same() {
 }
 
 #[test]
-fn who_has_only_workers_that_are_suspected_can_answer_nothing() {
+fn a_cluster_of_suspected_workers_is_not_ready() {
     let mut sim = Sim::with_workers(1);
     let only = *sim.workers.keys().next().unwrap();
     assert!(sim.core.can_answer());

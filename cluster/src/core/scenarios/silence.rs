@@ -1,23 +1,24 @@
-//! Reports that do not come: from one worker, from all, for a moment or for good.
+//! Missing reports: from one worker or from all, for a moment or for good.
 
 use std::time::Duration;
 
 use super::sim::Sim;
 use crate::core::*;
 
-/// The moments at which something may happen, milliseconds.
+/// Time step of the simulation, milliseconds.
 const STEP: u64 = 10;
 
-/// Between two reports of a worker, and between two ticks.
+/// Intervals between reports of a worker and between ticks, milliseconds.
 const REPORT: u64 = 250;
 const TICK: u64 = 100;
 
-/// Whether a worker that reports on time does so now: each at moments of its own.
+/// Whether a punctual worker reports now; each worker has its own phase.
 fn on_time(worker: WorkerId, millis: u64) -> bool {
     (millis + 70 * worker.0).is_multiple_of(REPORT)
 }
 
-/// Time passes, in which `reports` says who reports when, by milliseconds of uptime. Until `enough`, if that comes first.
+/// Lets time pass, in which `reports` tells which worker reports at which millisecond of uptime, until `enough` at
+/// most.
 fn pass(sim: &mut Sim, millis: u64, reports: impl Fn(WorkerId, u64) -> bool, enough: impl Fn(&Sim) -> bool) {
     let began = sim.now.0.as_millis() as u64;
     for now in (began + STEP..=began + millis).step_by(STEP as usize) {
@@ -37,7 +38,7 @@ fn retried(sim: &Sim) -> u64 {
     sim.core.status().counters.views_retried
 }
 
-/// Three workers that have reported on time for a while, and a view; who has it.
+/// Three punctual workers, a view, and the worker that has it.
 fn busy() -> (Sim, ViewId, WorkerId) {
     let mut sim = Sim::with_workers(3);
     pass(&mut sim, 3000, on_time, |_| false);
@@ -47,7 +48,7 @@ fn busy() -> (Sim, ViewId, WorkerId) {
 }
 
 #[test]
-fn the_views_of_a_worker_that_hangs_are_with_others_within_a_second() {
+fn the_views_of_a_hanging_worker_are_retried_within_a_second() {
     for began in (0..REPORT).step_by(STEP as usize) {
         let (mut sim, view_id, has) = busy();
         pass(&mut sim, began, on_time, |_| false);
@@ -62,11 +63,11 @@ fn the_views_of_a_worker_that_hangs_are_with_others_within_a_second() {
 }
 
 #[test]
-fn a_report_that_is_late_moves_no_view() {
+fn a_late_report_moves_no_view() {
     for late in (0..2 * REPORT).step_by(STEP as usize) {
         let (mut sim, _, has) = busy();
         let due = (3000..).step_by(STEP as usize).find(|now| on_time(has, *now)).unwrap();
-        // What was to follow it comes with it.
+        // The reports that were due after it come with it.
         let reports = |id, now| match id == has && (due..=due + late).contains(&now) {
             true => now == due + late,
             false => on_time(id, now),
@@ -77,19 +78,19 @@ fn a_report_that_is_late_moves_no_view() {
 }
 
 #[test]
-fn while_everybody_is_late_nobody_is_suspected_soon() {
+fn while_all_workers_are_late_none_is_suspected_early() {
     let (mut sim, view_id, has) = busy();
-    // A machine on which all are starved: once in 800 ms they get to say something, each in turn.
+    // All workers are starved: each reports once in 800 ms, one after the other.
     let seldom = |id: WorkerId, now: u64| (now + 70 * id.0).is_multiple_of(800);
     pass(&mut sim, 8000, seldom, |_| false);
     assert_eq!((retried(&sim), sim.orders[&view_id].worker), (0, has));
-    // And for a moment afterwards, when some are on time again.
+    // It also holds for a moment afterwards, when some are on time again.
     pass(&mut sim, 1600, |id, now| if id == has { seldom(id, now) } else { on_time(id, now) }, |_| false);
     assert_eq!((retried(&sim), sim.orders[&view_id].worker), (0, has));
 }
 
 #[test]
-fn one_that_is_often_late_is_suspected_of_it_once() {
+fn a_worker_that_is_often_late_is_suspected_only_once() {
     let (mut sim, _, has) = busy();
     let often = |id: WorkerId, now: u64| match id == has {
         true => now.is_multiple_of(1000),
@@ -105,7 +106,8 @@ fn one_that_is_often_late_is_suspected_of_it_once() {
         pass(&mut sim, 1000, often, |_| false);
     }
     assert_eq!(Some(retried(&sim)), first, "those of the first time, and it is known by then");
-    // It is trusted at each report, and suspected as soon as anybody once it has been on time for a while.
+    // It is trusted after each report. After a while of punctual reports, it is suspected as fast as any other
+    // worker.
     pass(&mut sim, 8000, on_time, |_| false);
     let others = |id, now| id != has && on_time(id, now);
     let answers = |sim: &Sim| sim.core.workers().get(has).is_some_and(|worker| worker.answers());
@@ -117,8 +119,8 @@ fn one_that_is_often_late_is_suspected_of_it_once() {
 }
 
 #[test]
-fn after_a_pause_of_the_whole_machine_nobody_is_suspected() {
-    // How long it stood still, and how much later than the one before each worker goes on. Leases are another matter.
+fn after_a_pause_of_the_whole_machine_no_worker_is_suspected() {
+    // The duration of the pause, and the delay between workers after it. Leases are not part of this test.
     let pauses = [(100, 80), (200, 80), (300, 80), (400, 240), (800, 240), (1500, 240), (4000, 240)];
     for (paused, apart) in pauses {
         for first in 0..3 {
@@ -138,7 +140,7 @@ fn after_a_pause_of_the_whole_machine_nobody_is_suspected() {
 }
 
 #[test]
-fn workers_that_all_fall_silent_are_suspected_later_and_lost_in_the_end() {
+fn workers_that_fall_silent_together_are_suspected_later_and_finally_lost() {
     let (mut sim, view_id, has) = busy();
     pass(&mut sim, 1200, |_, _| false, |_| false);
     assert!(sim.core.can_answer(), "it may be this process that hears nothing");

@@ -1,4 +1,4 @@
-//! A coordinator's core with workers that do as they are told.
+//! A simulated cluster: the coordinator's core and obedient workers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use glam::DVec3;
 use crate::core::tests::set_info;
 use crate::core::*;
 
-/// A coordinator's core with workers that do as they are told, on a clock that only tests move.
+/// The coordinator's core and obedient workers, on a clock that only tests advance.
 pub(super) struct Sim {
     pub(super) core: Core,
     pub(super) now: Uptime,
@@ -23,7 +23,7 @@ pub(super) struct Sim {
     pub(super) orders: BTreeMap<ViewId, Order>,
     pub(super) refused: Vec<(ViewId, Fault)>,
     pub(super) answered: BTreeSet<ViewId>,
-    /// What is expected of frames that were judged good enough.
+    /// Predictions of accepted frames.
     pub(super) delivered: BTreeMap<ViewId, Prediction>,
     pub(super) expelled: Vec<WorkerId>,
     /// Costs that workers report.
@@ -36,7 +36,7 @@ pub(super) struct SimWorker {
     pub(super) name: String,
     pub(super) report: Report,
     pub(super) told: Vec<Assignment>,
-    /// What it has because it was told to.
+    /// Samples that it holds because of its prefetch list.
     pub(super) prefetch: BTreeSet<SampleId>,
     /// Whether it acknowledges at its next report.
     pub(super) obedient: bool,
@@ -63,7 +63,7 @@ impl Sim {
         }
     }
 
-    /// A simulation with models of the scene that is served.
+    /// A simulation with models of the served scene.
     pub(super) fn with_models(models: Vec<quality::Model>) -> Self {
         let sim = Self::new(Config::default());
         Self { core: sim.core.with_models(models), ..sim }
@@ -82,7 +82,7 @@ impl Sim {
         for action in self.core.step(event, self.now) {
             match action {
                 Action::Assign { worker, assignment } => {
-                    // It would drop them, and render them again since it shall have them.
+                    // The worker would drop them, and render them again.
                     let dropped = |source: &&Source| source.id.version < assignment.kept_from;
                     let dropped = assignment.prefetch.iter().find(dropped);
                     assert!(dropped.is_none(), "{dropped:?} is prefetched, kept from {}", assignment.kept_from);
@@ -134,7 +134,7 @@ impl Sim {
         id
     }
 
-    /// Its process ends, and with it what it was working on.
+    /// Ends a worker's process.
     pub(super) fn leave(&mut self, id: WorkerId) {
         self.workers.remove(&id);
         self.orders.retain(|_, order| order.worker != id);
@@ -146,7 +146,7 @@ impl Sim {
         if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
             worker.report.applied = told.sequence;
         }
-        // What it shall have at hand it has at once, and forgets refinements that it no longer shall.
+        // It holds its prefetch list at once, and drops refinements that are no longer in it.
         let rig = self.core.set().rig;
         if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
             let prefetch: BTreeSet<SampleId> = told.prefetch.iter().map(|source| source.id).collect();
@@ -166,7 +166,7 @@ impl Sim {
         self.step(Event::Reported { worker: id, report });
     }
 
-    /// Asks for a view that is pinned to a scene time and a plan.
+    /// Requests a view that is pinned to an epoch and a plan.
     pub(super) fn pin(&mut self, epoch: u64, plan: Plan) -> ViewId {
         let view_id = ViewId(self.next);
         self.next += 1;
@@ -231,12 +231,12 @@ impl Sim {
         self.answer_with(view_id, 0);
     }
 
-    /// Its frame comes with so many pixels that no sample saw.
+    /// Answers a view with a number of uncovered pixels.
     pub(super) fn answer_with(&mut self, view_id: ViewId, uncovered: u64) {
         self.answer_so(view_id, uncovered, 1.0);
     }
 
-    /// Its frame comes, after so many milliseconds of rendering.
+    /// Answers a view after a rendering time.
     pub(super) fn answer_taking(&mut self, view_id: ViewId, ms: f64) {
         self.answer_so(view_id, 0, ms);
     }
@@ -273,7 +273,7 @@ impl Sim {
         }
     }
 
-    /// A second of demand, spread over four reports.
+    /// One second of demand, spread over four reports.
     pub(super) fn second(&mut self, views: usize, direct: usize) {
         for quarter in 0..4 {
             let share = |n: usize| n * (quarter + 1) / 4 - n * quarter / 4;
@@ -286,7 +286,7 @@ impl Sim {
         }
     }
 
-    /// The first of those that sample.
+    /// The first sampler.
     pub(super) fn sampler(&self) -> WorkerId {
         let status = self.core.status();
         let name = status.workers.iter().find(|w| w.role.is_some_and(Role::samples)).map(|w| &w.hello.name);

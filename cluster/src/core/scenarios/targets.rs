@@ -1,4 +1,4 @@
-//! Requests that state what they want.
+//! Requests that state a target.
 
 use argus_scene::{Holes, Plan, PlanRequest, Preset};
 
@@ -30,7 +30,7 @@ fn judge(sim: &mut Sim, view_id: ViewId, difficulty: f64, ms: f64) {
 }
 
 #[test]
-fn a_loose_bound_is_a_cheap_warp_and_a_tight_one_is_rendered() {
+fn a_loose_bound_is_met_by_a_warp_and_a_tight_one_by_triangles() {
     let mut sim = calibrated(2);
     let loose = sim.ask_for(bounded(0.3));
     let tight = sim.ask_for(bounded(0.012));
@@ -38,7 +38,7 @@ fn a_loose_bound_is_a_cheap_warp_and_a_tight_one_is_rendered() {
     judge(&mut sim, loose, 1.0, 1.0);
     let expected = sim.delivered[&loose];
     assert!(expected.error <= 0.3 && expected.error > 0.03, "{expected:?}");
-    // What is tried first may be a frame that only tells what to do; in the end the triangles are asked.
+    // The first try may be a frame that only informs the choice; finally triangles are chosen.
     while sim.orders[&tight].judged && !sim.delivered.contains_key(&tight) {
         judge(&mut sim, tight, 1.0, 1.0);
     }
@@ -48,7 +48,7 @@ fn a_loose_bound_is_a_cheap_warp_and_a_tight_one_is_rendered() {
 }
 
 #[test]
-fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
+fn a_frame_beyond_its_bound_is_rejected_and_counted() {
     let mut sim = calibrated(2);
     let view_id = sim.ask_for(bounded(0.06));
     assert!(matches!(setting(&sim, view_id), Setting::Warp { supersampling: 1, .. }));
@@ -58,7 +58,7 @@ fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
     assert!(second.attempt > first.attempt && second.plan != first.plan);
     assert!(second.expected.unwrap().error <= 0.06);
     assert_eq!(sim.core.status().counters.frames_refused, 1);
-    // What still arrives of the first frame is nobody's.
+    // Late chunks of the first frame are ignored.
     sim.step(Event::Judged { view_id, attempt: first.attempt, observed: None, ms: 1.0 });
     sim.step(Event::Answered { view_id, attempt: first.attempt, uncovered: Some(0), ms: None });
     assert_eq!(sim.core.views_in_flight(), 1);
@@ -70,13 +70,13 @@ fn a_frame_that_is_not_good_enough_is_thrown_away_and_counted() {
 }
 
 #[test]
-fn a_worker_that_says_nothing_of_its_frame_or_dies_leaves_the_view_answered() {
+fn a_view_is_answered_without_statistics_and_after_a_workers_death() {
     let mut sim = calibrated(3);
     let view_id = sim.ask_for(bounded(0.3));
     let attempt = sim.orders[&view_id].attempt;
     sim.step(Event::Judged { view_id, attempt, observed: None, ms: f64::NAN });
     assert_eq!(sim.delivered[&view_id].error, 1.0, "nothing is known");
-    // It dies while the rest of its frame is on its way: another makes the same, and nobody judges again.
+    // It dies while its frame is being relayed: another worker makes the same frame, which is not judged again.
     let (plan, worker) = (sim.orders[&view_id].plan.clone(), sim.orders[&view_id].worker);
     sim.leave(worker);
     let again = &sim.orders[&view_id];
@@ -86,7 +86,7 @@ fn a_worker_that_says_nothing_of_its_frame_or_dies_leaves_the_view_answered() {
 }
 
 #[test]
-fn presets_and_deadlines_of_explicit_searches_are_answered_at_once_and_foretold() {
+fn presets_and_deadlines_of_explicit_searches_are_predicted() {
     let mut sim = calibrated(2);
     let ask = |sim: &mut Sim, request| {
         let view_id = sim.ask_for(request);
@@ -110,7 +110,7 @@ fn presets_and_deadlines_of_explicit_searches_are_answered_at_once_and_foretold(
 }
 
 #[test]
-fn costs_follow_what_frames_take() {
+fn costs_follow_measured_times() {
     let mut sim = calibrated(1);
     let expected_ms = |sim: &mut Sim| {
         let view_id = sim.ask(false);

@@ -1,4 +1,4 @@
-//! What becomes of views and of the samples they need.
+//! Outcomes of views, and the samples that they need.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -32,7 +32,7 @@ fn the_views_of_a_lost_worker_are_sent_to_another() {
 }
 
 #[test]
-fn what_comes_twice_or_too_late_is_ignored() {
+fn repeated_and_late_events_are_ignored() {
     let mut sim = Sim::with_workers(3);
     let view_id = sim.ask(false);
     let first = sim.orders[&view_id].clone();
@@ -51,7 +51,7 @@ fn what_comes_twice_or_too_late_is_ignored() {
 }
 
 #[test]
-fn a_view_at_which_every_worker_fails_is_given_up() {
+fn a_view_at_which_every_worker_fails_is_refused() {
     let mut sim = Sim::with_workers(3);
     let view_id = sim.ask(false);
     for attempt in 1..=sim.core.config().max_attempts {
@@ -63,7 +63,7 @@ fn a_view_at_which_every_worker_fails_is_given_up() {
 }
 
 #[test]
-fn one_view_too_many_is_turned_away_at_once() {
+fn a_view_beyond_the_limit_is_refused_at_once() {
     let mut sim = Sim::new(Config { max_views: 10, max_views_per_worker: 3, ..Config::default() });
     let worker = sim.join("a");
     sim.report(worker);
@@ -78,7 +78,7 @@ fn one_view_too_many_is_turned_away_at_once() {
 }
 
 #[test]
-fn a_view_whose_turn_would_come_too_late_is_turned_away_at_once() {
+fn a_view_that_would_wait_too_long_is_refused_at_once() {
     let mut sim = Sim::with_workers(3);
     // 20 ms on each of two compositors: a hundred of them are a second's work.
     sim.view_ms = 20.0;
@@ -111,14 +111,14 @@ fn deadlines_patience_and_cancellation_end_a_wait() {
 }
 
 #[test]
-fn samples_are_counted_once_and_again_only_when_nobody_holds_them() {
+fn samples_are_counted_once_and_again_only_after_all_holders_left() {
     let mut sim = Sim::with_workers(3);
     (0..30).for_each(|_| sim.second(40, 0));
     assert_eq!(sim.core.status().samples_per_tick, 0.0, "a static scene is sampled once");
     let view_id = sim.ask(false);
     let order = &sim.orders[&view_id];
     assert!(order.sources.iter().all(|s| !s.addresses.is_empty()), "the other holder or the sampler");
-    // Everybody who held them leaves; those that come render anew.
+    // All holders leave; new workers render them again.
     let old: Vec<WorkerId> = sim.workers.keys().copied().collect();
     for worker in old {
         sim.leave(worker);
@@ -133,7 +133,7 @@ fn samples_are_counted_once_and_again_only_when_nobody_holds_them() {
 }
 
 #[test]
-fn views_spread_over_compositors_and_ask_the_same_sampler_for_the_same_sample() {
+fn views_spread_over_compositors_and_a_sample_has_one_owner() {
     let mut sim = Sim::with_workers(4);
     let sampler = sim
         .core
@@ -155,7 +155,7 @@ fn views_spread_over_compositors_and_ask_the_same_sampler_for_the_same_sample() 
 }
 
 #[test]
-fn a_view_whose_holes_shall_be_traced_names_the_samplers_that_can() {
+fn an_order_that_traces_holes_names_the_samplers() {
     let mut sim = Sim::with_workers(4);
     assert!(sim.orders.is_empty());
     let marked = sim.ask(false);
@@ -164,14 +164,14 @@ fn a_view_whose_holes_shall_be_traced_names_the_samplers_that_can() {
     let first = sim.ask_for(request);
     let sampler = sim.sampler();
     assert_eq!(sim.orders[&first].tracers, [sim.address(sampler)]);
-    // Its death leaves the view with its compositor; the next view has another to ask.
+    // Its death leaves the view with its compositor; the next view has another tracer.
     sim.leave(sampler);
     let second = sim.ask_for(request);
     let successor = sim.sampler();
     assert_eq!(sim.orders[&second].tracers, [sim.address(successor)]);
     sim.answer_all();
     assert!(sim.answered.contains(&first) && sim.answered.contains(&second));
-    // The only worker traces for itself.
+    // A single worker traces for itself.
     let mut alone = Sim::with_workers(1);
     let view_id = alone.ask_for(request);
     let worker = alone.orders[&view_id].worker;
@@ -179,7 +179,7 @@ fn a_view_whose_holes_shall_be_traced_names_the_samplers_that_can() {
 }
 
 #[test]
-fn rays_that_were_traced_count_as_demand_and_cost() {
+fn traced_rays_count_as_demand_and_cost() {
     let mut sim = Sim::with_workers(2);
     let sampler = sim.sampler();
     for _ in 0..20 {
@@ -193,7 +193,7 @@ fn rays_that_were_traced_count_as_demand_and_cost() {
 }
 
 #[test]
-fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
+fn an_idle_sampler_composes_as_well() {
     for helps in [true, false] {
         let config = Config { samplers_composite: helps, ..Config::default() };
         let mut sim = Sim::new(config);
@@ -211,9 +211,9 @@ fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
         sim.workers.get_mut(&sampler).unwrap().report.held = needed;
         sim.report(sampler);
         let second: Vec<ViewId> = (0..60).map(|_| sim.ask(false)).collect();
-        // Few at a time.
+        // It gets few at a time.
         assert_eq!(to_it(&sim, &second), if helps { 32 } else { 0 });
-        // What is due to be sampled goes first.
+        // Due samples go first.
         sim.answer_all();
         let elsewhere = Camera::look_at(DVec3::new(-9.0, 30.0, -9.0), DVec3::new(-8.0, 0.0, -8.0));
         let due = sim.ask_from(elsewhere, PlanRequest::from_samples(), None);
@@ -226,7 +226,7 @@ fn a_sampler_that_has_nothing_to_sample_composes_as_well() {
 }
 
 #[test]
-fn a_draining_coordinator_turns_new_views_away_and_answers_the_old() {
+fn a_draining_coordinator_refuses_new_views_and_answers_the_others() {
     let mut sim = Sim::with_workers(2);
     let old = sim.ask(false);
     sim.step(Event::Drain);

@@ -1,4 +1,4 @@
-//! How triangles are seen is settled before samples are rendered; views from triangles do not wait for it.
+//! The visibility backend is chosen before samples are rendered. Views from triangles do not wait for it.
 
 use argus_scene::{Plan, PlanRequest, SampleId, Visibility, Warp};
 
@@ -9,14 +9,14 @@ fn measured() -> Sim {
     Sim::new(Config { visibility: None, ..Config::default() })
 }
 
-/// Whom the newest assignment tells to measure.
+/// Workers whose newest assignment tells them to measure.
 fn measuring(sim: &Sim) -> Vec<WorkerId> {
     let told = |worker: &super::sim::SimWorker| worker.told.last().is_some_and(|told| told.measure_ways);
     sim.workers.iter().filter(|(_, worker)| told(worker)).map(|(id, _)| *id).collect()
 }
 
 #[test]
-fn views_from_triangles_are_answered_before_it_is_settled_how_triangles_are_seen() {
+fn views_from_triangles_are_answered_before_the_backend_is_chosen() {
     let mut sim = measured();
     sim.join("a");
     sim.join("b");
@@ -30,7 +30,7 @@ fn views_from_triangles_are_answered_before_it_is_settled_how_triangles_are_seen
 }
 
 #[test]
-fn the_backend_that_the_first_worker_measures_to_be_cheapest_is_every_samples() {
+fn the_cheapest_measured_backend_is_used_for_all_samples() {
     let mut sim = measured();
     let view = sim.ask(false);
     let (first, second) = (sim.join("a"), sim.join("b"));
@@ -44,7 +44,7 @@ fn the_backend_that_the_first_worker_measures_to_be_cheapest_is_every_samples() 
     assert_eq!(sim.core.set().visibility, Visibility::Cpu);
     assert!(measuring(&sim).is_empty());
     assert!(sim.orders.is_empty(), "they have yet to hear of it");
-    // What another measures is too late, and changes nothing.
+    // Later measurements of another worker change nothing.
     sim.workers.get_mut(&second).unwrap().report.ways = vec![(Visibility::Raster, 1.0)];
     sim.report_all();
     assert_eq!(sim.core.set().visibility, Visibility::Cpu);
@@ -55,7 +55,7 @@ fn the_backend_that_the_first_worker_measures_to_be_cheapest_is_every_samples() 
 }
 
 #[test]
-fn another_worker_measures_where_the_first_is_lost() {
+fn another_worker_measures_if_the_first_is_lost() {
     let mut sim = measured();
     let (first, second) = (sim.join("a"), sim.join("b"));
     sim.report_all();
@@ -73,7 +73,7 @@ fn another_worker_measures_where_the_first_is_lost() {
 }
 
 #[test]
-fn a_way_that_was_asked_for_is_not_measured() {
+fn a_configured_backend_is_not_measured() {
     let mut sim = Sim::new(Config { visibility: Some(Visibility::Trace), ..Config::default() });
     let worker = sim.join("a");
     assert!(measuring(&sim).is_empty());
@@ -85,10 +85,10 @@ fn a_way_that_was_asked_for_is_not_measured() {
 }
 
 #[test]
-fn a_new_version_of_the_same_moment_unreadies_no_worker() {
+fn a_new_version_of_the_same_epoch_keeps_workers_ready() {
     let mut sim = measured();
     let (first, second) = (sim.join("a"), sim.join("b"));
-    // It comes from an earlier coordinator, with a sample that it does not give up.
+    // It comes from an earlier coordinator, and keeps a sample.
     let old = SampleId { version: 0, camera: 0 };
     sim.workers.get_mut(&second).unwrap().report.held = vec![old];
     sim.report_all();
@@ -100,7 +100,7 @@ fn a_new_version_of_the_same_moment_unreadies_no_worker() {
     sim.report(first);
     let served = sim.core.set().version;
     assert_eq!((served.state, served.number), (before.state, before.number + 1));
-    // Nobody has to get ready: views from triangles are answered at once, and both workers have their roles.
+    // No worker must prepare: views from triangles are answered at once, and both workers have their roles.
     let direct = sim.ask(true);
     assert!(sim.orders.contains_key(&direct));
     assert_eq!(sim.roles(), (1, 1));
@@ -108,7 +108,7 @@ fn a_new_version_of_the_same_moment_unreadies_no_worker() {
     let order = &sim.orders[&view];
     assert!(order.sources.iter().all(|source| source.id.version == served.number), "{:?}", order.sources);
     assert_eq!(order.state, before.state);
-    // What an earlier version shows cannot be had any more.
+    // Earlier versions cannot be rendered any more.
     let Plan::Warp(warp) = &order.plan else { panic!("a warp") };
     let plan = Plan::Warp(Warp { samples: vec![old], ..warp.clone() });
     let pinned = sim.pin(before.state.epoch, plan);
