@@ -187,6 +187,8 @@ mod tests {
         assert!(redeemed.first_time(far));
         assert!(!redeemed.first_time(70) && !redeemed.first_time(far) && !redeemed.first_time(4));
         assert!(redeemed.first_time(far - 1) && redeemed.first_time(71) && !redeemed.first_time(71));
-        assert!(redeemed.first_time(u64::MAX) && !redeemed.first_time(u64::MAX) && !redeemed.first_time(far + 1));
+        assert!(
+            redeemed.first_time(u64::MAX) && !redeemed.first_time(u64::MAX) && !redeemed.first_time(far + 1)
+        );
     }
 }

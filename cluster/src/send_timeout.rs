@@ -70,7 +70,8 @@ impl<T> Stream for WithSendTimeout<T> {
         let mut state = self.state.lock();
         state.unsent = None;
         let Some(inner) = &mut state.inner else {
-            let reason = || format!("send timeout: the client read nothing for {:.1} s", self.item.as_secs_f64());
+            let reason =
+                || format!("send timeout: the client read nothing for {:.1} s", self.item.as_secs_f64());
             let late = std::mem::take(&mut state.late);
             return Poll::Ready(late.then(|| Err(Status::unavailable(reason()))));
         };

@@ -17,7 +17,7 @@ use crate::coordinator;
 use crate::core::{
     Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Uptime, ViewId, WorkerId,
 };
-use crate::sealed::{Kind, SealKey, RedeemedSerials};
+use crate::sealed::{Kind, RedeemedSerials, SealKey};
 use crate::wire::{self, Served, ServiceInfo};
 use crate::worker;
 
@@ -148,7 +148,10 @@ pub fn ticket(body: &[u8]) -> Result<(), String> {
 /// Why it is refused.
 pub fn receipt(body: &[u8]) -> Result<(), String> {
     let sealed = key().seal_bytes(Kind::Receipt, body.to_vec());
-    assert!(key().open::<v1::RedirectTicket>(Kind::RedirectTicket, &sealed).is_none(), "a receipt passes for a ticket");
+    assert!(
+        key().open::<v1::RedirectTicket>(Kind::RedirectTicket, &sealed).is_none(),
+        "a receipt passes for a ticket"
+    );
     let receipt: v1::Receipt = key().open(Kind::Receipt, &sealed).ok_or("it is no receipt")?;
     let header = receipt.header.ok_or("it tells of no frame")?;
     let (uncovered, ms) = coordinator::learn(&header);

@@ -335,8 +335,7 @@ impl Views for Handler {
                         v1::RenderRequest { view: view.view.clone(), encoding, ..Default::default() };
                     let ticket =
                         v1::Sealed { body: request.encode_to_vec().into(), seal: Default::default() };
-                    let redirect =
-                        v1::Redirect { address, ticket: Some(ticket), age_ms: 1000.0, serial: 1 };
+                    let redirect = v1::Redirect { address, ticket: Some(ticket), age_ms: 1000.0, serial: 1 };
                     if responses.send(Ok(respond(Body::Redirect(redirect)))).await.is_err() {
                         return;
                     }

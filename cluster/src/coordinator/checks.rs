@@ -45,7 +45,10 @@ pub(super) fn checked_view_id(field: &'static str, id: &str) -> Result<(), Inval
 ///
 /// # Errors
 /// The invalid field.
-pub(super) fn checked_request(shared: &SharedCore, request: &v1::RenderRequest) -> Result<View, InvalidField> {
+pub(super) fn checked_request(
+    shared: &SharedCore,
+    request: &v1::RenderRequest,
+) -> Result<View, InvalidField> {
     let view = checked(shared, request.view.as_ref())?;
     checked_encoding(request.encoding)?;
     checked_view_id("view_id", &request.view_id)?;

@@ -11,10 +11,10 @@ use tokio::time::Instant;
 use tonic::{Status, Streaming};
 use tracing::{Instrument, debug};
 
-use super::view_handle::ViewHandle;
-use super::shared_core::{SharedCore, Instruction, CoreReply};
 use super::inbox::ClientNotice;
 use super::redirect::SessionClient;
+use super::shared_core::{CoreReply, Instruction, SharedCore};
+use super::view_handle::ViewHandle;
 use super::view_path::{Answered, Command, Event, State, ViewPath};
 use super::view_request::ViewRequest;
 use crate::core::Order;
@@ -69,7 +69,8 @@ struct ViewDriver<'a> {
 impl<'a> ViewDriver<'a> {
     fn new(shared: Arc<SharedCore>, request: ViewRequest, client: Option<SessionClient<'a>>) -> Self {
         let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
-        let handle = ViewHandle::new(&shared, request.client.clone(), request.view.clone(), request.deadline, last);
+        let handle =
+            ViewHandle::new(&shared, request.client.clone(), request.view.clone(), request.deadline, last);
         let path = ViewPath::new(client.as_ref().is_some_and(|client| client.redirectable));
         Self { shared, request, client, handle, path, stream: None }
     }
@@ -197,7 +198,11 @@ async fn next_chunk(
     chunk.ok_or_else(|| Status::data_loss("the worker's stream ended within a frame"))
 }
 
-async fn open(shared: &SharedCore, request: &ViewRequest, order: &Order) -> Result<Streaming<v1::FrameChunk>, Status> {
+async fn open(
+    shared: &SharedCore,
+    request: &ViewRequest,
+    order: &Order,
+) -> Result<Streaming<v1::FrameChunk>, Status> {
     let for_worker = request.for_worker(shared.term(), order);
     let mut client = ViewsClient::new(shared.channels.to(&order.address)?);
     Ok(client.render(within(&request.span, for_worker)).await?.into_inner())

@@ -90,7 +90,11 @@ impl FrameMetrics {
         let help = "Time from a view's request to the first byte of its frame at the coordinator";
         registry.register("view_seconds", help, self.seconds.clone());
         registry.register("stage_seconds", "Time of each stage of a frame", self.stages.clone());
-        registry.register("frames", "Frames, relayed by the coordinator or fetched from a worker", self.ways.clone());
+        registry.register(
+            "frames",
+            "Frames, relayed by the coordinator or fetched from a worker",
+            self.ways.clone(),
+        );
         registry.register("pixels", "Pixels of frames, by their source", self.pixels.clone());
         registry
     }

@@ -143,7 +143,9 @@ impl Inbox {
                 match messages.notice.take() {
                     Some((of, notice)) if of == camera_seq => return notice,
                     // A notice about an earlier frame is dropped.
-                    _ if messages.closed => return ClientNotice::unreachable("the client closed its side of the session"),
+                    _ if messages.closed => {
+                        return ClientNotice::unreachable("the client closed its side of the session");
+                    }
                     _ => {}
                 }
             }
@@ -160,7 +162,10 @@ pub(crate) fn check_inbox(requests: impl Iterator<Item = v1::SessionRequest>) {
         views += u64::from(matches!(request.body, Some(Body::View(_))));
         messages.receive(request);
         taken += u64::from(messages.take_camera().is_some());
-        assert!(messages.unacknowledged.len() <= WINDOW, "more frames are unacknowledged than the window allows");
+        assert!(
+            messages.unacknowledged.len() <= WINDOW,
+            "more frames are unacknowledged than the window allows"
+        );
         let waits = u64::from(messages.newest.is_some());
         assert_eq!(views, taken + messages.superseded + waits, "a camera is lost");
         messages.notice.take();

@@ -58,7 +58,13 @@ pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
 }
 
 /// Renews the lease until it is lost, or until the core stepped down.
-async fn keep(shared: &SharedCore, registry: &dyn Registry, mut held: HeldLease, address: &str, pause: Duration) {
+async fn keep(
+    shared: &SharedCore,
+    registry: &dyn Registry,
+    mut held: HeldLease,
+    address: &str,
+    pause: Duration,
+) {
     let mut noted = Vec::new();
     while shared.leads() {
         tokio::time::sleep(pause).await;

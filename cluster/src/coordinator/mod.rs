@@ -8,7 +8,6 @@
 //! `shared_core` holds the core behind a lock. Workers join at `cluster` and fetch the scene from `scenes`. `lead`
 //! keeps the lease. `monitor` and `frame_metrics` serve metrics and probes.
 
-mod view_handle;
 mod batch;
 mod checks;
 mod cluster;
@@ -16,21 +15,22 @@ mod config;
 mod drive;
 mod failure;
 mod frame_metrics;
-mod shared_core;
 mod inbox;
 mod lead;
 mod memory;
+mod monitor;
 mod planning_time;
 mod redirect;
 mod relayed;
 mod scenes;
 mod session;
+mod shared_core;
 mod surveys;
 mod tickets;
+mod view_handle;
 mod view_path;
-mod views;
 mod view_request;
-mod monitor;
+mod views;
 
 use std::sync::Arc;
 use std::time::Duration;

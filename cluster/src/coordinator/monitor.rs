@@ -61,7 +61,11 @@ fn cluster(to: &mut Exposition<'_>, status: &Status, in_flight: usize) -> fmt::R
     )?;
     let ms = [status.sample_ms, status.view_ms, status.direct_ms, status.ray_ms];
     let seconds = ms.map(|ms| ms * 1e-3);
-    to.gauges("cost_seconds", "g, c, g_direct and g_ray: measured cost of a sample, view, direct view and ray", kinds.into_iter().zip(seconds))?;
+    to.gauges(
+        "cost_seconds",
+        "g, c, g_direct and g_ray: measured cost of a sample, view, direct view and ray",
+        kinds.into_iter().zip(seconds),
+    )?;
     to.gauges(
         "tick_seconds",
         "Time of a tick's work by the balance formula, and busy time of the busiest worker in a tick",
@@ -96,12 +100,24 @@ fn counters(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {
         ],
     )?;
     to.counter("views_retried", "Attempts at a view by another worker", counters.views_retried)?;
-    to.counter("frames_refused", "Frames rejected because their error exceeded the bound", counters.frames_refused)?;
+    to.counter(
+        "frames_refused",
+        "Frames rejected because their error exceeded the bound",
+        counters.frames_refused,
+    )?;
     let superseded = counters.cameras_superseded;
-    to.counter("cameras_superseded", "Session cameras superseded by a newer one before they were rendered", superseded)?;
+    to.counter(
+        "cameras_superseded",
+        "Session cameras superseded by a newer one before they were rendered",
+        superseded,
+    )?;
     to.counter("roles_changed", "Changes of role", counters.roles_changed)?;
     to.counter("workers_joined", "Workers that joined", counters.workers_joined)?;
-    to.counter("workers_lost", "Workers whose lease expired or whose stream ended unannounced", counters.workers_lost)
+    to.counter(
+        "workers_lost",
+        "Workers whose lease expired or whose stream ended unannounced",
+        counters.workers_lost,
+    )
 }
 
 fn workers(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {

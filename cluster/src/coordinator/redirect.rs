@@ -13,9 +13,9 @@ use argus_scene::Stage;
 use tokio::time::Instant;
 use tracing::debug;
 
-use super::shared_core::SharedCore;
 use super::inbox::{ClientNotice, Inbox};
 use super::memory::SessionMemory;
+use super::shared_core::SharedCore;
 use super::tickets::{IssuedRedirect, REDIRECT_TIMEOUT};
 use super::view_path::{Event, MOST_MISSES};
 use super::view_request::ViewRequest;
@@ -100,7 +100,12 @@ impl<'a> SessionClient<'a> {
     }
 
     /// Issues a redirect for an order, if possible.
-    pub(super) fn ticket(&mut self, shared: &SharedCore, request: &ViewRequest, order: &Order) -> Option<v1::Redirect> {
+    pub(super) fn ticket(
+        &mut self,
+        shared: &SharedCore,
+        request: &ViewRequest,
+        order: &Order,
+    ) -> Option<v1::Redirect> {
         // A client that closed its side cannot acknowledge the frame.
         if self.inbox.is_closed() {
             return None;

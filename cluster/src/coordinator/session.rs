@@ -20,10 +20,10 @@ use tracing::debug_span;
 use super::checks::{checked, checked_encoding};
 use super::drive::{Answer, answer};
 use super::failure::failure;
-use super::shared_core::SharedCore;
 use super::inbox::{Inbox, SessionCamera};
 use super::memory::SessionMemory;
 use super::redirect::{Redirects, SessionClient};
+use super::shared_core::SharedCore;
 use super::view_request::ViewRequest;
 use crate::core::{Client, Event};
 

@@ -21,7 +21,7 @@ use super::planning_time::PlanningTime;
 use super::surveys::Surveys;
 use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
-use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, ViewId, Uptime, WorkerId};
+use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Uptime, ViewId, WorkerId};
 use crate::leadership::HeldLease;
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
@@ -188,7 +188,10 @@ impl SharedCore {
                     match stream.assignments.try_send(Ok(message)) {
                         Ok(()) => {}
                         Err(TrySendError::Full(_)) => {
-                            warn!(worker = stream.hello.name, "worker does not read its assignments; ending its stream");
+                            warn!(
+                                worker = stream.hello.name,
+                                "worker does not read its assignments; ending its stream"
+                            );
                             stream.expelled.cancel();
                         }
                         // The stream just ended. The event of its end follows.
@@ -312,7 +315,8 @@ impl SharedCore {
         let new_target =
             |key| RedirectTarget { key, serial: 0, in_flight: Arc::default(), alive: Arc::default() };
         let redirect_target = key.map(new_target);
-        let stream = WorkerStream { hello: hello.clone(), redirect_target, assignments, expelled: expelled.clone() };
+        let stream =
+            WorkerStream { hello: hello.clone(), redirect_target, assignments, expelled: expelled.clone() };
         state.streams.insert(worker, stream);
         self.step_locked(&mut state, Event::Joined { worker, hello });
         Ok(JoinedWorker { worker, assignments: receiver, expelled })
@@ -372,7 +376,8 @@ impl SharedCore {
     /// taken on another thread, since no client waits for it.
     fn survey(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<Survey>> {
         let sight = self.sight.as_ref()?;
-        let (wanted, for_bundle) = self.read(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
+        let (wanted, for_bundle) =
+            self.read(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
         if let Some(wanted) = for_bundle {
             let (shared, sight, view) = (self.clone(), sight.clone(), view.clone());
             tokio::task::spawn_blocking(move || {
@@ -441,6 +446,7 @@ impl SharedCore {
 
 /// The fault of a coordinator on standby.
 fn stands_by(leader: Option<&str>) -> Fault {
-    let who = leader.map_or_else(|| "another coordinator will lead".to_owned(), |leader| format!("{leader} leads"));
+    let who =
+        leader.map_or_else(|| "another coordinator will lead".to_owned(), |leader| format!("{leader} leads"));
     Fault::Unavailable(format!("this coordinator is on standby, {who}"))
 }

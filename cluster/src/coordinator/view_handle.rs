@@ -8,7 +8,7 @@ use argus_scene::View;
 use futures::FutureExt;
 use tokio::sync::mpsc::UnboundedReceiver;
 
-use super::shared_core::{SharedCore, Instruction, CoreReply};
+use super::shared_core::{CoreReply, Instruction, SharedCore};
 use crate::core::{Client, Event, Failure, LastView, Order, ViewId};
 use crate::wire;
 

@@ -15,7 +15,7 @@ use super::quality::Model;
 use super::samples::Samples;
 use super::status::Status;
 use super::time::Uptime;
-use super::views::{Cluster, Output, NewView, SurveyWanted, Views};
+use super::views::{Cluster, NewView, Output, SurveyWanted, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
@@ -152,8 +152,9 @@ impl Core {
                 let new = NewView { view_id, client, view: &view, deadline, survey, last };
                 self.on_views(now, &mut actions, |views, cluster| views.submit(new, cluster, now));
             }
-            Event::Surveyed { pixels, survey } => self
-                .on_views(now, &mut actions, |views, cluster| views.learn_bundle_survey(pixels, &survey, cluster)),
+            Event::Surveyed { pixels, survey } => self.on_views(now, &mut actions, |views, cluster| {
+                views.learn_bundle_survey(pixels, &survey, cluster)
+            }),
             Event::Judged { view_id, attempt, observed, ms } => {
                 self.on_views(now, &mut actions, |views, cluster| {
                     views.judge((view_id, attempt), observed, ms, cluster)

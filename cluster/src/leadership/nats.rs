@@ -93,9 +93,9 @@ pub fn nats_host(url: &str) -> Result<String, &'static str> {
         return Err(none);
     }
     match address.username().is_some() || address.password().is_some() {
-        true => {
-            Err("must have no user and no password: put them into the file of coordinator.registry_credentials")
-        }
+        true => Err(
+            "must have no user and no password: put them into the file of coordinator.registry_credentials",
+        ),
         false => Ok(address.host().to_owned()),
     }
 }

@@ -81,7 +81,8 @@ fn is_health(path: &str) -> bool {
 
 /// The answer to a client in a slot that is reserved for members.
 fn no_slot() -> Status {
-    let what = "the connection limit is reached; retry later, or raise `connections` in the configuration".to_owned();
+    let what = "the connection limit is reached; retry later, or raise `connections` in the configuration"
+        .to_owned();
     Fault::Overloaded { what, retry_after: COME_AGAIN }.into()
 }
 

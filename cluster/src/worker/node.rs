@@ -29,7 +29,7 @@ use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask,
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
-use crate::sealed::{Kind, SealKey, RedeemedSerials};
+use crate::sealed::{Kind, RedeemedSerials, SealKey};
 
 /// Versions whose sets are kept: those of views in work, and the next ones.
 const VERSIONS_AT_HAND: usize = 16;

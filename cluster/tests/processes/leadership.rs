@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use argus_client::{Client, Session, SessionEvent, SessionOptions};
 use argus_cluster::leadership::{
-    HeldLease, LazyRegistry, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry, RegistryError,
+    HeldLease, LazyRegistry, LocalRegistry, NatsAccess, NatsRegistry, NatsSecret, NatsTls, Registry,
+    RegistryError,
 };
 use argus_cluster::worker::Public;
 use argus_proto::v1;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_cluster::core::{
-    Action, Assignment, Config, Core, Event, Failure, Hello, Order, ViewId, Uptime, WorkerId,
+    Action, Assignment, Config, Core, Event, Failure, Hello, Order, Uptime, ViewId, WorkerId,
 };
 use argus_cluster::worker::policy::threads_beside;
 use argus_proto::Fault;

@@ -177,7 +177,8 @@ fn a_failure_before_the_first_chunk_is_hidden_from_the_client() {
     for event in [header(), data(0, b"abcd")] {
         sent.extend(path.step(event));
     }
-    let answers = |command: &&Command| matches!(command, Command::Answered(answered) if answered.attempt == 2);
+    let answers =
+        |command: &&Command| matches!(command, Command::Answered(answered) if answered.attempt == 2);
     assert_eq!(sent.iter().filter(answers).count(), 1);
     assert_eq!(sent.iter().filter(|command| matches!(command, Command::Send(_))).count(), 2);
 }

@@ -132,7 +132,8 @@ mod tests {
             let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
             let (view_id, view) = (ViewId(1), Box::new(view));
             let client = "a client".into();
-            let requested = Event::Requested { view_id, client, view, deadline: None, survey: None, last: None };
+            let requested =
+                Event::Requested { view_id, client, view, deadline: None, survey: None, last: None };
             let actions = core.step(requested, Uptime::default());
             assert_eq!(matches!(actions[..], [Action::Refuse { .. }]), max_views == 0, "{actions:?}");
             assert_eq!(counting.0.load(Ordering::Relaxed) > 0, max_views > 0);

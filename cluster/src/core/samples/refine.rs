@@ -168,7 +168,8 @@ impl Samples {
         // Samplers are few; all other holders are compositors.
         let held_by = |camera| {
             let id = SampleId { version, camera };
-            let only_samples = |t: &&QueueEntry| locations.has(id, t.worker) && !queues.compositors().contains(t);
+            let only_samples =
+                |t: &&QueueEntry| locations.has(id, t.worker) && !queues.compositors().contains(t);
             locations.count(id) - queues.samplers().iter().filter(only_samples).count()
         };
         let readers = queues.compositors().len();

@@ -159,7 +159,9 @@ fn a_sampler_that_dies_in_the_middle_of_an_epoch_is_replaced() {
     let told: Vec<SimWorkerTold> = sim
         .workers
         .iter()
-        .map(|(id, w)| (*id, w.told.last().is_some_and(|t| t.prefetch.iter().any(|s| s.addresses.is_empty()))))
+        .map(|(id, w)| {
+            (*id, w.told.last().is_some_and(|t| t.prefetch.iter().any(|s| s.addresses.is_empty())))
+        })
         .collect();
     let victim = told.iter().find(|w| renders(w)).unwrap().0;
     sim.leave(victim);
@@ -192,7 +194,8 @@ fn pins_of_kept_epochs_are_repeated_and_others_refused() {
     }
     // A pin whose samples are of another epoch is refused.
     let served = sim.core.set().version;
-    let fault_of = |sim: &Sim, view_id| sim.refused.iter().find(|(t, _)| *t == view_id).map(|(_, f)| f.clone());
+    let fault_of =
+        |sim: &Sim, view_id| sim.refused.iter().find(|(t, _)| *t == view_id).map(|(_, f)| f.clone());
     let mixed = sim.pin(served.state.epoch, order.plan.clone());
     let fault = fault_of(&sim, mixed).unwrap();
     assert!(matches!(&fault, Fault::Pin(reason) if reason.starts_with("version")), "{fault:?}");

@@ -85,7 +85,11 @@ impl Sim {
                     // The worker would drop them, and render them again.
                     let dropped = |source: &&Source| source.id.version < assignment.kept_from;
                     let dropped = assignment.prefetch.iter().find(dropped);
-                    assert!(dropped.is_none(), "{dropped:?} is prefetched, kept from {}", assignment.kept_from);
+                    assert!(
+                        dropped.is_none(),
+                        "{dropped:?} is prefetched, kept from {}",
+                        assignment.kept_from
+                    );
                     if let Some(worker) = self.workers.get_mut(&worker) {
                         worker.told.push(assignment);
                     }

@@ -12,11 +12,11 @@ mod admission;
 mod choose;
 mod cluster;
 mod dispatch;
-mod output;
 mod new_view;
 mod open;
 mod open_view;
 mod outcome;
+mod output;
 mod pending;
 pub mod plan;
 pub mod planner;
@@ -34,8 +34,8 @@ use argus_scene::rig::Survey;
 use argus_scene::{Plan, Version, View};
 
 pub(super) use cluster::Cluster;
-pub(super) use output::Output;
 pub(super) use new_view::NewView;
+pub(super) use output::Output;
 pub use survey::SurveyWanted;
 
 use super::config::Config;

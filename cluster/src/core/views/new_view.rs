@@ -146,8 +146,7 @@ impl Views {
         let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
         if self.views.len() >= self.config.max_views || expected > bearable {
             let (count, secs) = (self.views.len(), expected.as_secs_f64());
-            let what =
-                format!("{count} views are waiting or in work, {secs:.1} s of work before this one");
+            let what = format!("{count} views are waiting or in work, {secs:.1} s of work before this one");
             return Err(Fault::Overloaded { what, retry_after });
         }
         self.admission.check(client, &self.config, retry_after, now)

@@ -6,8 +6,8 @@ use argus_scene::rig::{Among, Survey};
 use argus_scene::{Camera, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
-use super::output::Output;
 use super::open_view::OpenView;
+use super::output::Output;
 use super::pending::Pending;
 use super::planner::{MOST_SAMPLES, Offer, predicted_excess};
 use super::session_memory::Memory;

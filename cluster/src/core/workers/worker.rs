@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::queues::{QueueMembership, QueueEntry};
+use super::queues::{QueueEntry, QueueMembership};
 use super::record::Record;
 use super::silence::Rhythm;
 use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
