@@ -121,7 +121,7 @@ async fn a_ticket_is_good_once_at_its_worker_and_as_it_was_sealed() {
     // Nor does a coordinator take one.
     let here =
         v1::Redirect { address: cluster.coordinator.url(), ticket: Some(sealed), ..Default::default() };
-    assert!(refused(here).await.contains("is for the worker"));
+    assert!(refused(here).await.contains("must be redeemed at the worker"));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
