@@ -87,7 +87,7 @@ impl Views {
         let mut outputs = Vec::new();
         // A view that leaves the way open is counted at dispatch.
         if pending.open.is_none() {
-            outputs.push(Output::NewView(pending.kind()));
+            outputs.push(Output::Demand(pending.kind()));
         }
         if !pending.pinned {
             outputs.push(Output::Used { cameras: pending.cameras() });
