@@ -1,4 +1,4 @@
-//! How messages become bytes: prost's encoding, in buffers that begin small.
+//! The gRPC codec: prost's encoding with small initial buffers.
 
 use std::marker::PhantomData;
 
@@ -7,18 +7,18 @@ use tonic::Status;
 use tonic::codec::{BufferSettings, Codec, EncodeBuf, Encoder};
 use tonic_prost::{ProstCodec, ProstDecoder, ProstEncoder};
 
-/// Bytes that a stream sets aside in each direction for as long as it is open. By default it is 8 KiB: of ten thousand
-/// sessions that say a few hundred bytes now and then, 160 MB.
+/// Initial buffer of a stream in each direction, bytes. The default is 8 KiB: 160 MB for ten thousand sessions that
+/// rarely send a few hundred bytes.
 const FIRST_BYTES: usize = 512;
 
-/// Bytes that are gathered before they are handed on: tonic's default.
+/// Bytes that are gathered before they are sent: tonic's default.
 const GATHERED_BYTES: usize = 32 << 10;
 
 /// The codec of all services.
 #[derive(Debug)]
 pub struct Frugal<T, U>(PhantomData<(T, U)>);
 
-/// Makes room for a message at once, which a buffer that begins small would do step by step.
+/// An encoder that reserves a message's size at once, instead of growing the small buffer in steps.
 #[derive(Debug)]
 pub struct Fitting<T>(ProstEncoder<T>);
 

@@ -1,10 +1,10 @@
 //! Lossless packing of images in their stored format.
 //!
-//! Neighbouring texels resemble each other, also as integers: the bits of an IEEE float grow with its value.
-//! So each channel is replaced by its difference from the texel before, differences are folded so that small
-//! ones of either sign have zeros above (zigzag), the bytes of equal significance are laid side by side, and
-//! zstd at level 1 takes what regularity is left. Row ends are ignored; a row's first texel is predicted by
-//! the last of the row above, which costs one larger difference a row.
+//! Neighbouring texels are similar, also as integers: the bits of an IEEE float grow with its value. So each channel
+//! is replaced by its difference from the previous texel, and differences are folded (zigzag) so that small ones of
+//! either sign have leading zeros. Bytes of equal significance are stored together, and zstd at level 1 compresses
+//! the rest. Row ends are ignored: a row's first texel is predicted by the last one of the row above, which costs one
+//! larger difference per row.
 
 use std::cell::RefCell;
 
@@ -14,7 +14,7 @@ use zstd::bulk::{Compressor, Decompressor};
 
 use crate::WireError;
 
-/// How the bytes of a texel divide into channels.
+/// The channels of a texel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
     /// One byte: mask, source.
@@ -52,7 +52,7 @@ impl From<PlaneFormat> for Layout {
             PlaneFormat::Rgba16Float => Self::Rgba16,
             PlaneFormat::R32Float => Self::R32,
             PlaneFormat::Rg16Snorm => Self::Rg16,
-            // Words are of bytes and parts of bytes: small numbers side by side.
+            // Words consist of bytes and parts of bytes: small adjacent numbers.
             PlaneFormat::Rgba8Unorm | PlaneFormat::R32Uint => Self::Rgba8,
         }
     }
@@ -68,16 +68,16 @@ impl From<Output> for Layout {
     }
 }
 
-/// zstd's fastest regular level: higher ones gain a tenth and cost several times as much.
+/// zstd's fastest regular level. Higher ones gain a tenth and cost several times as much.
 const ZSTD_LEVEL: i32 = 1;
 
 thread_local! {
-    // A zstd context is half a megabyte to set up, more than packing a small view takes.
+    // Setting up a zstd context, of half a megabyte, takes longer than packing a small view.
     static COMPRESSOR: RefCell<Option<Compressor<'static>>> = const { RefCell::new(None) };
     static DECOMPRESSOR: RefCell<Option<Decompressor<'static>>> = const { RefCell::new(None) };
 }
 
-/// Packs the texels of an image. `None` where packing would not make it smaller: send it as it is.
+/// Packs the texels of an image. `None` if packing would not make it smaller.
 ///
 /// # Errors
 /// [`WireError::Corrupt`] if `raw` is not a whole number of texels, or if zstd has no memory.
@@ -110,7 +110,7 @@ pub fn pack(layout: Layout, raw: &[u8]) -> Result<Option<Bytes>, WireError> {
     Ok(packed.filter(|packed| packed.len() < raw.len()).map(Bytes::from))
 }
 
-/// Inverse of [`pack`]: `packed` must unpack to exactly `raw_bytes`, which bounds the memory it takes.
+/// Inverse of [`pack`]. `packed` must unpack to exactly `raw_bytes`, which bounds the memory.
 ///
 /// # Errors
 /// [`WireError::Corrupt`] if it does not.

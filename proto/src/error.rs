@@ -1,11 +1,11 @@
-//! What can be wrong with a chunked message.
+//! Errors of chunked messages.
 
 use argus_scene::{InvalidField, SampleId};
 
-/// A frame, sample or scene that did not survive its way, or that was never well formed.
+/// A damaged or malformed frame, sample or scene.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
-    /// A header's field makes no sense, or claims more than the receiver allows.
+    /// A header's field is invalid, or claims more than the receiver allows.
     #[error(transparent)]
     Invalid(#[from] InvalidField),
     /// The stream ended too early.
@@ -18,23 +18,23 @@ pub enum WireError {
         /// Bytes that the header promised.
         expected: u64,
     },
-    /// A message came where another one was due: a second header, a repeated or skipped chunk.
+    /// A message out of order: a second header, a repeated or skipped chunk.
     #[error("the {what} is out of order: {reason}")]
     OutOfOrder {
         /// `frame`, `sample` or `scene`.
         what: &'static str,
-        /// What came and what was due.
+        /// What came, and what was expected.
         reason: String,
     },
-    /// Packed bytes do not unpack to what the header says.
+    /// Packed bytes do not unpack to the header's size or hash.
     #[error("{what} is damaged: {reason}")]
     Corrupt {
         /// The plane or image.
         what: &'static str,
-        /// What the decoder says.
+        /// The decoder's reason.
         reason: String,
     },
-    /// A sample's texels are on a device; they have to be read back before they can be sent.
+    /// A sample's texels are on a device, and must be read back before they can be sent.
     #[error("sample {0} is not in host memory")]
     OnDevice(SampleId),
 }
@@ -48,7 +48,7 @@ impl WireError {
         Self::OutOfOrder { what, reason: reason.into() }
     }
 
-    /// A header's field that its receiver cannot accept.
+    /// The error of a header's invalid field.
     pub(crate) fn field(field: &'static str, reason: impl Into<String>) -> Self {
         Self::Invalid(InvalidField::new(field, reason))
     }

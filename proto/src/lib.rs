@@ -1,11 +1,10 @@
 //! The wire: argus.v1 messages and services, and their conversions to the vocabulary.
 //!
-//! [`v1`] is generated; nothing outside this crate needs to read its fields for what has a word in
-//! [`argus_scene`]: [`convert`] translates single values and checks them, [`chunks`] takes frames, samples
-//! and scenes apart and puts them together again, [`codec`] packs images without loss, [`jpeg`] with
-//! some for browsers, [`status`] says
-//! which error becomes which gRPC code. Whatever arrives is untrusted: a message that claims more than its
-//! receiver expects is refused before memory is set aside for it.
+//! [`v1`] is generated. Code outside this crate rarely needs its fields, since [`argus_scene`] has the vocabulary.
+//! [`convert`] translates and checks single values, [`chunks`] splits and reassembles frames, samples and scenes,
+//! [`codec`] packs images losslessly, [`jpeg`] encodes them with loss for browsers, and [`status`] maps errors to
+//! gRPC codes. Arriving data is untrusted: a message that claims more than its receiver expects is refused before
+//! memory is allocated.
 
 pub mod buffers;
 pub mod chunks;
@@ -28,15 +27,15 @@ pub mod v1 {
     tonic::include_proto!("argus.v1");
 }
 
-/// Raised when a message changes so that older processes would misread it. Compared when a worker joins
-/// and when a client describes the service.
+/// Raised when older processes would misread a changed message. Compared when a worker joins and when a client
+/// describes the service.
 pub const PROTOCOL_VERSION: u32 = 2;
 
-/// The name that certificates of a cluster's processes have, beside those of their hosts: they know each other by it, and
-/// clients know by it a worker that they were sent to.
+/// The name in the certificates of a cluster's processes, beside their host names. Processes verify each other by it,
+/// and clients verify workers by it when they are redirected.
 pub const CLUSTER_NAME: &str = "cluster.argus.internal";
 
-/// The largest number of payload bytes in one chunk of a frame, a sample or a scene.
+/// Most payload bytes in one chunk of a frame, a sample or a scene.
 pub const MAX_CHUNK_BYTES: usize = 1 << 20;
 
 /// The encoded `FileDescriptorSet` of the package, for gRPC server reflection.

@@ -1,4 +1,4 @@
-//! What connections are made over: the machine's network, or one that a test simulates.
+//! The network of connections: the machine's, or one that a test simulates.
 
 use std::fmt;
 use std::io;
@@ -10,23 +10,23 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tonic::transport::{Channel, Endpoint, Error, Uri};
 use tower::service_fn;
 
-/// A connection: bytes both ways.
+/// A bidirectional byte stream.
 pub trait Duplex: AsyncRead + AsyncWrite + Send + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Duplex for T {}
 
-/// A network that stands in for the machine's.
+/// A simulated network.
 pub trait Connect: Send + Sync {
     /// Connects to a port of a host.
     fn connect(&self, host: String, port: u16) -> BoxFuture<'static, io::Result<Box<dyn Duplex>>>;
 }
 
-/// How a process reaches others: over the machine's network, unless another one is given.
+/// The network of a process: the machine's, or a simulated one.
 #[derive(Clone, Default)]
 pub struct Network(Option<Arc<dyn Connect>>);
 
 impl Network {
-    /// Another network.
+    /// A simulated network.
     pub fn simulated(network: Arc<dyn Connect>) -> Self {
         Self(Some(network))
     }
@@ -42,10 +42,10 @@ impl Network {
         }
     }
 
-    /// A channel that is connected.
+    /// A connected channel.
     ///
     /// # Errors
-    /// Whatever the network says.
+    /// The network's error.
     pub async fn connect(&self, endpoint: &Endpoint) -> Result<Channel, Error> {
         match &self.0 {
             None => endpoint.connect().await,

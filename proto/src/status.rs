@@ -1,4 +1,4 @@
-//! The one table from errors to gRPC codes, and how a client reads the details back.
+//! The table from errors to gRPC codes, and how clients read the details.
 
 use std::time::Duration;
 
@@ -8,10 +8,10 @@ use tonic_types::{ErrorDetails, StatusExt};
 
 use crate::{PROTOCOL_VERSION, WireError};
 
-/// Everything a service of `argus.v1` answers other than with what it was asked for.
+/// The errors of all services of `argus.v1`.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum Fault {
-    /// A field of the request cannot be honoured.
+    /// A field of the request is invalid.
     #[error(transparent)]
     Invalid(#[from] InvalidField),
     /// Rendering failed.
@@ -20,15 +20,15 @@ pub enum Fault {
     /// A chunked message was malformed.
     #[error(transparent)]
     Wire(#[from] WireError),
-    /// More is asked for than can be done; said at once rather than after a queue without end.
+    /// Overload, which is refused at once instead of queued.
     #[error("overloaded: {what}; try again in {} ms", retry_after.as_millis())]
     Overloaded {
-        /// What is full.
+        /// The exceeded limit.
         what: String,
-        /// When it may have room again.
+        /// When to retry.
         retry_after: Duration,
     },
-    /// The other side speaks another version of the protocol.
+    /// The other side uses another version of the protocol.
     #[error(
         "protocol version {theirs} does not match this service's version {PROTOCOL_VERSION}: \
          use the same release of argus on both sides"
@@ -37,7 +37,7 @@ pub enum Fault {
         /// The other side's [`PROTOCOL_VERSION`].
         theirs: u32,
     },
-    /// An order of a coordinator that has been replaced.
+    /// An order from a coordinator that no longer leads.
     #[error("term {theirs} is over, the coordinator of term {ours} leads")]
     StaleTerm {
         /// The highest term seen.
@@ -45,13 +45,13 @@ pub enum Fault {
         /// The term of the order.
         theirs: u64,
     },
-    /// A pinned provenance that this service no longer has or never had.
+    /// A pinned provenance that this service cannot repeat.
     #[error("the pinned provenance cannot be met: {0}")]
     Pin(String),
-    /// No such scene, sample or worker here.
+    /// An unknown scene, sample or worker.
     #[error("{0}")]
     NotFound(String),
-    /// Nobody can answer now; the same request may succeed later or elsewhere.
+    /// Temporarily unavailable; the same request may succeed later or elsewhere.
     #[error("{0}")]
     Unavailable(String),
     /// The request's own deadline has passed.
@@ -60,7 +60,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// The gRPC code of each fault. What a repetition may cure is `UNAVAILABLE`: clients repeat exactly that.
+    /// The gRPC code of each fault. Faults that a retry may cure are `UNAVAILABLE`: clients retry exactly that code.
     pub fn code(&self) -> Code {
         match self {
             Self::Invalid(_) | Self::Render(RenderError::Invalid(_)) => Code::InvalidArgument,
@@ -87,7 +87,7 @@ impl From<Fault> for Status {
             }
             Fault::Overloaded { retry_after, .. } => ErrorDetails::with_retry_info(Some(retry_after)),
             Fault::Render(RenderError::OutOfMemory(_)) => {
-                // What else is in work has to leave memory first; a second is longer than most batches.
+                // Other work must leave memory first; a second is longer than most batches.
                 ErrorDetails::with_retry_info(Some(Duration::from_secs(1)))
             }
             _ => return Self::new(code, message),
@@ -96,12 +96,12 @@ impl From<Fault> for Status {
     }
 }
 
-/// The status of a field that cannot be honoured.
+/// The status of an invalid field.
 pub fn invalid(field: InvalidField) -> Status {
     Fault::Invalid(field).into()
 }
 
-/// Compares the version that the other side sent with our own.
+/// Compares the other side's protocol version with our own.
 ///
 /// # Errors
 /// [`Fault::Version`] unless they are equal.
@@ -109,13 +109,13 @@ pub fn check_version(theirs: u32) -> Result<(), Fault> {
     if theirs == PROTOCOL_VERSION { Ok(()) } else { Err(Fault::Version { theirs }) }
 }
 
-/// The field and the reason of an `INVALID_ARGUMENT`, where the server gave them.
+/// The field and the reason of an `INVALID_ARGUMENT`, if the server gave them.
 pub fn invalid_field(status: &Status) -> Option<(String, String)> {
     let violation = status.get_details_bad_request()?.field_violations.into_iter().next()?;
     Some((violation.field, violation.description))
 }
 
-/// When to try again, where the server said so.
+/// When to retry, if the server gave a hint.
 pub fn retry_after(status: &Status) -> Option<Duration> {
     status.get_details_retry_info()?.retry_delay
 }
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn overload_says_when_to_come_back() {
+    fn overload_has_a_retry_hint() {
         let retry = Duration::from_millis(250);
         let status: Status =
             Fault::Overloaded { what: "64 views wait".to_owned(), retry_after: retry }.into();
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_repetition_may_cure_is_unavailable_and_nothing_else_is() {
+    fn exactly_the_retryable_faults_are_unavailable() {
         let id = argus_scene::SampleId { version: 0, camera: 2 };
         for fault in [
             Fault::from(RenderError::MissingSample(id)),

@@ -1,7 +1,7 @@
-//! A view's trace across processes: who asked for what is done here, in the W3C form, in the metadata of its request.
+//! Distributed traces of views: W3C trace context in the metadata of requests.
 //!
-//! Libraries only open spans; whether and where they are exported is the binary's affair. While nobody exports them
-//! spans of [`TARGET`] are not enabled, and all of this costs a look at a flag.
+//! Libraries only open spans; the binary decides whether and where they are exported. Without an exporter, spans of
+//! [`TARGET`] are disabled and cost a flag check.
 
 use std::borrow::Cow;
 use std::time::{Duration, SystemTime};
@@ -14,13 +14,13 @@ use tonic::metadata::{Ascii, MetadataKey, MetadataMap};
 use tracing::Span;
 use tracing_opentelemetry::OpenTelemetrySpanExt;
 
-/// The target of all spans of a view's way: what an exporter takes, and a log leaves out.
+/// The target of all spans of a view, which exporters select and logs omit.
 pub const TARGET: &str = "argus::trace";
 
-/// The field of the metadata that names a span.
+/// The metadata field with the parent span.
 const TRACEPARENT: &str = "traceparent";
 
-/// A request that says which span it is made in.
+/// Makes a request with the trace context of `span`.
 pub fn within<T>(span: &Span, message: T) -> Request<T> {
     let mut request = Request::new(message);
     if !span.is_disabled() {
@@ -31,14 +31,14 @@ pub fn within<T>(span: &Span, message: T) -> Request<T> {
     request
 }
 
-/// `span` as a message can name it that is no request of its own; empty while nobody traces.
+/// The trace context of `span`, for a field of a message; empty without tracing.
 pub fn traceparent(span: &Span) -> String {
     let request = within(span, ());
     let value = request.metadata().get(TRACEPARENT).and_then(|value| value.to_str().ok());
     value.unwrap_or_default().to_owned()
 }
 
-/// [`continued`], of the span that [`traceparent`] named. Whatever else stands there is passed over.
+/// Makes `span` a child of the span in a message's trace context. Other contents are ignored.
 pub fn continued_from(span: &Span, traceparent: &str) {
     let mut metadata = MetadataMap::new();
     if let Ok(value) = traceparent.parse() {
@@ -47,8 +47,7 @@ pub fn continued_from(span: &Span, traceparent: &str) {
     }
 }
 
-/// Makes `span` a child of the span that a request was made in, if it says so. Whatever else the request's metadata
-/// claims is passed over.
+/// Makes `span` a child of the span in a request's metadata, if there is one. Other metadata are ignored.
 pub fn continued(span: &Span, metadata: &MetadataMap) {
     if span.is_disabled() {
         return;
@@ -57,13 +56,12 @@ pub fn continued(span: &Span, metadata: &MetadataMap) {
     let metadata = Metadata(&mut metadata);
     let context = global::get_text_map_propagator(|propagator| propagator.extract(&metadata));
     if context.span().span_context().is_valid() {
-        // It fails only for a span that has begun to be exported, which a new one has not.
+        // It fails only for a span that is already being exported, which a new one is not.
         let _ = span.set_parent(context);
     }
 }
 
-/// Puts stages that were measured as durations, in milliseconds, one after the other, into `span` as its children, the
-/// last one ending now.
+/// Adds stages with measured durations, milliseconds, to `span` as consecutive children, the last one ending now.
 pub fn stages<'a>(span: &Span, stages: impl IntoIterator<Item = (&'a str, f64)>) {
     let context = span.context();
     if span.is_disabled() || !context.span().span_context().is_sampled() {

@@ -1,5 +1,4 @@
-//! The shape of the crate's larger modules: no files import one another in a circle, and the core's three parts are read in
-//! one direction.
+//! Rules for the crate's modules: no import cycles, and the core's three parts are read in one direction.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod graph;
@@ -19,11 +18,11 @@ fn sources() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
 }
 
-/// Folders whose modules must not import one another in a circle.
+/// Folders without import cycles.
 const WITHOUT_CIRCLES: [&str; 3] = ["core", "coordinator", "worker"];
 
 #[test]
-fn no_modules_import_one_another_in_a_circle() {
+fn modules_have_no_import_cycles() {
     for folder in WITHOUT_CIRCLES {
         let circles = modules(folder).circles();
         assert!(circles.is_empty(), "modules of {folder} import one another:\n{}", circles.join("\n"));
@@ -46,7 +45,7 @@ fn the_cores_parts_are_read_in_one_direction() {
 }
 
 #[test]
-fn the_cores_parts_keep_their_fields_to_themselves() {
+fn the_cores_parts_have_private_fields() {
     for (file, part) in [("workers", "Workers"), ("samples", "Samples"), ("views", "Views")] {
         let text = std::fs::read_to_string(sources().join(format!("core/{file}/mod.rs"))).unwrap();
         let begin = text.find(&format!("struct {part} {{")).unwrap();
@@ -55,7 +54,7 @@ fn the_cores_parts_keep_their_fields_to_themselves() {
     }
 }
 
-/// A folder of these files, and what is found in it.
+/// The import cycles of a folder of these files.
 fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();
     for (path, text) in files {
@@ -67,7 +66,7 @@ fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
 }
 
 #[test]
-fn a_circle_is_found_however_its_imports_are_written() {
+fn an_import_cycle_is_found_however_it_is_written() {
     let found = circles_of(&[
         ("mod.rs", "mod a; mod b; mod c;"),
         ("a.rs", "use super::b::{self, B};"),
@@ -78,7 +77,7 @@ fn a_circle_is_found_however_its_imports_are_written() {
 }
 
 #[test]
-fn a_folder_and_its_sibling_must_not_import_one_another_even_through_different_files() {
+fn a_folder_and_its_sibling_form_a_cycle_even_through_different_files() {
     let found = circles_of(&[
         ("mod.rs", "mod part; mod b;"),
         ("part/mod.rs", "mod x; mod y;"),
@@ -90,7 +89,7 @@ fn a_folder_and_its_sibling_must_not_import_one_another_even_through_different_f
 }
 
 #[test]
-fn a_name_that_a_module_passes_on_is_an_import_of_where_it_is_defined() {
+fn a_re_exported_name_is_an_import_of_its_definition() {
     let passed_on = [
         ("mod.rs", "mod a; mod b; pub(crate) use a::A; struct Own;"),
         ("a.rs", "use super::Own;"),
@@ -103,7 +102,7 @@ fn a_name_that_a_module_passes_on_is_an_import_of_where_it_is_defined() {
 }
 
 #[test]
-fn what_tests_import_is_no_circle() {
+fn imports_of_tests_form_no_cycle() {
     let found = circles_of(&[
         ("mod.rs", "mod a; mod b; #[cfg(test)] mod scenarios;"),
         ("a.rs", "#[cfg(test)] mod tests { use super::*; use crate::here::b::B; fn f() { let _ = '{'; } }"),
@@ -114,7 +113,7 @@ fn what_tests_import_is_no_circle() {
 }
 
 #[test]
-fn a_sources_names_are_read_whole() {
+fn paths_of_a_source_are_read_whole() {
     let text = "use a::{b::{C, D as E}, f::*};\npub use g::H;\nfn f<'a>(x: &'a crate::i::J) -> self::k::L { super::m::n() }\npub(in crate::o) fn p() {}";
     let path = |path: &str| path.split("::").map(str::to_owned).collect::<Vec<_>>();
     let read = Source::read(text);

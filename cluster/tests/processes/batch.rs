@@ -1,4 +1,4 @@
-//! Batches over gRPC: every camera is answered, by one plan, and one that fails takes no other with it.
+//! Batches over gRPC: every camera is answered by one plan, and failures are independent.
 
 use std::collections::BTreeMap;
 
@@ -16,9 +16,9 @@ fn batch(count: usize, plan: PlanRequest) -> Batch {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_camera_of_a_batch_is_answered_once_and_as_if_it_had_been_asked_for_alone() {
+async fn a_batch_answers_every_camera_once_with_the_bytes_of_a_single_view() {
     let mut config = quick();
-    // Fewer than the batch has views, which wait their turn instead of being turned away.
+    // A limit below the batch's size: its views wait instead of being refused.
     config.core.max_views_per_client = 4;
     let cluster = Cluster::start_with(config, 2).await;
     let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
@@ -44,7 +44,7 @@ async fn every_camera_of_a_batch_is_answered_once_and_as_if_it_had_been_asked_fo
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_camera_that_is_none_fails_alone_and_what_is_wrong_with_all_fails_them_all() {
+async fn an_invalid_camera_fails_alone_and_an_invalid_common_field_fails_the_batch() {
     let cluster = Cluster::start(1).await;
     let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
     let mut wrong = batch(5, PlanRequest::default());
@@ -64,7 +64,7 @@ async fn a_camera_that_is_none_fails_alone_and_what_is_wrong_with_all_fails_them
     assert!(results.iter().all(|(_, result)| matches!(result, Err(ClientError::Invalid { .. }))));
     let none = client.render_batch(batch(0, PlanRequest::default()), Encoding::Unspecified);
     assert_eq!(none.count().await, 0);
-    // The wire itself, where a client does not look first.
+    // The wire itself, without the client's checks.
     for cameras in [Vec::new(), vec![v1::Camera::default(); 5000]] {
         let request =
             v1::RenderBatchRequest { cameras, width: 8, height: 8, outputs: vec![1], ..Default::default() };

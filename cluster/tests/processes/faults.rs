@@ -1,4 +1,4 @@
-//! Workers that die, devices that are lost, coordinators that come back: nothing is lost but time.
+//! Workers that die, devices that are lost, coordinators that restart: nothing is lost but time.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -19,7 +19,7 @@ use crate::common::{
 use crate::watching::page;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_killed_in_the_middle_of_its_work_costs_no_view() {
+async fn a_killed_worker_loses_no_view() {
     let mut cluster = Cluster::start(3).await;
     cluster.knobs.set(10_000, 10_000);
     for victim in ["compositor", "sampler"] {
@@ -37,7 +37,7 @@ async fn a_worker_killed_in_the_middle_of_its_work_costs_no_view() {
         for answered in views.await {
             answered.unwrap().unwrap();
         }
-        // A new one takes its place.
+        // A new worker replaces it.
         let replacement = start_worker(&cluster.coordinator.url(), &cluster.knobs);
         cluster.workers.push(replacement);
         cluster.wait_for(|s| s.processes == 3 && s.samplers == 1).await;
@@ -48,7 +48,7 @@ async fn a_worker_killed_in_the_middle_of_its_work_costs_no_view() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_killed_worker_in_the_middle_of_a_large_frame_is_replaced_byte_for_byte() {
+async fn another_worker_continues_a_killed_ones_frame_byte_for_byte() {
     let mut cluster = Cluster::start(3).await;
     let large = View { width: 4096, height: 2048, ..view(1) };
     let (whole, _) = cluster.render(&large).await.unwrap();
@@ -78,7 +78,7 @@ async fn a_killed_worker_in_the_middle_of_a_large_frame_is_replaced_byte_for_byt
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
+async fn a_worker_recovers_from_a_lost_device_and_from_a_panic() {
     let cluster = Cluster::start(1).await;
     let (expected, _) = cluster.render(&view(1)).await.unwrap();
     for misfortune in [&cluster.knobs.lose_device, &cluster.knobs.panics] {
@@ -86,14 +86,14 @@ async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
         misfortune.store(1, Ordering::SeqCst);
         let (frame, _) = cluster.render(&view(1)).await.unwrap();
         assert_eq!(frame.color, expected.color);
-        // A direct view that lost the device took the compositor with it: that one is made anew too, before this view or by it.
+        // A direct view that lost the device also lost the compositor, which is remade before this view or by it.
         let made_anew = cluster.knobs.compositors_made.load(Ordering::SeqCst) - made;
         assert!((1..=2).contains(&made_anew), "{made_anew} compositors were made");
         misfortune.store(1, Ordering::SeqCst);
         cluster.render(&direct(1)).await.unwrap();
     }
     assert_eq!(cluster.status().await.counters.unwrap().views_retried, 0, "nobody else was asked");
-    // Beyond repair: the view fails with a clear error, and the cluster goes on.
+    // After repeated failures the view fails with a clear error, and the cluster continues.
     cluster.knobs.lose_device.store(100, Ordering::SeqCst);
     let status = cluster.render(&view(1)).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable);
@@ -103,7 +103,7 @@ async fn a_lost_device_and_a_panic_are_made_good_within_the_worker() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn the_only_worker_that_is_left_renders_samples_at_once() {
+async fn the_last_worker_renders_samples_at_once() {
     let mut cluster = Cluster::start(2).await;
     let made = |cluster: &Cluster| cluster.knobs.samplers_made.load(Ordering::SeqCst);
     assert_eq!(made(&cluster), 2, "each worker has made a sampler before it was ready");
@@ -119,7 +119,7 @@ async fn the_only_worker_that_is_left_renders_samples_at_once() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn views_of_held_samples_go_on_while_a_sampler_is_made_anew() {
+async fn views_from_held_samples_do_not_wait_for_a_new_sampler() {
     let mut cluster = Cluster::start(1).await;
     let (before, _) = cluster.render(&view(1)).await.unwrap();
     let making = Duration::from_secs(3);
@@ -142,7 +142,7 @@ async fn views_of_held_samples_go_on_while_a_sampler_is_made_anew() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn one_views_failure_is_not_its_neighbours() {
+async fn a_failing_view_does_not_fail_its_batch() {
     let cluster = Cluster::start(2).await;
     cluster.knobs.set(5000, 0);
     cluster.knobs.poisoned_width.store(13, Ordering::SeqCst);
@@ -159,7 +159,7 @@ async fn one_views_failure_is_not_its_neighbours() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn workers_join_a_coordinator_that_comes_back() {
+async fn workers_rejoin_a_restarted_coordinator() {
     let mut cluster = Cluster::start(2).await;
     let (before, _) = cluster.render(&view(1)).await.unwrap();
     let address = cluster.coordinator.address;
@@ -181,7 +181,7 @@ async fn workers_join_a_coordinator_that_comes_back() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_that_is_stopped_finishes_and_is_not_missed() {
+async fn a_stopped_worker_finishes_its_views() {
     let mut cluster = Cluster::start(3).await;
     cluster.knobs.set(20_000, 20_000);
     let channel = cluster.views();
@@ -202,7 +202,7 @@ async fn a_worker_that_is_stopped_finishes_and_is_not_missed() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_coordinator_that_is_stopped_answers_what_it_has() {
+async fn a_stopped_coordinator_answers_its_views() {
     let mut cluster = Cluster::start(2).await;
     cluster.knobs.set(100_000, 0);
     let channel = cluster.views();
@@ -217,7 +217,7 @@ async fn a_coordinator_that_is_stopped_answers_what_it_has() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_silent_worker_is_lost_and_its_view_answered_by_another() {
+async fn the_view_of_a_silent_worker_is_answered_by_another_one() {
     let config = {
         let mut config = quick();
         config.core.lease = Duration::from_millis(400);
@@ -276,7 +276,7 @@ async fn a_silent_worker_is_lost_and_its_view_answered_by_another() {
     cluster.workers.clear();
 }
 
-/// Workers whose knobs are their own.
+/// Starts workers, each with its own knobs.
 async fn with_knobs_of_their_own(
     config: argus_cluster::coordinator::Config,
     count: usize,
@@ -290,11 +290,11 @@ async fn with_knobs_of_their_own(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_that_reports_and_is_stuck_in_its_work_costs_no_view_in_either_role() {
+async fn a_stuck_worker_that_still_reports_loses_no_view() {
     for role in [Role::Compositor, Role::Sampler] {
         let mut config = quick();
         config.core.stuck_after = Duration::from_millis(500);
-        // Far longer than this takes, should it be by its silence that it is found.
+        // A lease far longer than the test, so that silence does not reveal it.
         config.core.lease = Duration::from_secs(600);
         config.rig.tiles = Some([4, 4]);
         let (cluster, knobs) = with_knobs_of_their_own(config, 3).await;
@@ -319,7 +319,7 @@ async fn a_worker_that_reports_and_is_stuck_in_its_work_costs_no_view_in_either_
         let counters = status.counters.unwrap();
         assert!(counters.views_retried > 0, "{role:?}: {counters:?}");
         assert_eq!((counters.views_failed, counters.workers_lost, status.processes), (0, 0, 3), "{role:?}");
-        // What was only slow is part of it again.
+        // A worker that was only slow gets views again.
         knobs[at].stuck.store(false, Ordering::SeqCst);
         let back = async {
             for i in 0.. {
@@ -334,7 +334,7 @@ async fn a_worker_that_reports_and_is_stuck_in_its_work_costs_no_view_in_either_
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_whose_device_is_gone_for_good_attracts_no_views_and_says_so() {
+async fn a_worker_without_a_device_attracts_no_views_and_is_not_ready() {
     let (cluster, knobs) = with_knobs_of_their_own(quick(), 3).await;
     for i in 0..6 {
         cluster.render(&view(i)).await.unwrap();
@@ -345,7 +345,7 @@ async fn a_worker_whose_device_is_gone_for_good_attracts_no_views_and_says_so() 
     assert_eq!(page(cluster.workers[at].address, "/readyz").await.0, 200);
     knobs[at].lose_device.store(1, Ordering::SeqCst);
     knobs[at].no_device.store(true, Ordering::SeqCst);
-    // So many at once that it is given some, though it has lost its samples with its device.
+    // Enough views at once that it gets some, although it lost its samples with its device.
     let fails = async {
         loop {
             for answer in
@@ -360,7 +360,7 @@ async fn a_worker_whose_device_is_gone_for_good_attracts_no_views_and_says_so() 
         }
     };
     let reason = tokio::time::timeout(common::LIMIT, fails).await.expect("it says so");
-    // From then on it is tried now and then, though its queue is always the shortest.
+    // From then on it is tried now and then, although its queue is always the shortest.
     let retried = async || cluster.status().await.counters.unwrap().views_retried;
     let before = retried().await;
     for i in 0..40 {
@@ -369,7 +369,7 @@ async fn a_worker_whose_device_is_gone_for_good_attracts_no_views_and_says_so() 
     let more = retried().await - before;
     assert!(more < 8, "{more} more views went there");
     assert!(reason.contains("in a row") && reason.contains("no device"), "{reason}");
-    // It is asked again now and then, and is part of it once it answers.
+    // It is tried now and then, and gets views again once it answers.
     knobs[at].no_device.store(false, Ordering::SeqCst);
     knobs[at].lose_device.store(0, Ordering::SeqCst);
     let back = async { while cluster.render(&view(1)).await.unwrap().1.worker != broken.id {} };
@@ -378,13 +378,13 @@ async fn a_worker_whose_device_is_gone_for_good_attracts_no_views_and_says_so() 
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_sampler_that_a_compositor_needed_once_is_given_up_after_a_rest() {
+async fn an_unused_sampler_is_dropped_after_a_while() {
     let mut cluster = Cluster::start(0).await;
     let rest_after = Duration::from_millis(400);
     let config = worker::Config { rest_after, ..worker::Config::new(cluster.coordinator.url()) };
     for _ in 0..2 {
         cluster.workers.push(start_worker_with(config.clone(), &cluster.knobs, Opener::default().into()));
-        // The first one alone plays both roles, and gives one of them up.
+        // The first worker alone plays both roles, and later gives one up.
         let count = cluster.workers.len() as u32;
         cluster.wait_for(|status| status.processes == count).await;
         cluster.render(&view(1)).await.unwrap();
@@ -396,7 +396,7 @@ async fn a_sampler_that_a_compositor_needed_once_is_given_up_after_a_rest() {
     cluster.wait_for(|status| status.processes == 1).await;
     cluster.render(&direct(1)).await.unwrap();
     let made = count(&cluster.knobs.samplers_made);
-    // Another one comes, and samples in its place or lets it go on: one of the two has a sampler that nobody uses.
+    // Another worker joins, and one of the two has an unused sampler.
     cluster.workers.push(start_worker_with(config, &cluster.knobs, Opener::default().into()));
     cluster.wait_for(|status| status.processes == 2 && status.samplers == 1).await;
     let dropped = async {
@@ -410,7 +410,7 @@ async fn a_sampler_that_a_compositor_needed_once_is_given_up_after_a_rest() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
+async fn a_worker_waits_for_a_coordinator_to_start() {
     let address = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let knobs = Arc::new(Knobs::default());
     let short = Duration::from_millis(50);
@@ -429,7 +429,7 @@ async fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_says_in_one_line_why_it_cannot_work() {
+async fn a_worker_reports_in_one_line_why_it_cannot_start() {
     let knobs = Arc::new(Knobs::default());
     let opener = || Arc::new(Opener::default());
     let config = |url: &str| worker::Config {
@@ -463,7 +463,7 @@ async fn a_worker_says_in_one_line_why_it_cannot_work() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn requests_that_nobody_waits_for_are_cancelled() {
+async fn requests_of_disconnected_clients_are_cancelled() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
     cluster.knobs.set(20_000_000, 0);
@@ -487,7 +487,7 @@ async fn requests_that_nobody_waits_for_are_cancelled() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn overload_is_said_at_once_and_passes() {
+async fn overload_is_refused_at_once_and_passes() {
     let mut config = quick();
     config.core = core::Config { max_views: 8, ..config.core };
     let cluster = Cluster::start_with(config, 1).await;
@@ -547,7 +547,7 @@ async fn a_worker_without_the_scene_fetches_it_by_hash() {
             }
         }
     }
-    // Files that have another hash than they should are refused.
+    // Files with another hash are refused.
     let wrong = Source {
         scene: Arc::new(argus_scene::Scene { name: "other".into(), ..(*scene("x")).clone() }),
         files: Vec::new(),

@@ -1,5 +1,4 @@
-//! Sessions whose searches begin from their frame before: who may ask for it, which workers can, and that nothing is lost
-//! where one cannot.
+//! Reprojection in sessions: requests for it, the workers that can do it, and the fallback without an earlier frame.
 
 use argus_client::{Client, Session as Moving, SessionEvent, SessionOptions};
 use argus_cluster::worker::{Config, Public};
@@ -29,7 +28,7 @@ fn search_of(frame: &Frame) -> Search {
     warp.search
 }
 
-/// A view of a session whose searches may begin from its frame before.
+/// A view that may be reprojected.
 fn begun(i: usize) -> View {
     View { plan: PlanRequest::default(), ..view(i) }
 }
@@ -45,7 +44,7 @@ async fn cluster_of(count: usize) -> Cluster {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_session_that_asks_for_it_begins_from_its_frame_before_relayed_or_not() {
+async fn a_session_with_history_reprojects_its_last_frame() {
     let cluster = cluster_of(1).await;
     for redirect in [false, true] {
         let mut session = moving(&cluster, redirect).await;
@@ -60,7 +59,7 @@ async fn a_session_that_asks_for_it_begins_from_its_frame_before_relayed_or_not(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whoever_does_not_ask_for_it_is_answered_as_ever() {
+async fn a_session_without_history_reprojects_nothing() {
     let cluster = cluster_of(1).await;
     let mut moved = moving(&cluster, false).await;
     next(&mut moved, &begun(1)).await;
@@ -72,7 +71,7 @@ async fn whoever_does_not_ask_for_it_is_answered_as_ever() {
         assert_eq!((search_of(&frame), frame.provenance.history), (Search::Splat, false));
         assert_eq!((&frame.color, &frame.provenance), (&asked.color, &asked.provenance));
     }
-    // What begins from samples can be pinned, in a session with history or not.
+    // A frame without reprojection can be pinned, in a session with history or not.
     let seeded = PlanRequest { search: Some(Search::Seeded), ..PlanRequest::default() };
     let (first, _) = next(&mut moving(&cluster, false).await, &begun(7)).await;
     let (asked, _) = cluster.render(&View { plan: seeded, ..view(7) }).await.unwrap();
@@ -80,7 +79,7 @@ async fn whoever_does_not_ask_for_it_is_answered_as_ever() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_cannot_begin_from_a_frame_is_refused_by_name() {
+async fn requests_that_cannot_be_reprojected_are_refused_by_field() {
     let cluster = cluster_of(1).await;
     let mut session = Session::open(&cluster).await;
     session.history = true;
@@ -104,7 +103,7 @@ async fn what_cannot_begin_from_a_frame_is_refused_by_name() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn where_its_worker_is_gone_a_session_begins_at_the_samples_again() {
+async fn without_its_worker_a_session_starts_from_samples_again() {
     for redirect in [false, true] {
         let mut cluster = cluster_of(2).await;
         let mut session = moving(&cluster, redirect).await;
@@ -130,7 +129,7 @@ async fn where_its_worker_is_gone_a_session_begins_at_the_samples_again() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_frame_that_began_from_another_is_sent_anew_where_its_worker_dies_within_it() {
+async fn a_reprojected_frame_is_sent_anew_if_its_worker_dies_within_it() {
     let mut cluster = cluster_of(2).await;
     let mut session = Session::open(&cluster).await;
     session.history = true;

@@ -1,4 +1,4 @@
-//! Several coordinators: one leads, the others stand by, and one of them takes over.
+//! Several coordinators: one leads, the others are on standby, and one of them takes over.
 
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -33,7 +33,7 @@ async fn status(coordinator: &Coordinator) -> v1::StatusResponse {
     client.status(v1::StatusRequest {}).await.unwrap().into_inner()
 }
 
-/// Waits until the coordinator leads so many workers; its status then.
+/// Waits until the coordinator leads this many workers, and returns its status.
 async fn leads(coordinator: &Coordinator, workers: u32) -> v1::StatusResponse {
     let reached = async {
         loop {
@@ -47,7 +47,7 @@ async fn leads(coordinator: &Coordinator, workers: u32) -> v1::StatusResponse {
     tokio::time::timeout(LIMIT, reached).await.expect("it leads in the end")
 }
 
-/// A coordinator that leads is killed; the standby must lead its workers and answer views within five seconds.
+/// Kills the leader. The standby must lead its workers and answer views within five seconds.
 async fn a_standby_takes_over(registries: [Arc<dyn Registry>; 2]) {
     let [one, two] = registries;
     let mut first = coordinator(one);
@@ -60,14 +60,14 @@ async fn a_standby_takes_over(registries: [Arc<dyn Registry>; 2]) {
         .collect();
     leads(&first, 2).await;
 
-    // The standby says who leads, and assigns nothing.
+    // The standby names the leader, and assigns nothing.
     let refused = common::render(ViewsClient::new(channel(&second.url())), &view(1), 0).await.unwrap_err();
     assert_eq!(refused.code(), Code::Unavailable, "{refused}");
     assert!(refused.message().contains("is on standby"), "{refused}");
     assert_eq!(status(&second).await.term, 0);
     common::render(ViewsClient::new(channel(&first.url())), &view(1), 0).await.unwrap();
 
-    // The names of the workers are written down a moment after they joined.
+    // The names of the workers are recorded a moment after they joined.
     tokio::time::sleep(LEASE / 2).await;
     let began = Instant::now();
     first.kill();
@@ -84,7 +84,7 @@ async fn a_standby_takes_over_within_five_seconds() {
     a_standby_takes_over([Arc::new(registry.clone()), Arc::new(registry)]).await;
 }
 
-/// Asks a session for one view after the other until `until`, each of which must be answered; the longest that it waited.
+/// Requests one view after the other in a session until `until`; each must be answered. Returns the longest wait.
 async fn moves(session: &mut Session, until: impl Fn() -> bool) -> Duration {
     let mut longest = Duration::ZERO;
     for i in 0.. {
@@ -92,7 +92,7 @@ async fn moves(session: &mut Session, until: impl Fn() -> bool) -> Duration {
         session.send(&view(i));
         match tokio::time::timeout(LIMIT, session.next()).await.expect("a camera is answered").unwrap() {
             SessionEvent::Frame { .. } => longest = longest.max(began.elapsed()),
-            // A coordinator that begins to lead has nobody yet.
+            // A new leader has no workers yet.
             SessionEvent::Failed { error, .. } => eprintln!("{error}"),
         }
         if until() {
@@ -128,14 +128,14 @@ async fn a_standby_takes_over_from_a_leader_that_hangs_with_sessions_open() {
         eprintln!("the longest of a session that is redirected ({redirect}): {longest:?}");
         assert!(longest < Duration::from_secs(5), "it took {longest:?}");
         assert_eq!(status(&second).await.processes, 2);
-        // When it goes on it leads no more.
+        // When it continues it steps down.
         drop(hung);
-        assert_eq!(leads_no_more(&first).await.term, 0);
+        assert_eq!(steps_down(&first).await.term, 0);
         drop(workers);
     }
 }
 
-async fn leads_no_more(coordinator: &Coordinator) -> v1::StatusResponse {
+async fn steps_down(coordinator: &Coordinator) -> v1::StatusResponse {
     let reached = async {
         loop {
             let status = status(coordinator).await;
@@ -149,18 +149,19 @@ async fn leads_no_more(coordinator: &Coordinator) -> v1::StatusResponse {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_coordinator_that_stops_in_order_leaves_at_once() {
+async fn an_orderly_stop_releases_the_lease_at_once() {
     let long = Duration::from_secs(3600);
     let registry = LocalRegistry::shared(1, long);
     let mut first = coordinator(Arc::new(registry.clone()));
     leads(&first, 0).await;
-    // A standby asks again after an eighth of the lease: as long as this one's, it would never be seen to lead.
+    // A standby retries after an eighth of the lease. With an equal lease, this registry's state between would never
+    // be seen.
     first.stop().await.unwrap();
     let held = registry.acquire("another").await.unwrap().expect("the lease was given up");
     assert_eq!(held.term, 2);
 }
 
-/// A registry that can be cut off.
+/// A registry that tests can cut off.
 #[derive(Debug)]
 struct Flaky {
     inner: LocalRegistry,
@@ -212,13 +213,13 @@ impl Flaky {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_leader_that_is_cut_off_from_the_registry_stops_before_another_one_can_lead() {
+async fn a_leader_without_its_registry_steps_down_before_its_lease_lapses() {
     let shared = LocalRegistry::shared(1, LEASE);
     let flaky = Arc::new(Flaky { inner: shared.clone(), cut_off: AtomicBool::new(false) });
     let first = coordinator(flaky.clone());
     leads(&first, 0).await;
     flaky.cut_off.store(true, Ordering::SeqCst);
-    // Whoever takes the lease at the first moment that it is free finds the old leader leading no more.
+    // When the lease becomes free, the old leader has already stepped down.
     let taken = async {
         loop {
             if let Some(held) = shared.acquire("another").await.unwrap() {
@@ -235,13 +236,13 @@ async fn a_leader_that_is_cut_off_from_the_registry_stops_before_another_one_can
 }
 
 #[tokio::test]
-async fn terms_ascend_and_a_lease_that_lapsed_is_not_renewed() {
+async fn terms_ascend_and_a_lapsed_lease_cannot_be_renewed() {
     let registry = LocalRegistry::shared(5, Duration::from_millis(30));
     let first = registry.acquire("a").await.unwrap().unwrap();
     assert_eq!(registry.acquire("b").await.unwrap(), None);
     let renewed = registry.renew(first, "a").await.unwrap().unwrap();
     assert_eq!(renewed.term, first.term);
-    // What was renewed is known by its newest revision alone.
+    // A renewed lease is valid only with its newest revision.
     assert_eq!(registry.renew(first, "a").await.unwrap(), None);
     tokio::time::sleep(Duration::from_millis(40)).await;
     assert_eq!(registry.renew(renewed, "a").await.unwrap(), None);
@@ -251,7 +252,7 @@ async fn terms_ascend_and_a_lease_that_lapsed_is_not_renewed() {
     assert_eq!(registry.leader().await.as_deref(), Some("b"), "only the holder gives it up");
 }
 
-/// A NATS server with JetStream, ended with its owner.
+/// A NATS server with JetStream, which ends when it is dropped.
 struct Nats {
     server: Child,
     url: String,
@@ -259,7 +260,7 @@ struct Nats {
 }
 
 impl Nats {
-    /// `None`, and a line that says so, where none is installed.
+    /// Starts a server; `None`, with a message, if none is installed.
     fn start() -> Option<Self> {
         Self::start_with(&[])
     }
@@ -303,14 +304,14 @@ async fn a_standby_takes_over_through_nats() {
     let Some(nats) = Nats::start() else { return };
     let lease = Duration::from_millis(1500);
     let one = NatsRegistry::connect(&nats.url, lease).await.unwrap();
-    // The bucket is there: its lease counts, whatever the second one was told.
+    // The existing bucket's lease is used, whatever the second coordinator was told.
     let two = NatsRegistry::connect(&nats.url, Duration::from_secs(60)).await.unwrap();
     assert_eq!(two.lease(), Some(lease));
     a_standby_takes_over([Arc::new(one), Arc::new(two)]).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_renewal_whose_answer_was_lost_is_known_for_ones_own() {
+async fn a_renewal_whose_answer_was_lost_is_recognised() {
     let Some(nats) = Nats::start() else { return };
     let alone = LocalRegistry::alone().acquire("a").await.unwrap().unwrap();
     tokio::time::sleep(Duration::from_millis(5)).await;
@@ -319,22 +320,22 @@ async fn a_renewal_whose_answer_was_lost_is_known_for_ones_own() {
     let held = one.acquire("a").await.unwrap().unwrap();
     assert!(held.term > alone.term, "whoever comes after a coordinator that was alone has a higher term");
     let renewed = one.renew(held, "a").await.unwrap().unwrap();
-    // Of that it never heard, and says what it held before.
+    // It got no answer, and still presents the old revision.
     let again = one.renew(held, "a").await.unwrap().unwrap();
     assert!(again.revision > renewed.revision && again.term == held.term);
-    // Another process at the same address is another one.
+    // Another process at the same address does not hold the lease.
     let two = NatsRegistry::connect(&nats.url, lease).await.unwrap();
     assert_eq!(two.renew(held, "a").await.unwrap(), None);
     assert_eq!(two.leader().await.as_deref(), Some("a"));
 }
 
 #[tokio::test]
-async fn a_registry_that_is_not_there_is_an_error_that_names_it() {
+async fn an_unreachable_registry_is_an_error_with_its_address() {
     let error = NatsRegistry::connect("nats://127.0.0.1:9", Duration::from_secs(1)).await.unwrap_err();
     assert!(error.to_string().contains("nats://127.0.0.1:9"), "{error}");
 }
 
-/// Files of an authority and of a member that it certified, for 127.0.0.1.
+/// Writes files of an authority, and of a member that it certified for 127.0.0.1.
 fn certify(folder: &std::path::Path, prefix: &str) {
     let authority = Authority::new();
     let [certificate, key] = authority.certify(&["cluster.argus.internal", "127.0.0.1"]);
@@ -344,7 +345,7 @@ fn certify(folder: &std::path::Path, prefix: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_registry_by_tls_takes_members_of_the_cluster_that_know_its_secret_alone() {
+async fn a_registry_with_tls_accepts_only_members_with_its_credentials() {
     let folder = tempfile::tempdir().unwrap();
     certify(folder.path(), "");
     certify(folder.path(), "other-");
@@ -379,14 +380,14 @@ async fn a_registry_by_tls_takes_members_of_the_cluster_that_know_its_secret_alo
     }
     let (one, two) = (connect(&own, &secret).await.unwrap(), connect(&own, &secret).await.unwrap());
     a_standby_takes_over([Arc::new(one), Arc::new(two)]).await;
-    // One that has a certificate speaks to no server that has none.
+    // With a certificate it does not connect to a plaintext server.
     let Some(plain) = Nats::start() else { return };
     let access = NatsAccess { tls: own, secret: None };
     NatsRegistry::connect_as(&plain.url, lease, access).await.expect_err("by plaintext");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_coordinator_stands_by_until_its_registry_is_there() {
+async fn a_coordinator_is_on_standby_until_its_registry_answers() {
     let registry =
         Arc::new(LazyRegistry::new("nats://127.0.0.1:9", Duration::from_secs(1), NatsAccess::default()));
     let source = Source { scene: scene("test"), files: Vec::new() };

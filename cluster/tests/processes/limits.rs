@@ -1,4 +1,4 @@
-//! What clients may ask for, and what becomes of what is beyond it: said at once, with a hint when to come again.
+//! Limits of clients: requests beyond them are refused at once, with a hint when to retry.
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -23,11 +23,11 @@ fn with(limits: impl FnOnce(&mut core::Config)) -> coordinator::Config {
     config
 }
 
-/// Far less than anything that waits for room would take.
+/// Far less than any wait for room.
 const AT_ONCE: Duration = Duration::from_secs(5);
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_clients_views_in_flight_are_bounded_and_room_is_made_by_answers() {
+async fn a_clients_views_in_flight_are_limited() {
     let cluster = Cluster::start_with(with(|core| core.max_views_per_client = 3), 1).await;
     cluster.render(&view(0)).await.unwrap();
     cluster.knobs.set(400_000, 0);
@@ -51,8 +51,8 @@ async fn a_clients_views_in_flight_are_bounded_and_room_is_made_by_answers() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn pixels_a_second_are_bounded_and_sub_pixels_count() {
-    // A view is 768 pixels; four sub-pixels each are four times that.
+async fn pixels_per_second_are_limited_with_sub_pixels() {
+    // A view has 768 pixels, and four times as many sub-pixels.
     let cluster = Cluster::start_with(with(|core| core.pixels_per_sec_per_client = Some(800.0)), 1).await;
     let plan = PlanRequest { supersampling: Some(2), ..PlanRequest::default() };
     cluster.render(&View { plan, ..view(0) }).await.unwrap();
@@ -66,7 +66,7 @@ async fn pixels_a_second_are_bounded_and_sub_pixels_count() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn sessions_are_bounded_and_one_that_ends_leaves_its_place() {
+async fn sessions_are_limited_and_a_closed_one_makes_room() {
     let limits = |core: &mut core::Config| (core.max_sessions, core.max_sessions_per_client) = (8, 2);
     let cluster = Cluster::start_with(with(limits), 1).await;
     let first = Session::open(&cluster).await;
@@ -85,10 +85,10 @@ async fn sessions_are_bounded_and_one_that_ends_leaves_its_place() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_session_that_asks_too_much_is_told_when_to_go_on() {
+async fn an_overloaded_session_is_told_when_to_retry() {
     let cluster = Cluster::start_with(with(|core| core.pixels_per_sec = Some(100.0)), 1).await;
     let mut session = Session::open(&cluster).await;
-    // More than a second's worth, and let in: it is owed for half a minute.
+    // More than the bucket's capacity, and admitted: the bucket is overdrawn for half a minute.
     session.ask(1, &View { width: 64, height: 48, ..view(0) }).await;
     assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
     session.acknowledge(1).await;
@@ -100,7 +100,7 @@ async fn a_session_that_asks_too_much_is_told_when_to_go_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_request_beyond_its_size_is_refused_unread() {
+async fn an_oversized_request_is_refused_unread() {
     let config = coordinator::Config { max_request_bytes: 4096, ..quick() };
     let cluster = Cluster::start_with(config, 1).await;
     let mut large = request(&view(0), 0);
@@ -111,8 +111,8 @@ async fn a_request_beyond_its_size_is_refused_unread() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_deadline_that_passes_in_the_queue_ends_the_view_before_it_is_rendered() {
-    // Nobody has measured yet what a direct view costs, so that all are let in.
+async fn a_view_whose_deadline_passes_in_the_queue_is_not_rendered() {
+    // The cost of a direct view is not measured yet, so all are admitted.
     let cluster = Cluster::start_with(with(|core| core.max_views_per_worker = 1), 1).await;
     cluster.knobs.set(0, 600_000);
     let views = cluster.views();
@@ -129,7 +129,7 @@ async fn a_deadline_that_passes_in_the_queue_ends_the_view_before_it_is_rendered
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_compositor_that_is_full_forgets_what_was_used_longest_ago_and_no_frame_differs() {
+async fn a_full_compositor_drops_the_least_recently_used_samples() {
     let several_tiles = || {
         let mut config = quick();
         config.rig.tiles = Some([4, 4]);
@@ -148,15 +148,15 @@ async fn a_compositor_that_is_full_forgets_what_was_used_longest_ago_and_no_fram
     assert!(most(&full) <= 6);
 }
 
-/// Nobody has this many bytes of a frame on their way, whatever the windows are.
+/// A frame larger than all windows together.
 const LARGE: [u32; 2] = [2048, 2048];
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn clients_that_do_not_read_relayed_frames_keep_nobody_else_out() {
+async fn clients_that_do_not_read_relayed_frames_block_no_other_client() {
     let config = coordinator::Config { read_within: Duration::from_secs(1), ..quick() };
     let mut cluster = Cluster::start_with(config, 0).await;
     let url = cluster.coordinator.url();
-    // Room for no more than those frames: while they are there, nobody else's is made.
+    // Memory for only those frames: while they are held, no other one is rendered.
     let frame_bytes = 10 * u64::from(LARGE[0] * LARGE[1]) * 3;
     let config = worker::Config { frame_bytes, ..worker::Config::new(&url) };
     cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
@@ -180,7 +180,7 @@ async fn clients_that_do_not_read_relayed_frames_keep_nobody_else_out() {
     while !held(0.0).await {
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    // Through the very channel whose windows those frames fill.
+    // Through the channel whose windows those frames fill.
     cluster.render(&large).await.unwrap();
     cluster.render(&view(3)).await.unwrap();
     let began = Instant::now();
@@ -188,7 +188,7 @@ async fn clients_that_do_not_read_relayed_frames_keep_nobody_else_out() {
         assert!(began.elapsed() < common::LIMIT, "unread frames stay with their worker");
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
-    // Whoever comes back to it is told, and may ask again.
+    // A client that resumes reading gets an error, and may retry.
     let mut unread = frames.pop().unwrap();
     let ended = loop {
         match unread.message().await {
@@ -200,12 +200,12 @@ async fn clients_that_do_not_read_relayed_frames_keep_nobody_else_out() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_whose_frames_are_not_read_goes_on_for_everybody_else() {
+async fn a_worker_with_unread_frames_serves_other_clients() {
     let cluster = Cluster::start(1).await;
     let url = cluster.coordinator.url();
     let large = View { width: LARGE[0], height: LARGE[1], ..view(1) };
     cluster.render(&large).await.unwrap();
-    // Each by a connection of its own, of which the header is read and nothing more.
+    // Each on its own connection, of which only the header is read.
     let mut slow = Vec::new();
     for i in 0..8 {
         let began = Instant::now();
@@ -220,7 +220,7 @@ async fn a_worker_whose_frames_are_not_read_goes_on_for_everybody_else() {
         frame.unwrap();
     }
     assert!(began.elapsed() < AT_ONCE, "whoever reads waited {:?} for others", began.elapsed());
-    // Theirs are still to be had.
+    // Their frames are still available.
     for mut frame in slow {
         let mut bytes = 0;
         while let Some(chunk) = frame.message().await.unwrap() {
@@ -234,10 +234,10 @@ async fn a_worker_whose_frames_are_not_read_goes_on_for_everybody_else() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn views_wait_for_memory_for_their_frames_and_are_all_answered() {
+async fn views_wait_for_frame_memory_and_are_all_answered() {
     let mut cluster = Cluster::start_with(quick(), 0).await;
     let wanted = View { width: 64, height: 48, ..view(1) };
-    // Room for two, each as it is rendered and as it is packed.
+    // Memory for two frames, each raw and packed.
     let frame_bytes = 2 * u64::from(wanted.width * wanted.height) * 3 * 2;
     let config = worker::Config { frame_bytes, ..worker::Config::new(cluster.coordinator.url()) };
     cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
@@ -247,17 +247,17 @@ async fn views_wait_for_memory_for_their_frames_and_are_all_answered() {
         answer.unwrap();
     }
     assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) <= 2);
-    // One that is larger than all there is is made alone.
+    // A frame larger than the whole memory is rendered alone.
     cluster.render(&View { width: 256, height: 256, ..view(2) }).await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn clients_that_take_all_places_of_a_worker_do_not_keep_its_coordinator_out() {
+async fn clients_that_take_all_slots_of_a_worker_do_not_block_its_coordinator() {
     let mut cluster = Cluster::start_with(quick(), 0).await;
     let config = worker::Config { max_connections: 8, ..worker::Config::new(cluster.coordinator.url()) };
     cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
     cluster.wait_for(|status| status.processes == 1).await;
-    // They say nothing, and come from several addresses, since one has not that many places.
+    // Silent connections from several addresses, since one address may not take all slots.
     let mut clients = Vec::new();
     for i in 0..9 {
         let socket = tokio::net::TcpSocket::new_v4().unwrap();
@@ -269,7 +269,7 @@ async fn clients_that_take_all_places_of_a_worker_do_not_keep_its_coordinator_ou
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn strangers_ask_in_few_bytes() {
+async fn requests_of_unauthenticated_services_are_small() {
     let cluster = Cluster::start(1).await;
     for url in [cluster.coordinator.url(), cluster.workers[0].url()] {
         let mut health = tonic_health::pb::health_client::HealthClient::new(common::channel(&url));

@@ -1,5 +1,4 @@
-//! Coordinators and workers with each other, each in a runtime of its own: one program, since each costs half a minute to
-//! build.
+//! Tests of coordinators and workers, each in its own runtime. One program, since each takes half a minute to build.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod common;

@@ -27,7 +27,7 @@ fn is_direct(frame: &Frame) -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_standing_cameras_frames_stay_the_same_where_another_way_becomes_faster_meanwhile() {
+async fn a_still_cameras_frames_do_not_change_when_another_way_becomes_faster() {
     for redirect in [false, true] {
         let mut cluster = Cluster::start_with(quick(), 0).await;
         cluster.knobs.set(0, 60_000);
@@ -38,7 +38,7 @@ async fn a_standing_cameras_frames_stay_the_same_where_another_way_becomes_faste
         let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });
         let first = next(&mut session, &open(1)).await;
         assert!(is_direct(&first), "nobody holds a sample");
-        // Samples come to be held, by which a view is faster.
+        // Workers get samples, from which a view is faster.
         cluster.render(&view(1)).await.unwrap();
         let began = tokio::time::Instant::now();
         while is_direct(&cluster.render(&open(1)).await.unwrap().0) {
@@ -51,7 +51,7 @@ async fn a_standing_cameras_frames_stay_the_same_where_another_way_becomes_faste
             assert_eq!(decision.reason, Reason::Kept, "redirected: {redirect}, {decision:?}");
             assert_eq!((&again.provenance, &again.color), (&first.provenance, &first.color));
         }
-        // One that moves is answered the faster way.
+        // A moving camera gets the faster way.
         assert!(!is_direct(&next(&mut session, &open(2)).await), "redirected: {redirect}");
     }
 }

@@ -1,8 +1,8 @@
-//! Faults of the network, simulated: the processes' own services over a network whose delays, losses and partitions
-//! follow from a seed.
+//! Simulated network faults: the processes' services over a network whose delays, losses and partitions follow from a
+//! seed.
 //!
-//! Time is turmoil's and stands still while anybody computes, render threads excepted, whose fakes take no time: the
-//! simulation gives them a moment after each step.
+//! Time is turmoil's, and stands still while a process computes, except for render threads, whose fakes take no time:
+//! the simulation pauses for them after each step.
 
 use std::io;
 use std::net::SocketAddr;
@@ -36,10 +36,10 @@ const COORDINATOR: &str = "coordinator";
 const PORT: u16 = 7400;
 const WORKERS: [&str; 3] = ["one", "two", "three"];
 
-/// Between two views that the client asks for.
+/// Time between two views of the client.
 const PACE: Duration = Duration::from_millis(50);
 
-/// For render threads, after each step.
+/// Real time for render threads after each step.
 const MOMENT: Duration = Duration::from_micros(100);
 
 struct Simulated;
@@ -77,7 +77,7 @@ impl Accept for Listening {
     }
 }
 
-/// A coordinator and three workers, none of which is there yet.
+/// A coordinator and three workers, which have not started yet.
 fn cluster<'a>(seed: u64, change: impl FnOnce(&mut Builder)) -> Sim<'a> {
     cluster_of(quick(), seed, change)
 }
@@ -151,17 +151,17 @@ async fn client() -> Client {
     }
 }
 
-/// What a session saw.
+/// Observations of a session.
 #[derive(Debug, Default)]
 struct Seen {
     /// The longest wait for a camera's frame.
     gap: Duration,
-    /// When each frame came, and the worker that made it.
+    /// The time of each frame, and the worker that made it.
     frames: Vec<(Duration, String)>,
     failures: Vec<String>,
 }
 
-/// Moves a camera for that long, of which each position must be answered.
+/// Moves a camera for a time; each position must be answered.
 async fn moves(session: &mut Session, time: Duration) -> Seen {
     let began = Instant::now();
     let mut seen = Seen::default();
@@ -174,7 +174,7 @@ async fn moves(session: &mut Session, time: Duration) -> Seen {
             SessionEvent::Frame { frame, meta, .. } => {
                 assert_eq!((frame.width, frame.height), (32, 24));
                 let waited = asked.elapsed();
-                // A millisecond for the way of the last byte.
+                // A millisecond for the transfer of the last byte.
                 let age = Duration::from_secs_f64(meta.age_ms * 1e-3);
                 assert!(age <= waited + Duration::from_millis(1), "{age:?} old after {waited:?}");
                 seen.gap = seen.gap.max(waited);
@@ -187,7 +187,7 @@ async fn moves(session: &mut Session, time: Duration) -> Seen {
     seen
 }
 
-/// Workers of a role now.
+/// The workers of a role.
 async fn with_role(role: v1::Role) -> Vec<&'static str> {
     let status = there(3).await;
     let of_it = status.workers.iter().filter(|worker| worker.role == role as i32);
@@ -198,7 +198,7 @@ async fn status() -> v1::StatusResponse {
     ClusterClient::new(channel()).status(v1::StatusRequest {}).await.unwrap().into_inner()
 }
 
-/// Waits until so many workers are there; the status then.
+/// Waits until this many workers are ready, and returns the status.
 async fn there(workers: u32) -> v1::StatusResponse {
     let mut client = ClusterClient::new(channel());
     loop {
@@ -212,7 +212,7 @@ async fn there(workers: u32) -> v1::StatusResponse {
     }
 }
 
-/// Asks for a view every [`PACE`]; all must come. The longest that one took.
+/// Requests a view every [`PACE`]; all must be answered. Returns the longest time of one.
 async fn asks(views: usize) -> Duration {
     let channel = channel();
     let longest = Arc::new(AtomicU64::new(0));
@@ -236,7 +236,7 @@ async fn after(secs: f64, act: impl FnOnce()) {
 }
 
 #[test]
-fn a_worker_that_is_cut_off_costs_no_view_and_comes_back() {
+fn a_partitioned_worker_loses_no_view_and_rejoins() {
     let mut sim = cluster(1, |_| {});
     sim.client("client", async {
         there(3).await;
@@ -257,16 +257,16 @@ fn a_worker_that_is_cut_off_costs_no_view_and_comes_back() {
 }
 
 #[test]
-fn views_of_a_worker_that_hangs_are_answered_within_a_second() {
+fn views_of_a_hanging_worker_are_answered_within_a_second() {
     for seed in 40..44 {
-        // A lease and reports as they are by default.
+        // The default lease and report interval.
         let mut sim = cluster_of(coordinator::Config::default(), seed, |_| {});
         sim.client("client", async move {
             there(3).await;
             asks(40).await;
             let hung = *with_role(v1::Role::Compositor).await.first().expect("every role is played");
             let others = [COORDINATOR, "client"].into_iter().chain(WORKERS).filter(|name| *name != hung);
-            // At another moment between two reports each time.
+            // At a different phase of the report interval each time.
             let hang =
                 after(1.0 + 0.06 * (seed - 40) as f64, || others.for_each(|name| turmoil::hold(hung, name)));
             let (longest, ()) = tokio::join!(asks(60), hang);
@@ -281,7 +281,7 @@ fn views_of_a_worker_that_hangs_are_answered_within_a_second() {
 }
 
 #[test]
-fn a_worker_that_hears_nothing_or_is_not_heard_costs_no_view() {
+fn a_one_way_partition_of_a_worker_loses_no_view() {
     for (from, to) in [("two", COORDINATOR), (COORDINATOR, "two")] {
         let mut sim = cluster(2, |_| {});
         sim.client("client", async move {
@@ -300,7 +300,7 @@ fn a_worker_that_hears_nothing_or_is_not_heard_costs_no_view() {
 }
 
 #[test]
-fn workers_that_cannot_reach_each_other_render_what_they_need() {
+fn workers_that_cannot_reach_each_other_render_their_samples() {
     let mut sim = cluster(3, |_| {});
     for (one, other) in [("one", "two"), ("one", "three"), ("two", "three")] {
         sim.partition(one, other);
@@ -328,7 +328,7 @@ fn a_far_worker_is_slow_and_not_lost() {
 }
 
 #[test]
-fn messages_that_vanish_cost_time_alone() {
+fn lost_messages_cost_only_time() {
     for seed in 10..14 {
         let mut sim = cluster(seed, |builder| {
             builder.repair_rate(0.05);
@@ -348,7 +348,7 @@ fn messages_that_vanish_cost_time_alone() {
 }
 
 #[test]
-fn whoever_joins_first_and_joins_again_every_role_is_played_and_every_view_answered() {
+fn every_view_is_answered_in_any_order_of_joining() {
     for seed in 20..28 {
         let mut sim = cluster(seed, |builder| {
             builder.max_message_latency(Duration::from_millis(300));
@@ -362,7 +362,7 @@ fn whoever_joins_first_and_joins_again_every_role_is_played_and_every_view_answe
             assert_eq!(names, ["one", "three", "two"]);
             Ok(())
         });
-        // One starts anew while it joins, another one later, each under the name that it had.
+        // One worker restarts while it joins, another one later, each under its old name.
         let (mut steps, mut done) = (0_u64, false);
         while !done {
             steps += 1;
@@ -377,11 +377,11 @@ fn whoever_joins_first_and_joins_again_every_role_is_played_and_every_view_answe
     }
 }
 
-/// No frame of a session is later than this, whatever happens to a worker.
+/// Longest time of a session's frame under any fault of a worker.
 const WORST_GAP: Duration = Duration::from_secs(3);
 
 #[test]
-fn a_client_that_is_cut_off_from_its_workers_alone_has_its_frames_relayed() {
+fn frames_are_relayed_to_a_client_that_cannot_reach_workers() {
     let mut sim = cluster(30, |_| {});
     sim.client("client", async {
         there(3).await;
@@ -396,7 +396,7 @@ fn a_client_that_is_cut_off_from_its_workers_alone_has_its_frames_relayed() {
         assert!(seen.failures.is_empty(), "{:?}", seen.failures);
         assert!(seen.gap < WORST_GAP, "a frame took {:?}", seen.gap);
         assert!(seen.gap > Duration::from_secs(1), "a ticket was out when it was cut off");
-        // Nobody else noticed.
+        // No other process noticed.
         let counters = status().await.counters.unwrap();
         assert_eq!((counters.workers_lost, counters.views_failed), (0, 0), "{fetched:?} {counters:?}");
         Ok(())
@@ -405,7 +405,7 @@ fn a_client_that_is_cut_off_from_its_workers_alone_has_its_frames_relayed() {
 }
 
 #[test]
-fn a_worker_that_hangs_with_a_ticket_out_costs_another_ticket() {
+fn a_hanging_workers_redirect_is_replaced() {
     let mut sim = cluster(31, |_| {});
     sim.client("client", async {
         there(3).await;
@@ -414,7 +414,7 @@ fn a_worker_that_hangs_with_a_ticket_out_costs_another_ticket() {
         let (_, last) = before.frames.last().cloned().expect("there were frames");
         let hung = WORKERS.into_iter().find(|name| *name == last).expect("a worker made it");
         let others = || [COORDINATOR, "client"].into_iter().chain(WORKERS).filter(move |name| *name != hung);
-        // What is said to it and by it waits, as where a process is stopped.
+        // Its messages wait, as with a stopped process.
         let hang = async {
             after(0.5, || others().for_each(|name| turmoil::hold(hung, name))).await;
             after(8.0, || others().for_each(|name| turmoil::release(hung, name))).await;
@@ -431,7 +431,7 @@ fn a_worker_that_hangs_with_a_ticket_out_costs_another_ticket() {
 }
 
 #[test]
-fn a_coordinator_that_is_started_anew_finds_sessions_and_tickets_again() {
+fn sessions_and_redirects_resume_after_a_restart_of_the_coordinator() {
     let mut sim = cluster(32, |_| {});
     sim.client("client", async {
         there(3).await;
@@ -462,7 +462,7 @@ fn a_coordinator_that_is_started_anew_finds_sessions_and_tickets_again() {
 }
 
 #[test]
-fn the_only_sampler_or_a_compositor_that_is_cut_off_costs_a_session_no_frame() {
+fn a_partition_of_the_only_sampler_or_a_compositor_loses_no_frame() {
     for (seed, role) in [(33, v1::Role::Sampler), (34, v1::Role::Compositor)] {
         let mut sim = cluster(seed, |_| {});
         sim.client("client", async move {

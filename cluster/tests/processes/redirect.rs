@@ -1,4 +1,4 @@
-//! Sessions that fetch their frames from the workers themselves.
+//! Redirected sessions, which fetch their frames from workers.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,7 +41,7 @@ fn missed(serial: u64, unreachable: bool) -> Asked {
     Asked::Missed(v1::SessionMissed { reason: "a wall".to_owned(), serial, unreachable })
 }
 
-/// What a worker answers to a ticket: the frame and its receipt.
+/// Redeems a ticket: the frame and its receipt.
 async fn redeem(redirect: &v1::Redirect) -> Result<(Frame, v1::Sealed), Status> {
     let mut worker = ViewsClient::new(channel(&redirect.address));
     let answer = async {
@@ -64,7 +64,7 @@ async fn redeem(redirect: &v1::Redirect) -> Result<(Frame, v1::Sealed), Status> 
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_receipts() {
+async fn redirected_frames_are_counted_by_their_receipts() {
     let cluster = open_to_clients(quick(), 2).await;
     let mut session = redirectable(&cluster).await;
     for seq in 1..=3 {
@@ -74,14 +74,14 @@ async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_recei
         assert_eq!(of, seq);
         assert!(cluster.workers.iter().any(|worker| worker.url() == redirect.address), "{redirect:?}");
         let (frame, receipt) = redeem(&redirect).await.unwrap();
-        // The very bytes that are relayed to whoever asks for that.
+        // The same bytes as those of a relayed frame.
         let relayed = View { pin: Some(frame.provenance.clone()), ..wanted };
         assert_eq!(frame.color, cluster.render(&relayed).await.unwrap().0.color);
         session.say(seq, Asked::Ack(v1::SessionAck { receipt: Some(receipt) })).await;
     }
     let status = cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 6).await;
     assert_eq!(status.counters.unwrap().views_failed, 0);
-    // Frames are counted by what receipts say of them.
+    // Frames are counted by their receipts.
     let (_, metrics) = page(cluster.coordinator.address, "/metrics").await;
     assert_eq!(value(&metrics, "argus_view_seconds_count"), 6.0);
     for way in ["fetched", "relayed"] {
@@ -90,7 +90,7 @@ async fn frames_come_from_the_worker_and_the_coordinator_learns_of_them_by_recei
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_ticket_is_good_once_at_its_worker_and_as_it_was_sealed() {
+async fn a_ticket_is_accepted_once_unchanged_and_only_by_its_worker() {
     let cluster = open_to_clients(quick(), 2).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
@@ -118,22 +118,22 @@ async fn a_ticket_is_good_once_at_its_worker_and_as_it_was_sealed() {
     );
     redeem(&redirect).await.unwrap();
     assert!(refused(redirect).await.contains("was shown before"));
-    // Nor does a coordinator take one.
+    // A coordinator does not redeem tickets.
     let here =
         v1::Redirect { address: cluster.coordinator.url(), ticket: Some(sealed), ..Default::default() };
     assert!(refused(here).await.contains("must be redeemed at the worker"));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn whoever_does_not_reach_a_worker_has_frames_relayed() {
+async fn frames_are_relayed_if_the_worker_is_unreachable() {
     let cluster = open_to_clients(quick(), 1).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
     let (_, redirect) = session.redirect().await;
-    // A word about another ticket says nothing of this one.
+    // A notice about another ticket is ignored.
     session.say(1, missed(redirect.serial + 7, true)).await;
     session.say(1, missed(redirect.serial, true)).await;
-    // That one, and those after it, without another try.
+    // This frame and the following ones are relayed, without another try.
     for seq in 1..=3 {
         if seq > 1 {
             session.ask(seq, &view(seq as usize)).await;
@@ -141,14 +141,14 @@ async fn whoever_does_not_reach_a_worker_has_frames_relayed() {
         assert!(matches!(session.answer().await, Some((of, 0, Ok(()))) if of == seq));
         session.acknowledge(seq).await;
     }
-    // Nor is a session sent anywhere that does not want to be.
+    // A session that does not support redirects gets none.
     let mut plain = Session::open(&cluster).await;
     plain.ask(1, &view(5)).await;
     assert!(matches!(plain.answer().await, Some((1, 0, Ok(())))));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_frame_that_its_worker_could_not_make_is_fetched_from_another() {
+async fn a_frame_that_a_worker_could_not_make_is_fetched_from_another_one() {
     let cluster = open_to_clients(quick(), 3).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
@@ -156,7 +156,7 @@ async fn a_frame_that_its_worker_could_not_make_is_fetched_from_another() {
     session.say(1, missed(first.serial, false)).await;
     let (_, second) = session.redirect().await;
     assert_ne!(second.address, first.address);
-    // The first one's frame came after all, and crossed the second ticket.
+    // The first frame arrived after all, and its notice crossed the second ticket.
     let (_, receipt) = redeem(&first).await.unwrap();
     session.say(1, Asked::Ack(v1::SessionAck { receipt: Some(receipt) })).await;
     session.ask(2, &view(2)).await;
@@ -166,14 +166,14 @@ async fn a_frame_that_its_worker_could_not_make_is_fetched_from_another() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn clients_that_do_not_read_their_frames_keep_nobody_else_out() {
+async fn clients_that_do_not_read_their_frames_block_no_other_client() {
     let mut cluster = Cluster::start(0).await;
     let url = cluster.coordinator.url();
     let public = Some(Public::AsAdvertised);
     let config = Config { public, max_queued_views: 8, ..Config::new(&url) };
     cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
     cluster.wait_for(|status| status.processes == 1).await;
-    // Each holds one of four places by not reading a frame that is larger than any window.
+    // Each holds one of four places by not reading a frame larger than any window.
     let large = View { width: 4096, height: 4096, ..view(1) };
     let mut unread = Vec::new();
     let mut sessions = Vec::new();
@@ -187,7 +187,7 @@ async fn clients_that_do_not_read_their_frames_keep_nobody_else_out() {
         session.acknowledge(1).await;
         sessions.push(session);
     }
-    // A fifth is told so, and asks for the relaying that is its right.
+    // A fifth is refused, and has its frame relayed.
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(2)).await;
     let (_, redirect) = session.redirect().await;
@@ -199,7 +199,7 @@ async fn clients_that_do_not_read_their_frames_keep_nobody_else_out() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_that_dies_before_its_ticket_is_shown_costs_another_ticket() {
+async fn the_ticket_of_a_dead_worker_is_replaced() {
     let mut cluster = open_to_clients(quick(), 2).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
@@ -214,7 +214,7 @@ async fn a_worker_that_dies_before_its_ticket_is_shown_costs_another_ticket() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
+async fn a_silent_client_holds_no_place_for_long() {
     let core = core::Config { max_view_time: Duration::from_millis(700), ..quick().core };
     let cluster = open_to_clients(argus_cluster::coordinator::Config { core, ..quick() }, 1).await;
     let mut session = redirectable(&cluster).await;
@@ -222,7 +222,7 @@ async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
     session.redirect().await;
     let Some((1, 0, Err(failure))) = session.answer().await else { panic!("its time is over") };
     assert_eq!(Code::from_i32(failure.code), Code::DeadlineExceeded, "{failure:?}");
-    // The session goes on.
+    // The session continues.
     session.ask(2, &view(2)).await;
     let (seq, redirect) = session.redirect().await;
     assert_eq!(seq, 2);
@@ -232,7 +232,7 @@ async fn a_client_that_says_nothing_of_its_frame_holds_nothing_for_long() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_that_brings_no_receipts_is_relayed_and_hoards_no_tickets() {
+async fn a_client_without_receipts_gets_no_more_tickets() {
     let cluster = open_to_clients(quick(), 1).await;
     let mut session = redirectable(&cluster).await;
     let mut hoard = Vec::new();
@@ -244,17 +244,17 @@ async fn a_client_that_brings_no_receipts_is_relayed_and_hoards_no_tickets() {
     }
     session.ask(3, &view(3)).await;
     assert!(matches!(session.answer().await, Some((3, 0, Ok(())))), "it is sent nowhere for a while");
-    // Numbers are the session's, so that they tell tickets apart whichever worker they are for.
+    // Serial numbers are per session, so they identify tickets of all workers.
     assert_eq!(hoard.iter().map(|redirect| redirect.serial).collect::<Vec<_>>(), [1, 2]);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_has_no_more_tickets_out_than_views_that_it_may_have_in_work() {
+async fn a_client_holds_no_more_tickets_than_its_limit_of_views() {
     let core = core::Config { max_views_per_client: 3, ..quick().core };
     let cluster = open_to_clients(argus_cluster::coordinator::Config { core, ..quick() }, 1).await;
     let (mut kept, mut sessions) = (Vec::new(), Vec::new());
     for _ in 0..3 {
-        // A session that is opened anew has missed nothing yet.
+        // A new session has no failed redirects.
         let mut session = redirectable(&cluster).await;
         session.ask(1, &view(1)).await;
         kept.push(session.redirect().await.1);
@@ -265,28 +265,28 @@ async fn a_client_has_no_more_tickets_out_than_views_that_it_may_have_in_work() 
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
     assert!(matches!(session.answer().await, Some((1, 0, Ok(())))), "a fourth has its frames relayed");
-    // They are good for what they were given for, and no more.
+    // The tickets are still valid for their frames.
     for redirect in &kept {
         redeem(redirect).await.unwrap();
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_frame_that_is_missed_twice_is_relayed() {
+async fn a_frame_is_relayed_after_two_failed_fetches() {
     let cluster = open_to_clients(quick(), 3).await;
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
     let (_, first) = session.redirect().await;
     session.say(1, missed(first.serial, false)).await;
     let (_, second) = session.redirect().await;
-    // What crossed the second ticket is about the first, whatever the workers count.
+    // The notice that crossed the second ticket concerns the first one.
     session.say(1, missed(first.serial, false)).await;
     session.say(1, missed(second.serial, false)).await;
     assert!(matches!(session.answer().await, Some((1, 0, Ok(())))));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
+async fn a_client_of_a_slow_frame_gets_progress_messages() {
     let cluster = open_to_clients(quick(), 1).await;
     cluster.knobs.set(1_200_000, 1_200_000);
     let mut session = redirectable(&cluster).await;
@@ -300,7 +300,7 @@ async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
         beats += u32::from(matches!(answer.body, Some(Redeemed::Working(_))));
     }
     assert!((1..=4).contains(&beats), "{beats}");
-    // One that goes ends the work for it.
+    // A client that disconnects cancels the work.
     session.acknowledge(1).await;
     session.ask(2, &view(2)).await;
     let (_, redirect) = session.redirect().await;
@@ -317,7 +317,7 @@ async fn a_client_that_waits_for_a_slow_frame_hears_that_it_is_in_work() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn by_tls_a_client_knows_a_worker_by_the_clusters_name_and_the_coordinator_by_its_hosts() {
+async fn with_tls_clients_verify_workers_by_the_clusters_name() {
     let authority = Authority::new();
     let ca = authority.pem().into_bytes();
     let member = |names: &[&str], tokens: Tokens| {
@@ -330,7 +330,7 @@ async fn by_tls_a_client_knows_a_worker_by_the_clusters_name_and_the_coordinator
     let security = member(&[CLUSTER_NAME, "127.0.0.1"], tokens);
     let coordinator = start_coordinator(argus_cluster::coordinator::Config { security, ..quick() });
     let url = coordinator.url().replace("http:", "https:");
-    // Where workers will be was not known when their certificates were made.
+    // Certificates of workers do not contain their addresses.
     let security = member(&[CLUSTER_NAME], Tokens::default());
     let config = Config { public: Some(Public::AsAdvertised), security, ..Config::new(&url) };
     let worker = start_worker_with(config, &Default::default(), Default::default());
@@ -342,7 +342,7 @@ async fn by_tls_a_client_knows_a_worker_by_the_clusters_name_and_the_coordinator
     let fetched = async {
         loop {
             session.send(&view(1));
-            // Until a worker is ready there is a failure, and then no frame may be relayed.
+            // Until a worker is ready views fail; after that no frame may be relayed.
             if let SessionEvent::Frame { frame, .. } = session.next().await.unwrap() {
                 return frame.stages.iter().any(|stage| stage.name == Stage::DETOUR);
             }
@@ -350,7 +350,7 @@ async fn by_tls_a_client_knows_a_worker_by_the_clusters_name_and_the_coordinator
         }
     };
     assert!(tokio::time::timeout(LIMIT, fetched).await.unwrap(), "the worker was not trusted");
-    // A worker that poses as the coordinator is found out.
+    // A worker that poses as the coordinator is detected.
     let posing = worker.url().replace("http:", "https:");
     let error = Client::connect_with(&posing, &options).await.unwrap_err();
     assert!(matches!(error, ClientError::Untrusted { .. }), "{error}");

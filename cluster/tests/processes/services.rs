@@ -1,4 +1,4 @@
-//! The services as others meet them: input that is rejected, sessions, health, reflection, versions, terms.
+//! The services as seen by clients: invalid input, sessions, health, reflection, versions, terms.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use crate::common::session::Session;
 use crate::common::{Cluster, channel, direct, pinned, request, view};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn each_bad_input_is_rejected_by_field_and_the_server_goes_on() {
+async fn invalid_input_is_rejected_by_field() {
     let cluster = Cluster::start(2).await;
     let rejected = async |change: &dyn Fn(&mut v1::RenderRequest)| {
         let mut request = request(&view(1), 0);
@@ -66,7 +66,7 @@ async fn each_bad_input_is_rejected_by_field_and_the_server_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_pin_that_cannot_be_met_is_a_failed_precondition_that_says_why() {
+async fn a_pin_that_cannot_be_met_is_a_failed_precondition_with_a_reason() {
     let cluster = Cluster::start(2).await;
     let (frame, _) = cluster.render(&view(1)).await.unwrap();
     let refused = async |change: &dyn Fn(&mut Provenance)| {
@@ -89,7 +89,7 @@ async fn a_pin_that_cannot_be_met_is_a_failed_precondition_that_says_why() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn describe_tells_what_is_served_and_checks_the_version() {
+async fn describe_returns_the_service_and_checks_the_version() {
     let cluster = Cluster::start(1).await;
     for protocol_version in [0, PROTOCOL_VERSION] {
         let described = cluster.views().describe(v1::DescribeRequest { protocol_version }).await.unwrap();
@@ -106,7 +106,7 @@ async fn describe_tells_what_is_served_and_checks_the_version() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_takes_orders_from_its_coordinator_alone() {
+async fn a_worker_accepts_orders_only_from_its_coordinator() {
     let cluster = Cluster::start(1).await;
     let mut worker = ViewsClient::new(channel(&cluster.workers[0].url()));
     let status = worker.render(request(&view(1), 0)).await.unwrap_err();
@@ -120,7 +120,7 @@ async fn a_worker_takes_orders_from_its_coordinator_alone() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_of_another_version_or_without_a_hello_is_turned_away() {
+async fn a_worker_of_another_version_or_without_a_hello_is_refused() {
     let cluster = Cluster::start(1).await;
     let join = async |first: v1::WorkerReport| {
         let mut client = ClusterClient::new(cluster.channel.clone());
@@ -162,7 +162,7 @@ async fn in_a_session_the_newest_camera_wins() {
     assert_eq!((second, superseded, ok), (9, 7, Ok(())));
     assert_eq!(cluster.status().await.counters.unwrap().cameras_superseded, 7);
     assert_eq!(cluster.status().await.counters.unwrap().sessions_open, 1);
-    // Bad cameras are answered, too, and the session goes on.
+    // Invalid cameras get failures, and the session continues.
     session.ask(10, &View { width: 0, ..view(10) }).await;
     let (third, _, failure) = session.answer().await.unwrap();
     let failure = failure.unwrap_err();
@@ -180,7 +180,7 @@ async fn in_a_session_the_newest_camera_wins() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_that_does_not_acknowledge_gets_no_more_frames_and_then_the_newest() {
+async fn a_client_that_acknowledges_late_gets_the_newest_frame_next() {
     let cluster = Cluster::start(1).await;
     let mut session = Session::open(&cluster).await;
     for seq in 1..=2 {
@@ -197,7 +197,7 @@ async fn a_client_that_does_not_acknowledge_gets_no_more_frames_and_then_the_new
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn health_and_reflection_answer_beside_both_kinds_of_process() {
+async fn both_kinds_of_process_serve_health_and_reflection() {
     use tonic_health::pb::HealthCheckRequest;
     use tonic_health::pb::health_check_response::ServingStatus;
     use tonic_health::pb::health_client::HealthClient;
@@ -212,7 +212,7 @@ async fn health_and_reflection_answer_beside_both_kinds_of_process() {
     ];
     for (channel, services) in processes {
         for service in services.iter().copied().chain(["", argus_cluster::LIVE]) {
-            // Readiness is looked at ten times a second.
+            // Readiness is updated ten times a second.
             let mut client = HealthClient::new(channel.clone());
             let health = client.watch(HealthCheckRequest { service: service.to_owned() });
             let mut states = health.await.unwrap().into_inner();

@@ -1,4 +1,4 @@
-//! The specification of a sample set: every worker of a cluster renders by the coordinator's, and frames say so.
+//! The specification of a sample set: all workers of a cluster use the coordinator's, and frames name it.
 
 use std::time::Duration;
 
@@ -31,7 +31,7 @@ async fn two_workers_never_mix_indirect_light() {
     };
     let by_points = lit_alike(&cluster, POINTS).await;
 
-    // The same workers join a coordinator that has them lit otherwise: nothing of the old light is left.
+    // The same workers join a coordinator with other lighting: nothing of the old light is left.
     let address = cluster.coordinator.address;
     cluster.coordinator.kill();
     tokio::time::sleep(Duration::from_millis(300)).await;
@@ -78,7 +78,7 @@ async fn samples_and_pixels_of_another_specification_are_not_served() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_pin_of_another_specification_is_refused_and_one_of_the_same_gives_the_same_bytes() {
+async fn a_pin_of_another_specification_is_refused() {
     let cluster = Cluster::start_with(lit_by(POINTS), 2).await;
     for wanted in [view(1), direct(1)] {
         let (frame, _) = cluster.render(&wanted).await.unwrap();

@@ -1,4 +1,4 @@
-//! Views through a real cluster: every one answered, the same bytes whoever answers.
+//! Views through a real cluster: all are answered, with the same bytes from any worker.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::Ordering;
@@ -16,7 +16,7 @@ use crate::common::roles::Done;
 use crate::common::{Cluster, answer_to, channel, direct, pinned, render, request, view};
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn two_clients_views_are_answered_by_two_compositors_from_samples_rendered_once() {
+async fn views_of_two_clients_share_samples_that_are_rendered_once() {
     let cluster = Cluster::start(3).await;
     cluster.knobs.set(3000, 0);
     let frames = join_all((0..60).map(|i| {
@@ -36,14 +36,15 @@ async fn two_clients_views_are_answered_by_two_compositors_from_samples_rendered
     assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) > 4, "what waits is one batch");
     assert_eq!(cluster.knobs.samples_rendered.load(Ordering::SeqCst), 4, "one tile, four corners, once");
     assert_eq!(cluster.knobs.samples_read_back.load(Ordering::SeqCst), 4, "others need them");
-    // On a busy machine the costs that are measured first may ask for two samplers; with no sample left to render, one is enough.
+    // On a busy machine the first measured costs may call for two samplers. With no sample left to render, one is
+    // enough.
     let roles = |s: &v1::StatusResponse| (s.samplers, s.compositors) == (1, 2);
     let status = cluster.wait_for(|s| roles(s) && s.workers.iter().any(|w| w.views_composed > 0)).await;
     assert_eq!(status.counters.unwrap().views_answered, 60);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn one_process_and_a_cluster_make_the_same_bytes_of_the_same_provenance() {
+async fn one_process_and_a_cluster_make_the_same_bytes() {
     let alone = Cluster::start(1).await;
     let many = Cluster::start(3).await;
     let mut outputs = Outputs::COLOR;
@@ -67,10 +68,10 @@ async fn one_process_and_a_cluster_make_the_same_bytes_of_the_same_provenance() 
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn views_are_composed_between_the_parts_of_a_sample_that_nobody_waits_for() {
+async fn views_are_composed_between_slices_of_background_samples() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
-    // More than a second for a refinement, which views ask for.
+    // A refinement that views need takes more than a second.
     cluster.knobs.sample_parts.store(30, Ordering::SeqCst);
     cluster.knobs.sample_us.store(50_000, Ordering::SeqCst);
     cluster.knobs.unresolved_percent.store(20, Ordering::SeqCst);
@@ -83,7 +84,8 @@ async fn views_are_composed_between_the_parts_of_a_sample_that_nobody_waits_for(
         cluster.render(&view(i % 16)).await.unwrap();
         match already {
             0 | 1 => longest = longest.max(asked.elapsed()),
-            // A lost device between two parts: the sample begins again, and views are answered, from new samples.
+            // The device is lost between two slices: the sample is restarted, and views are answered from new
+            // samples.
             2 if !lost => {
                 cluster.knobs.lose_device.store(1, Ordering::SeqCst);
                 lost = true;
@@ -97,10 +99,10 @@ async fn views_are_composed_between_the_parts_of_a_sample_that_nobody_waits_for(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_waiting_view_runs_between_two_slices_of_a_take_up() {
+async fn a_waiting_view_is_composed_between_two_slices_of_an_upload() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
-    // Each refinement that views ask for takes a second and a half to take up.
+    // Each refinement that views need takes a second and a half to upload.
     cluster.knobs.hold_slices.store(30, Ordering::SeqCst);
     cluster.knobs.hold_us.store(50_000, Ordering::SeqCst);
     cluster.knobs.unresolved_percent.store(20, Ordering::SeqCst);
@@ -132,11 +134,11 @@ async fn a_waiting_view_runs_between_two_slices_of_a_take_up() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_whose_samples_are_too_coarse_or_miss_too_much_renders_the_view_from_triangles() {
+async fn a_frame_from_insufficient_samples_is_replaced_by_one_from_triangles() {
     let cluster = Cluster::start(1).await;
     let (warped, _) = cluster.render(&view(1)).await.unwrap();
     let (from_triangles, _) = cluster.render(&direct(1)).await.unwrap();
-    // As a coordinator orders a view whose way it chose.
+    // An order as the planner makes it.
     let decision = Decision { reason: Reason::Soonest, wait_ms: 0.0, render_ms: 1.0, excess: 0.01 };
     let order = v1::ViewOrder {
         term: cluster.status().await.term,
@@ -171,11 +173,11 @@ async fn a_frame_of_many_chunks_arrives_whole() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn roles_move_with_demand_and_every_frame_is_answered() {
+async fn roles_follow_demand_and_every_view_is_answered() {
     let cluster = Cluster::start(3).await;
     cluster.knobs.set(2000, 10_000);
     let client = cluster.views();
-    // So many views and direct views every 100 ms, whatever becomes of them, until the roles are as wanted.
+    // Sends views and direct views every 100 ms until the roles are as expected.
     let press = async |views: usize, directs: usize, wanted: (u32, u32)| {
         let one = |view: View| {
             let client = client.clone();
@@ -211,7 +213,7 @@ async fn roles_move_with_demand_and_every_frame_is_answered() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn status_tells_what_was_measured() {
+async fn status_reports_measurements() {
     let cluster = Cluster::start(3).await;
     cluster.knobs.set(5000, 20_000);
     cluster.knobs.sample_us.store(30_000, Ordering::SeqCst);
@@ -222,7 +224,7 @@ async fn status_tells_what_was_measured() {
         }
     }
     let status = cluster.wait_for(|s| s.view_ms > 0.0 && s.sample_ms > 0.0 && s.direct_ms > 0.0).await;
-    // A sleep of 5 ms takes up to half as much again on a busy machine, and never less.
+    // A sleep of 5 ms takes up to half as long again on a busy machine, and never less.
     assert!(status.view_ms >= 5.0 && status.view_ms < 40.0, "{}", status.view_ms);
     assert!(status.direct_ms >= 20.0 && status.direct_ms < 100.0, "{}", status.direct_ms);
     assert!(status.sample_ms >= 30.0 && status.sample_ms < 120.0, "{}", status.sample_ms);
@@ -238,7 +240,7 @@ async fn status_tells_what_was_measured() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_thousand_views_at_once_on_one_connection_are_all_answered() {
-    // With adaptive windows, h2 takes the requests themselves for an attack and ends the connection.
+    // With adaptive windows, h2 takes this many requests for an attack and ends the connection.
     let cluster = Cluster::start(3).await;
     let frames = join_all((0..1000).map(|i| {
         let cluster = &cluster;

@@ -1,4 +1,4 @@
-//! What processes are watched by: pages over plain HTTP on the port of the gRPC services, and the health service.
+//! Monitoring: pages over plain HTTP on the port of the gRPC services, and the health service.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
@@ -11,7 +11,7 @@ use tokio::net::TcpStream;
 use crate::common;
 use crate::common::{Cluster, Opener, quick, start_coordinator, start_worker_with, view};
 
-/// A page, as a probe or Prometheus asks for it: status code and body.
+/// Fetches a page like a probe or Prometheus: status code and body.
 pub(crate) async fn page(address: SocketAddr, path: &str) -> (u16, String) {
     let mut stream = TcpStream::connect(address).await.unwrap();
     let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
@@ -31,7 +31,7 @@ pub(crate) fn value(metrics: &str, name: &str) -> f64 {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_coordinator_is_alive_at_once_and_ready_with_its_first_worker() {
+async fn a_coordinator_is_live_at_once_and_ready_with_its_first_worker() {
     let coordinator = start_coordinator(quick());
     assert_eq!(page(coordinator.address, "/livez").await.0, 200);
     let (code, reason) = page(coordinator.address, "/readyz").await;
@@ -51,7 +51,7 @@ async fn a_coordinator_is_alive_at_once_and_ready_with_its_first_worker() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn metrics_count_what_was_done_and_end_as_the_format_demands() {
+async fn metrics_count_work_and_end_as_the_format_demands() {
     let cluster = Cluster::start(2).await;
     for i in 0..3 {
         cluster.render(&view(i)).await.unwrap();
@@ -96,17 +96,17 @@ fn queries(folder: &Path) -> Vec<(String, String)> {
     found
 }
 
-/// The metric that a text begins with, and its labels: in a row of a page and in a query alike.
+/// Parses the metric at the start of a text, and its labels: in a row of a page or in a query.
 fn metric(text: &str) -> (&str, Vec<&str>) {
     let word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let (name, rest) = text.split_at(text.find(|c| !word(c)).unwrap_or(text.len()));
     let Some(rest) = rest.strip_prefix('{') else { return (name, Vec::new()) };
-    // Every second piece is a value; what is between values are labels, until the brace closes.
+    // Every second piece is a value; the pieces between values are labels, until the brace closes.
     let between = rest.split('"').step_by(2).take_while(|piece| !piece.starts_with('}'));
     (name, between.map(|piece| piece.trim_matches(|c| !word(c))).collect())
 }
 
-/// What a query or a legend groups by: `by (a, b)`, `{{a}}`.
+/// The labels that a query or a legend groups by:
 fn groups(text: &str) -> Vec<&str> {
     let within = |open: &'static str, close: char| {
         text.split(open).skip(1).map(move |rest| rest.split(close).next().unwrap_or(rest))
@@ -115,7 +115,7 @@ fn groups(text: &str) -> Vec<&str> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn dashboards_and_scaling_ask_for_metrics_and_labels_that_are_exported() {
+async fn dashboards_and_scaling_use_only_exported_metrics_and_labels() {
     let cluster = Cluster::start(1).await;
     // Histograms of frames appear with the first one.
     cluster.render(&view(0)).await.unwrap();
@@ -148,7 +148,7 @@ async fn dashboards_and_scaling_ask_for_metrics_and_labels_that_are_exported() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_no_page_is_no_page_and_the_services_go_on() {
+async fn unknown_pages_are_not_found() {
     let cluster = Cluster::start(1).await;
     let (code, _) = page(cluster.coordinator.address, "/etc/passwd").await;
     assert_ne!(code, 500);
@@ -156,7 +156,7 @@ async fn what_is_no_page_is_no_page_and_the_services_go_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_worker_that_listens_everywhere_says_where_it_is_reached() {
+async fn a_worker_that_listens_on_all_addresses_advertises_a_reachable_one() {
     let coordinator = start_coordinator(quick());
     let config = argus_cluster::worker::Config::new(coordinator.url());
     let everywhere = "0.0.0.0:0".parse().unwrap();

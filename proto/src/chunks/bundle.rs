@@ -10,25 +10,25 @@ use crate::WireError;
 use crate::convert::{required, scene_hash, scene_hash_bytes};
 use crate::v1::{self, bundle_header::Source};
 
-/// A scene as its coordinator sent it. Its content is to be opened, and its hash compared, by the receiver.
+/// A scene from its coordinator. The receiver must open it and compare its hash.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Bundle {
-    /// What the coordinator's user called it.
+    /// The name given by the coordinator's user.
     pub name: String,
-    /// What the opened scene must hash to.
+    /// The expected hash of the opened scene.
     pub hash: SceneHash,
-    /// How it is opened.
+    /// The source of the scene.
     pub source: BundleSource,
 }
 
-/// What a scene is made from.
+/// The source of a scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum BundleSource {
     /// A generated scene, such as `terrain:500000`.
     Procedural(String),
     /// Files by their names relative to the bundle's root, parts separated by `/`.
     Files {
-        /// The one to open.
+        /// The root file.
         root: String,
         /// All of them.
         files: Vec<(String, Bytes)>,
@@ -40,7 +40,7 @@ pub fn procedural_chunk(name: &str, hash: SceneHash, spec: &str) -> v1::SceneChu
     header_chunk(name, hash, Source::Procedural(spec.to_owned()))
 }
 
-/// Takes a bundle of files apart; chunks are slices of the files, made as they are asked for.
+/// Splits a bundle of files into chunks, which are slices of the files, made lazily.
 ///
 /// # Errors
 /// [`WireError::Invalid`] if a name leaves the bundle or `root` is not among the files.
@@ -78,7 +78,7 @@ fn header_chunk(name: &str, hash: SceneHash, source: Source) -> v1::SceneChunk {
     v1::SceneChunk { body: Some(v1::scene_chunk::Body::Header(header)) }
 }
 
-/// Puts a bundle together again.
+/// Reassembles a bundle.
 #[derive(Debug)]
 pub struct BundleAssembler {
     hash: SceneHash,
@@ -99,15 +99,15 @@ struct Partial {
 }
 
 impl BundleAssembler {
-    /// For the scene with that hash, in files of at most `max_bytes` together.
+    /// Accepts the scene with this hash, in files of at most `max_bytes` together.
     pub fn new(hash: SceneHash, max_bytes: u64) -> Self {
         Self { hash, max_bytes, partial: None }
     }
 
-    /// Takes the next chunk; `Some` once it completes the bundle.
+    /// Adds the next chunk; `Some` if it completes the bundle.
     ///
     /// # Errors
-    /// Whatever is malformed, see [`WireError`]; the stream is of no use after that.
+    /// A [`WireError`] if the chunk is malformed; the stream is then unusable.
     pub fn push(&mut self, chunk: v1::SceneChunk) -> Result<Option<Bundle>, WireError> {
         use v1::scene_chunk::Body;
         match (required(chunk.body, "chunk.body")?, &mut self.partial) {

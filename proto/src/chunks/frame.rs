@@ -9,19 +9,19 @@ use crate::codec::{self, Layout};
 use crate::convert::{duration_ms, known, required};
 use crate::v1::{self, Encoding};
 
-/// What travels with a frame without being part of it.
+/// Metadata of a frame.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FrameMeta {
-    /// The request's.
+    /// The request's view_id.
     pub view_id: String,
-    /// Id of the worker that made it.
+    /// Name of the worker that made it.
     pub worker: String,
     /// Milliseconds from the request's arrival to the first chunk, summed over the processes it passed.
     pub age_ms: f64,
 }
 
-/// Takes a frame apart, its images packed as `encoding` says; unspecified is [`Encoding::Raw`], and so is
-/// an image that packing would not make smaller. Packing takes milliseconds: keep it off an async thread.
+/// Splits a frame into chunks, with images packed by `encoding`. Unspecified means [`Encoding::Raw`], which is also
+/// used where packing would not save bytes. Packing takes milliseconds: keep it off async threads.
 ///
 /// # Errors
 /// [`WireError::Invalid`] if an image's size is not that of the frame.
@@ -76,7 +76,7 @@ pub fn frame_chunks(
     Ok(chunks)
 }
 
-/// Puts frames together again, one after the other, from the chunks of a stream.
+/// Reassembles consecutive frames from the chunks of a stream.
 #[derive(Debug)]
 pub struct FrameAssembler {
     limits: Limits,
@@ -89,7 +89,7 @@ struct Partial {
     gather: Gather,
 }
 
-/// A header that has been checked.
+/// A checked header.
 #[derive(Debug)]
 struct Header {
     frame: Frame,
@@ -99,15 +99,15 @@ struct Header {
 }
 
 impl FrameAssembler {
-    /// For frames of at most `limits`, which bound the memory that a header can ask for.
+    /// Accepts frames of at most `limits`, which bound the memory that a header can request.
     pub fn new(limits: Limits) -> Self {
         Self { limits, partial: None }
     }
 
-    /// Takes the next chunk; `Some` once it completes a frame, after which the next one may begin.
+    /// Adds the next chunk; `Some` if it completes a frame, after which the next one may begin.
     ///
     /// # Errors
-    /// Whatever is malformed, see [`WireError`]; the stream is of no use after that.
+    /// A [`WireError`] if the chunk is malformed; the stream is then unusable.
     pub fn push(&mut self, chunk: v1::FrameChunk) -> Result<Option<(Frame, FrameMeta)>, WireError> {
         match (required(chunk.body, "chunk.body")?, &mut self.partial) {
             (v1::frame_chunk::Body::Header(header), None) => {
@@ -133,7 +133,7 @@ impl FrameAssembler {
         }
     }
 
-    /// Forgets what it has of a frame.
+    /// Forgets a partial frame.
     pub fn abandon(&mut self) {
         self.partial = None;
     }
@@ -226,7 +226,7 @@ impl Header {
     }
 }
 
-/// Size of an image in memory; `None` where it exceeds the address space.
+/// Size of an image in memory; `None` if it exceeds the address space.
 fn raw_bytes(width: u32, height: u32, output: Output) -> Option<usize> {
     let pixels = usize::try_from(u64::from(width) * u64::from(height)).ok()?;
     pixels.checked_mul(Layout::from(output).texel_bytes())

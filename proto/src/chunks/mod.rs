@@ -1,8 +1,7 @@
 //! Frames, samples, traced pixels and scenes in pieces of at most [`MAX_CHUNK_BYTES`].
 //!
-//! Each begins with a header that says how many bytes follow. Bytes carry their offset, so that a repeated or
-//! skipped chunk is noticed; whatever a header claims is compared with what its receiver expects before
-//! any memory is set aside.
+//! Each begins with a header that states how many bytes follow. Bytes carry their offset, so that repeated or skipped
+//! chunks are detected. A header's claims are compared with what the receiver expects before memory is allocated.
 
 mod bundle;
 mod frame;
@@ -34,12 +33,12 @@ struct Gather {
     what: &'static str,
     expected: u64,
     received: BytesMut,
-    /// The one chunk that is everything, kept as it came: most views of a cluster fit in one.
+    /// The only chunk, kept without copying: most views of a cluster fit in one.
     whole: Option<Bytes>,
 }
 
 impl Gather {
-    /// For `expected` bytes; the caller has made sure that so many are acceptable.
+    /// Collects `expected` bytes, which the caller has checked.
     fn new(what: &'static str, expected: u64) -> Self {
         Self { what, expected, received: BytesMut::new(), whole: None }
     }
@@ -48,7 +47,7 @@ impl Gather {
         self.whole.as_ref().map_or(self.received.len(), Bytes::len) as u64
     }
 
-    /// Takes the next chunk, which must begin where the last one ended.
+    /// Adds the next chunk, which must begin where the last one ended.
     fn push(&mut self, offset: u64, bytes: Bytes) -> Result<(), WireError> {
         let out_of_order = |reason| Err(WireError::out_of_order(self.what, reason));
         if offset != self.got() {

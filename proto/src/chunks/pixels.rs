@@ -1,6 +1,6 @@
-//! Some pixels of a view: what is asked of a sampler, and what it answers.
+//! Traced pixels of a view: requests to samplers, and answers.
 //!
-//! The pixels that no sample saw come in clusters, row by row, so that runs name them in a few bytes each.
+//! Pixels that no sample saw form clusters, so runs per row name them in a few bytes each.
 
 use argus_scene::{
     InvalidField, Limits, Outputs, PixelJob, Pixels, PlanRequest, SceneHash, SpecificationHash, Stage, View,
@@ -12,15 +12,15 @@ use crate::WireError;
 use crate::convert::{required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes};
 use crate::v1::{self, trace_chunk};
 
-/// The most pixels of one request; whoever needs more asks more than once. It bounds both messages, whatever
-/// the view's size: at worst 2 MiB of runs, and 1.75 MiB of answer.
+/// Most pixels of one request; more need several requests. It bounds both messages, whatever the view's size: 2 MiB
+/// of runs and 1.75 MiB of answer at worst.
 pub const MAX_TRACE_PIXELS: usize = 1 << 18;
 
 /// Bytes of a pixel on the wire: sRGB and range.
 const COLOR_BYTES: usize = 3;
 const RANGE_BYTES: usize = 4;
 
-/// What the frame is of whose pixels are asked for.
+/// The scene and the specification of the frame whose pixels are requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TracedFrame {
     /// Its scene.
@@ -29,7 +29,7 @@ pub struct TracedFrame {
     pub specification: SpecificationHash,
 }
 
-/// The requests for a job's pixels, each with how many of them it asks for, in order.
+/// The requests for a job's pixels, in order, each with its number of pixels.
 pub fn trace_requests(job: &PixelJob, frame: TracedFrame) -> Vec<(v1::TraceRequest, usize)> {
     let request = |pixels: &[u32]| v1::TraceRequest {
         scene_hash: scene_hash_bytes(frame.scene),
@@ -44,7 +44,7 @@ pub fn trace_requests(job: &PixelJob, frame: TracedFrame) -> Vec<(v1::TraceReque
     job.pixels.chunks(MAX_TRACE_PIXELS).map(|pixels| (request(pixels), pixels.len())).collect()
 }
 
-/// In turn, how many pixels to pass over and how many to take.
+/// Runs: alternately pixels to skip and pixels to take.
 fn runs(ascending: &[u32]) -> Vec<u32> {
     let mut runs: Vec<u32> = Vec::new();
     let mut next = 0;
@@ -58,11 +58,11 @@ fn runs(ascending: &[u32]) -> Vec<u32> {
     runs
 }
 
-/// What the frame is of, and the job, of a request which came from outside; `time_secs` is when its epoch is, as the receiver
-/// knows.
+/// Checks a request, which came from outside. Returns the frame and the job. `time_secs` is the scene time of its
+/// epoch.
 ///
 /// # Errors
-/// The field that is at fault: what [`View::validate`] refuses of a direct view, or runs that do not name 1 to
+/// The invalid field: what [`View::validate`] refuses of a direct view, or runs that do not name 1 to
 /// [`MAX_TRACE_PIXELS`] pixels of that view in ascending order.
 pub fn trace_job(
     wire: v1::TraceRequest,
@@ -123,10 +123,10 @@ fn taken(runs: &[u32], count: u64) -> Result<Vec<u32>, InvalidField> {
     Ok(pixels)
 }
 
-/// Takes traced pixels apart.
+/// Splits traced pixels into chunks.
 ///
 /// # Errors
-/// [`WireError::Invalid`] if there is not a colour for every range.
+/// [`WireError::Invalid`] unless there is one colour per range.
 pub fn pixel_chunks(pixels: &Pixels) -> Result<Vec<v1::TraceChunk>, WireError> {
     let count = pixels.range.len() / RANGE_BYTES;
     if pixels.range.len() != count * RANGE_BYTES || pixels.color.len() != count * COLOR_BYTES {
@@ -144,7 +144,7 @@ pub fn pixel_chunks(pixels: &Pixels) -> Result<Vec<v1::TraceChunk>, WireError> {
     Ok(bodies.map(|body| v1::TraceChunk { body: Some(body) }).collect())
 }
 
-/// Puts traced pixels together again.
+/// Reassembles traced pixels.
 #[derive(Debug)]
 pub struct PixelAssembler {
     count: usize,
@@ -153,7 +153,7 @@ pub struct PixelAssembler {
 }
 
 impl PixelAssembler {
-    /// For the answer to a request for `count` pixels, which bounds the memory it can ask for.
+    /// Accepts the answer to a request for `count` pixels, which bounds the memory.
     pub fn new(count: usize) -> Self {
         let bytes = count.saturating_mul(COLOR_BYTES + RANGE_BYTES);
         Self { count, stages: None, gather: Gather::new("traced pixels", bytes as u64) }
@@ -162,7 +162,7 @@ impl PixelAssembler {
     /// Takes the next chunk.
     ///
     /// # Errors
-    /// Whatever is malformed, see [`WireError`]; the stream is of no use after that.
+    /// A [`WireError`] if the chunk is malformed; the stream is then unusable.
     pub fn push(&mut self, chunk: v1::TraceChunk) -> Result<(), WireError> {
         match required(chunk.body, "chunk.body")? {
             trace_chunk::Body::Header(_) if self.stages.is_some() => {
@@ -184,10 +184,10 @@ impl PixelAssembler {
         }
     }
 
-    /// The pixels, the stream having ended.
+    /// The pixels, after the stream's end.
     ///
     /// # Errors
-    /// [`WireError::Truncated`] if something is missing, [`WireError::Corrupt`] for a range that is none.
+    /// [`WireError::Truncated`] if something is missing, [`WireError::Corrupt`] for an invalid range.
     pub fn finish(self) -> Result<Pixels, WireError> {
         let Some(stages) = self.stages.filter(|_| self.gather.is_complete()) else {
             return Err(self.gather.truncated());
@@ -203,7 +203,7 @@ impl PixelAssembler {
     }
 }
 
-/// The answers to several requests as the answer to all of them.
+/// Joins the answers to several requests.
 pub fn joined(parts: Vec<Pixels>) -> Pixels {
     let all = |part: fn(&Pixels) -> &Bytes| match &parts[..] {
         [one] => part(one).clone(),

@@ -14,8 +14,8 @@ use crate::codec::{self, Layout};
 use crate::convert::{hash, known, required, unspecified};
 use crate::v1::{self, PlaneCodec};
 
-/// Takes a sample apart, its planes packed. Cloning the chunks is cheap: whoever serves a sample to many
-/// packs it once. Packing takes milliseconds: keep it off an async thread.
+/// Splits a sample into chunks, with packed planes. Cloning chunks is cheap, so a sample for many receivers is packed
+/// once. Packing takes milliseconds: keep it off async threads.
 ///
 /// # Errors
 /// [`WireError::OnDevice`] if a plane has not been read back.
@@ -58,7 +58,7 @@ pub fn sample_chunks(sample: &Sample) -> Result<Vec<v1::SampleChunk>, WireError>
     Ok(chunks)
 }
 
-/// What is sent instead of a sample that the receiver has with the same hash.
+/// The chunk that replaces a sample that the receiver holds with the same hash.
 pub fn unchanged_chunk(id: SampleId, hash: [u8; 32]) -> v1::SampleChunk {
     let header = v1::SampleHeader {
         id: Some(id.into()),
@@ -93,25 +93,25 @@ fn host_bytes(id: SampleId, plane: &Plane) -> Result<&Bytes, WireError> {
     }
 }
 
-/// What a subscription brings.
+/// An item of a subscription.
 #[derive(Debug, Clone)]
 pub enum Received {
     /// A sample, its planes in host memory and its hash.
     Sample(Sample, [u8; 32]),
-    /// What the receiver has is still right.
+    /// The receiver's sample is unchanged.
     Unchanged(SampleId),
 }
 
-/// Puts the samples of a subscription together again.
+/// Reassembles the samples of a subscription.
 #[derive(Debug)]
 pub struct SampleAssembler {
     info: SampleSetInfo,
-    /// What has been asked for and has not come yet.
+    /// The requested samples that have not come yet.
     missing: BTreeSet<u64>,
     partial: Option<(Header, Gather)>,
 }
 
-/// A header that has been checked.
+/// A checked header.
 #[derive(Debug)]
 struct Header {
     id: SampleId,
@@ -133,16 +133,16 @@ struct PlaneHeader {
 }
 
 impl SampleAssembler {
-    /// For the samples of these cameras of a set. The set's rig says how large each sample is, and so bounds the
-    /// memory that a header can ask for.
+    /// Accepts the samples of these cameras of a set. The set's rig bounds each sample's size, and so the memory that
+    /// a header can request.
     pub fn new(info: SampleSetInfo, cameras: impl IntoIterator<Item = u64>) -> Self {
         Self { info, missing: cameras.into_iter().collect(), partial: None }
     }
 
-    /// Takes the next chunk; `Some` once it completes a sample. Unpacking takes milliseconds.
+    /// Adds the next chunk; `Some` if it completes a sample. Unpacking takes milliseconds.
     ///
     /// # Errors
-    /// Whatever is malformed, see [`WireError`]; the stream is of no use after that.
+    /// A [`WireError`] if the chunk is malformed; the stream is then unusable.
     pub fn push(&mut self, chunk: v1::SampleChunk) -> Result<Option<Received>, WireError> {
         match (required(chunk.body, "chunk.body")?, &mut self.partial) {
             (v1::sample_chunk::Body::Header(header), None) => {
@@ -178,7 +178,7 @@ impl SampleAssembler {
         }
     }
 
-    /// Indices that have not arrived whole.
+    /// Cameras whose samples have not arrived whole.
     pub fn missing(&self) -> impl Iterator<Item = u64> {
         self.missing.iter().copied()
     }

@@ -1,4 +1,4 @@
-//! What a service says of itself.
+//! The description of a service.
 
 use argus_scene::scene::NamedCamera;
 use argus_scene::{Bounds, Effect, InvalidField, Limits, PlanRequest, Rig, SceneHash};
@@ -7,26 +7,26 @@ use super::scene::epoch_secs;
 use super::{known, required, scene_hash, scene_hash_bytes};
 use crate::{PROTOCOL_VERSION, v1};
 
-/// The answer to `Describe`: what is served and what may be asked.
+/// The answer to `Describe`: the served scene, its limits and defaults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
-    /// What the scene is called.
+    /// Name of the scene.
     pub scene_name: String,
-    /// Which scene it is.
+    /// Hash of the scene.
     pub scene_hash: SceneHash,
     /// Box around everything in it.
     pub bounds: Bounds,
     /// Triangles, instances counted.
     pub triangles: u64,
-    /// What its looks depend on.
+    /// Effects in the scene.
     pub effects: Vec<Effect>,
     /// Recommended viewpoints, each valid; at least one.
     pub cameras: Vec<NamedCamera>,
     /// The largest view that is accepted.
     pub limits: Limits,
-    /// Where samples are taken.
+    /// The rig of sample cameras.
     pub rig: Rig,
-    /// What the service chooses where a request leaves the plan open.
+    /// The service's choices for open fields of a plan.
     pub defaults: PlanRequest,
     /// Seconds of scene time from one epoch to the next; 0 where the scene stands still.
     pub epoch_secs: f64,

@@ -1,9 +1,8 @@
-//! Wire ↔ vocabulary, value by value.
+//! Conversions of single values between wire and vocabulary.
 //!
-//! To the wire is `From`, since everything inside is well formed; from the wire is `TryFrom` with
-//! [`InvalidField`] naming the field at fault: what is missing, an enum's unknown value, a number that is
-//! not finite, a plan or rig that no service could honour. Limits on a view's size are not checked here but
-//! by [`argus_scene::View::validate`], since they are the service's own.
+//! To the wire: `From`, since inside values are valid. From the wire: `TryFrom` with an [`InvalidField`] for missing
+//! fields, unknown enum values, non-finite numbers, and plans or rigs that no service could honour.
+//! [`argus_scene::View::validate`] checks the size of a view, since limits are the service's own.
 
 mod camera;
 mod describe;
@@ -19,17 +18,17 @@ use glam::{DVec3, Vec3};
 
 use crate::v1;
 
-/// The value of a field that must not be absent.
+/// The value of a required field.
 pub(crate) fn required<T>(value: Option<T>, field: &'static str) -> Result<T, InvalidField> {
     value.ok_or_else(|| InvalidField::new(field, "must be given"))
 }
 
-/// The known value of an enum's number, which may still be its "unspecified".
+/// The value of an enum's number, which may be "unspecified".
 pub(crate) fn known<E: TryFrom<i32>>(number: i32, field: &'static str) -> Result<E, InvalidField> {
     E::try_from(number).map_err(|_| InvalidField::new(field, format!("{number} is not a known value")))
 }
 
-/// The error of an enum that was left unspecified where a choice is due.
+/// The error of an unspecified enum that must be specified.
 pub(crate) fn unspecified(field: &'static str) -> InvalidField {
     InvalidField::new(field, "must not be unspecified")
 }

@@ -14,10 +14,10 @@
 //! less certain, by its distance.
 //!
 //! 1. *Before* a frame, from its [`Situation`]: the place of the view among the sample cameras, their sampling
-//! density of what it shows, its place in the scene.
+//!    density of what it shows, its place in the scene.
 //! 2. *After* a frame, also from what is [`Observed`] in it: the detail of the image, the share of pixels that no
-//! sample saw, the share that a second sample confirms, the residuals. This is much sharper, and it informs about all
-//! other settings, too: how much an image aliases depends on what it shows.
+//!    sample saw, the share that a second sample confirms, the residuals. This is much sharper, and it informs about all
+//!    other settings, too: how much an image aliases depends on what it shows.
 //!
 //! A bound on the error is kept by trying ([`choose`]). The setting with the least expected total cost is rendered,
 //! including the cost of what follows a rejection. If the frame's own upper quantile exceeds the bound, the frame is

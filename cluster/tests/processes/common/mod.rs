@@ -34,11 +34,11 @@ use tonic::transport::Channel;
 
 use roles::{Factory, Knobs};
 
-/// Nothing in a test takes this long unless it hangs.
+/// A test that waits this long hangs.
 pub const LIMIT: Duration = Duration::from_secs(30);
 
-/// Says loudly why a test is skipped, which `eprintln!` does not: what it says in a test that passes is shown to nobody.
-/// Where this variable is 1, that is a failure.
+/// Reports why a test is skipped, also where the output of passed tests is captured. If this variable is 1, skipping
+/// is a failure.
 pub fn skip(required_by: &str, why: &str) {
     let required = std::env::var(required_by).is_ok_and(|value| value == "1");
     assert!(!required, "{required_by}=1, yet {why}");
@@ -73,7 +73,7 @@ pub fn scene(name: &str) -> Arc<Scene> {
     })
 }
 
-/// Serves a scene that is generated, or one of two files.
+/// Serves a generated scene, or one of two files.
 pub struct Source {
     pub scene: Arc<Scene>,
     pub files: Vec<(String, PathBuf)>,
@@ -93,7 +93,7 @@ impl SceneSource for Source {
     }
 }
 
-/// Has the scene itself, or counts what it had to be sent.
+/// Opens the scene locally, or counts fetches.
 #[derive(Default)]
 pub struct Opener {
     pub has_nothing: bool,
@@ -117,7 +117,7 @@ impl SceneOpener for Opener {
     }
 }
 
-/// A process of the cluster: a runtime of its own, so that it can be killed in the middle of things.
+/// A process of the cluster, in its own runtime, so that it can be killed at any moment.
 pub struct Process<E> {
     pub address: SocketAddr,
     shutdown: CancellationToken,
@@ -156,15 +156,15 @@ impl<E: Send + 'static> Process<E> {
         Self { address, shutdown, runtime: Some(runtime), ended: Some(ended) }
     }
 
-    /// Ends it at once, as a crash would: its connections break.
+    /// Kills it, like a crash: its connections break.
     pub fn kill(&mut self) {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
         }
     }
 
-    /// Stops it, as SIGSTOP would, until what is returned is dropped: its connections stay, and new ones are made by the
-    /// system alone.
+    /// Stops it, like SIGSTOP, until the returned guard is dropped: its connections stay open, and the system accepts
+    /// new ones.
     pub fn hang(&mut self) -> Hung {
         let hung = Hung(Arc::new(AtomicBool::new(true)));
         let still = hung.0.clone();
@@ -177,13 +177,13 @@ impl<E: Send + 'static> Process<E> {
         hung
     }
 
-    /// Asks it to end and waits for what it returns.
+    /// Asks it to end, and waits for its result.
     pub async fn stop(&mut self) -> Result<(), E> {
         self.shutdown.cancel();
         self.ended().await
     }
 
-    /// Waits for what it returns.
+    /// Waits for its result.
     pub async fn ended(&mut self) -> Result<(), E> {
         let ended = self.ended.take().unwrap();
         tokio::time::timeout(LIMIT, ended).await.expect("it must end").unwrap()
@@ -382,7 +382,7 @@ pub fn pinned(i: usize, pin: Provenance) -> View {
     View { pin: Some(pin), ..view(i) }
 }
 
-/// An authority as `argus certs` makes it, and certificates that it signs.
+/// An authority like that of `argus certs`, which signs certificates.
 pub struct Authority(rcgen::CertifiedIssuer<'static, rcgen::KeyPair>);
 
 impl Authority {
@@ -396,7 +396,7 @@ impl Authority {
         self.0.pem()
     }
 
-    /// A certificate and its key.
+    /// Signs a certificate; returns it and its key.
     pub fn certify(&self, names: &[&str]) -> [String; 2] {
         let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
         let pair = rcgen::KeyPair::generate().unwrap();

@@ -1,5 +1,5 @@
-//! Roles whose pixels are a hash of what they are a function of: a frame that was made of the wrong samples,
-//! or with the wrong plan, is a different frame.
+//! Fake roles whose pixels are a hash of their inputs: a frame of the wrong samples or the wrong plan is a different
+//! frame.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -20,13 +20,13 @@ pub struct Knobs {
     pub view_us: AtomicU64,
     pub direct_us: AtomicU64,
     pub sample_us: AtomicU64,
-    /// What making a sampler takes.
+    /// Time to make a sampler.
     pub sampler_us: AtomicU64,
-    /// Whoever works stays at it, cancelled or not, until this is taken back.
+    /// Roles stay at their work, cancelled or not, while this is set.
     pub stuck: AtomicBool,
-    /// The next calls that lose the device.
+    /// Number of next calls that lose the device.
     pub lose_device: AtomicUsize,
-    /// The next calls that panic.
+    /// Number of next calls that panic.
     pub panics: AtomicUsize,
     /// Views of this width fail.
     pub poisoned_width: AtomicU64,
@@ -39,30 +39,30 @@ pub struct Knobs {
     pub cancelled: AtomicUsize,
     /// Samples that a compositor has memory for; 0: any number.
     pub compositor_holds: AtomicUsize,
-    /// The most that one held.
+    /// Most samples that one compositor held.
     pub most_held: AtomicUsize,
-    /// Parts that a sampler makes of a sample which nobody waits for, each as long as a sample; 0: it makes none.
+    /// Slices of a background sample, each as long as a sample; 0: no slices.
     pub sample_parts: AtomicUsize,
-    /// Samples that nobody waited for.
+    /// Number of background samples.
     pub samples_ahead: AtomicUsize,
     /// Pixels of reconstructed views that no sample saw, in a hundred.
     pub unresolved_percent: AtomicU64,
     /// Compositors refuse to be made.
     pub no_device: AtomicBool,
-    /// Slices in which a compositor takes a sample up that nobody waits for; 0: it knows none.
+    /// Slices in which a compositor uploads a background sample; 0: no slices.
     pub hold_slices: AtomicUsize,
-    /// Reconstructed views show surfaces at the viewer's eye, of which samples far away have coarse texels.
+    /// Reconstructed views show surfaces at the viewer's eye, for which distant samples have coarse texels.
     pub coarse: AtomicBool,
-    /// What a slice takes.
+    /// Time of a slice.
     pub hold_us: AtomicU64,
     /// Slices and views, in the order in which they were done.
     pub done: parking_lot::Mutex<Vec<Done>>,
 }
 
-/// What a role did.
+/// A piece of work that a role did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Done {
-    /// A slice of a sample's taking up, counted from 0.
+    /// A slice of a sample's upload, counted from 0.
     Slice(SampleId, usize),
     Direct,
     Warped,
@@ -74,7 +74,7 @@ impl Knobs {
         self.direct_us.store(direct_us, Ordering::SeqCst);
     }
 
-    /// Works for a while, a slice at a time; whether it was cancelled.
+    /// Works for a while, in slices. Returns whether it was cancelled.
     fn work(&self, us: &AtomicU64, cancel: &Cancel) -> bool {
         while self.stuck.load(Ordering::SeqCst) {
             std::thread::sleep(Duration::from_millis(5));
@@ -110,7 +110,7 @@ pub struct Factory {
     pub knobs: Arc<Knobs>,
 }
 
-/// Of a sample that a sampler renders before anybody asks for one.
+/// Id of the sample that a sampler renders to warm up.
 const WARM_UP: u64 = u64::MAX;
 
 pub const DEVICE: &str = "no device at all, version 1";
@@ -180,7 +180,7 @@ fn frame(job: &ViewJob, scene: &Scene, specification: Specification, seed: u64) 
     }
 }
 
-/// What a frame says that it took: as long as a role works at it, and a millisecond at least.
+/// The stages of a frame: the role's working time, at least a millisecond.
 fn stages(us: &AtomicU64) -> Vec<Stage> {
     vec![Stage::new("render", (us.load(Ordering::SeqCst) as f64 * 1e-3).max(1.0))]
 }
@@ -193,7 +193,7 @@ fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
 struct FakeSampler {
     knobs: Arc<Knobs>,
     scene: Arc<Scene>,
-    /// What it was made for.
+    /// The sample set that it was made for.
     set: SampleSetInfo,
 }
 
@@ -284,7 +284,7 @@ impl Sampler for FakeSampler {
 struct FakeCompositor {
     knobs: Arc<Knobs>,
     held: HashMap<SampleId, (Arc<SampleSetInfo>, Vec<Bytes>)>,
-    /// Slices of samples that are not held yet.
+    /// Uploaded slices of samples that are not held yet.
     begun: HashMap<SampleId, usize>,
 }
 
@@ -355,7 +355,7 @@ impl Compositor for FakeCompositor {
                 of = Some(info.clone());
                 planes.iter().for_each(|plane| texels.extend_from_slice(&plane[..64]));
             }
-            // As a search's beginning may show.
+            // The state that a later search may start from.
             texels.push(job.history.is_some().into());
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.specification(), seed_of(job, &texels));

@@ -18,9 +18,9 @@ pub struct Session {
     pub requests: mpsc::Sender<v1::SessionRequest>,
     answers: Streaming<v1::SessionResponse>,
     assembler: FrameAssembler,
-    /// Whether it asks to be redirected.
+    /// Whether it supports redirects.
     pub redirectable: bool,
-    /// Whether its searches may begin from its frame before.
+    /// Whether its frames may be reprojected.
     pub history: bool,
 }
 
@@ -29,7 +29,7 @@ impl Session {
         Self::open_by(cluster.views()).await
     }
 
-    /// By a connection of its own: one that is not read holds up others of the same connection, whoever is at its end.
+    /// Opens a session on its own connection: an unread session blocks others on the same connection.
     pub async fn open_by(mut views: ViewsClient<Channel>) -> Self {
         let (requests, outgoing) = mpsc::channel(64);
         let answers = views.session(ReceiverStream::new(outgoing)).await.unwrap().into_inner();
@@ -52,7 +52,7 @@ impl Session {
         self.requests.send(v1::SessionRequest { camera_seq, body: Some(body) }).await.unwrap();
     }
 
-    /// The next answer, which says where to fetch the frame.
+    /// The next answer, which must be a redirect.
     pub async fn redirect(&mut self) -> (u64, v1::Redirect) {
         let answer =
             tokio::time::timeout(LIMIT, self.answers.message()).await.expect("a session must answer");
@@ -73,14 +73,14 @@ impl Session {
         }
     }
 
-    /// The next frame, whole, or failure: its sequence number and how many cameras were superseded.
+    /// The next whole frame or failure, its sequence number, and the number of superseded cameras.
     pub async fn answer(&mut self) -> Option<(u64, u64, Result<(), v1::SessionFailure>)> {
         let next = async {
             while let Some(answer) = self.answers.message().await.unwrap() {
                 let (seq, superseded) = (answer.camera_seq, answer.superseded);
                 match answer.body.unwrap() {
                     Answer::Redirect(redirect) => {
-                        panic!("nobody asked to be sent to {}", redirect.address)
+                        panic!("unexpected redirect to {}", redirect.address)
                     }
                     Answer::Failure(failure) => return Some((seq, superseded, Err(failure))),
                     Answer::Chunk(chunk) => {
