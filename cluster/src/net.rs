@@ -303,7 +303,7 @@ mod tests {
                 assert!(chunks.message().await.unwrap().is_none());
             }
             let ended = tokio::time::timeout(Duration::from_secs(5), closed.recv()).await;
-            ended.expect("nobody uses it").unwrap();
+            ended.expect("it is idle").unwrap();
         }
     }
 }

@@ -136,7 +136,7 @@ mod tests {
         assert_eq!(stream.next().await.unwrap().unwrap(), 7, "the reader did not keep it waiting");
         assert_eq!(stream.next().await.unwrap().unwrap(), 0);
         tokio::time::sleep(ITEM * 2).await;
-        assert_eq!(Arc::strong_count(&place), 1, "nobody asked whether that was the last");
+        assert_eq!(Arc::strong_count(&place), 1, "the next item was not requested");
     }
 
     #[tokio::test(start_paused = true)]

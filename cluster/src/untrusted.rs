@@ -177,7 +177,7 @@ pub fn sealed(sealed: &v1::Sealed) -> Result<(), String> {
     if ticket.is_some() || receipt.is_some() {
         Ok(())
     } else {
-        Err("nobody of the cluster sealed it".to_owned())
+        Err("it was not sealed with the cluster's key".to_owned())
     }
 }
 

@@ -164,7 +164,7 @@ impl Band {
 
 /// Turns blocks of pixels into coefficients.
 struct Quantiser {
-    /// What coefficients are multiplied by: their divisors, and the factors that the fast transform leaves out.
+    /// Factors on coefficients: the inverse divisors, with the factors that the fast transform omits.
     factors: Block,
 }
 

@@ -156,7 +156,7 @@ pub struct Report {
     pub warp_cost: Option<Cost>,
     /// Measured and predicted errors of probed frames.
     pub probed: Probed,
-    /// What each way to see triangles costs there, ms for a tile of a sample; where it was told to measure.
+    /// Cost of each visibility backend, milliseconds for a tile of a sample, if it was told to measure.
     pub ways: Vec<(Visibility, f64)>,
 }
 

@@ -344,12 +344,12 @@ impl Core {
 
 #[cfg(test)]
 impl Core {
-    /// What tests look at.
+    /// The workers, for tests.
     pub(super) fn workers(&self) -> &Workers {
         &self.workers
     }
 
-    /// What tests look at.
+    /// The samples, for tests.
     pub(super) fn samples(&self) -> &Samples {
         &self.samples
     }

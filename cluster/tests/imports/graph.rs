@@ -1,4 +1,4 @@
-//! Which modules of a folder import which, and whether they do so in a circle.
+//! The import graph of a folder's modules, and its cycles.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;

@@ -2,7 +2,7 @@
 //!
 //! This reads text, not meaning: enough for sources that `rustfmt` has formatted and that no macro hides.
 
-/// What one file names. Paths are as written, segment by segment; a glob ends in `*`.
+/// The names in one file. Paths are as written, segment by segment; a glob ends in `*`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Source {
     /// Modules that it declares.
@@ -103,7 +103,7 @@ fn words(text: &str) -> Vec<String> {
     out
 }
 
-/// What is built always, and what for tests alone.
+/// Splits words into those that are always built, and those for tests.
 fn without_tests(words: &[String]) -> (Vec<String>, Vec<String>) {
     const ATTRIBUTE: [&str; 7] = ["#", "[", "cfg", "(", "test", ")", "]"];
     let (mut code, mut tests, mut at) = (Vec::new(), Vec::new(), 0);

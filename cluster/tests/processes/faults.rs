@@ -92,7 +92,7 @@ async fn a_worker_recovers_from_a_lost_device_and_from_a_panic() {
         misfortune.store(1, Ordering::SeqCst);
         cluster.render(&direct(1)).await.unwrap();
     }
-    assert_eq!(cluster.status().await.counters.unwrap().views_retried, 0, "nobody else was asked");
+    assert_eq!(cluster.status().await.counters.unwrap().views_retried, 0, "no other worker got it");
     // After repeated failures the view fails with a clear error, and the cluster continues.
     cluster.knobs.lose_device.store(100, Ordering::SeqCst);
     let status = cluster.render(&view(1)).await.unwrap_err();
@@ -306,7 +306,7 @@ async fn a_stuck_worker_that_still_reports_loses_no_view() {
         let stuck = measured.workers.iter().find(|w| w.role() == role).unwrap();
         let at = cluster.workers.iter().position(|w| w.url() == stuck.address).unwrap();
         knobs[at].stuck.store(true, Ordering::SeqCst);
-        // Of tiles that nobody has samples of, too, and some that samplers render.
+        // Also of tiles without held samples, some of which samplers render.
         let answers = join_all((6..30).map(|i| {
             let (client, view) = (cluster.views(), if i % 4 == 0 { direct(i) } else { view(i) });
             async move { common::render(client, &view, 0).await }
@@ -405,7 +405,7 @@ async fn an_unused_sampler_is_dropped_after_a_while() {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    tokio::time::timeout(common::LIMIT, dropped).await.expect("what nobody uses is given up");
+    tokio::time::timeout(common::LIMIT, dropped).await.expect("an unused sampler is dropped");
     cluster.render(&view(2)).await.unwrap();
 }
 
@@ -443,8 +443,11 @@ async fn a_worker_reports_in_one_line_why_it_cannot_start() {
         worker.ended().await.unwrap_err().to_string()
     };
     let unused = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let nobody = error(config(&format!("http://{unused}"))).await;
-    assert!(nobody.contains("no coordinator answers at") && nobody.contains("argus coordinator"), "{nobody}");
+    let unanswered = error(config(&format!("http://{unused}"))).await;
+    assert!(
+        unanswered.contains("no coordinator answers at") && unanswered.contains("argus coordinator"),
+        "{unanswered}"
+    );
     let mute = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let silent = error(config(&format!("http://{}", mute.local_addr().unwrap()))).await;
     assert!(silent.contains("no coordinator answers at"), "{silent}");
@@ -457,7 +460,7 @@ async fn a_worker_reports_in_one_line_why_it_cannot_start() {
     knobs.no_device.store(true, Ordering::SeqCst);
     let device = error(config("http://127.0.0.1:1")).await;
     assert!(device.contains("cannot render") && device.contains("no device"), "{device}");
-    for line in [nobody, silent, device] {
+    for line in [unanswered, silent, device] {
         assert_eq!(line.lines().count(), 1);
     }
 }

@@ -53,7 +53,7 @@ async fn a_session_with_history_reprojects_its_last_frame() {
             assert_eq!(frame.provenance.history, i > 0, "frame {i}, redirected: {redirect}");
             assert_eq!(search_of(&frame), Search::Seeded);
             let kept = [&frame.range, &frame.source, &frame.mask, &frame.confidence];
-            assert!(kept.iter().all(|image| image.is_none()), "nobody asked for more than colour");
+            assert!(kept.iter().all(|image| image.is_none()), "only colour was requested");
         }
     }
 }

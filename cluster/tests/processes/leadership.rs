@@ -318,7 +318,7 @@ async fn a_renewal_whose_answer_was_lost_is_recognised() {
     let lease = Duration::from_secs(30);
     let one = NatsRegistry::connect(&nats.url, lease).await.unwrap();
     let held = one.acquire("a").await.unwrap().unwrap();
-    assert!(held.term > alone.term, "whoever comes after a coordinator that was alone has a higher term");
+    assert!(held.term > alone.term, "a successor of a single coordinator has a higher term");
     let renewed = one.renew(held, "a").await.unwrap().unwrap();
     // It got no answer, and still presents the old revision.
     let again = one.renew(held, "a").await.unwrap().unwrap();
@@ -372,7 +372,7 @@ async fn a_registry_with_tls_accepts_only_members_with_its_credentials() {
         (&None, &secret, "without a certificate"),
         (&others, &secret, "where it does not trust the server"),
         (&others_certificate, &secret, "with a stranger's certificate"),
-        (&own, &None, "as nobody"),
+        (&own, &None, "without credentials"),
         (&own, &NatsSecret::parse("argus another").ok(), "with another password"),
     ] {
         let error = connect(tls, secret).await.expect_err(why).to_string();

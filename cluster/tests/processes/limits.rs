@@ -219,7 +219,7 @@ async fn a_worker_with_unread_frames_serves_other_clients() {
     for frame in [cluster.render(&large).await, cluster.render(&view(3)).await] {
         frame.unwrap();
     }
-    assert!(began.elapsed() < AT_ONCE, "whoever reads waited {:?} for others", began.elapsed());
+    assert!(began.elapsed() < AT_ONCE, "a reading client waited {:?} for others", began.elapsed());
     // Their frames are still available.
     for mut frame in slow {
         let mut bytes = 0;

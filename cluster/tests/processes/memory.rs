@@ -37,7 +37,7 @@ async fn a_still_cameras_frames_do_not_change_when_another_way_becomes_faster() 
         let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
         let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });
         let first = next(&mut session, &open(1)).await;
-        assert!(is_direct(&first), "nobody holds a sample");
+        assert!(is_direct(&first), "no worker holds a sample");
         // Workers get samples, from which a view is faster.
         cluster.render(&view(1)).await.unwrap();
         let began = tokio::time::Instant::now();

@@ -441,7 +441,7 @@ fn sessions_and_redirects_resume_after_a_restart_of_the_coordinator() {
             .collect();
         let moving = sessions.iter_mut().map(|session| moves(session, Duration::from_secs(12)));
         for seen in join_all(moving).await {
-            // Nobody has joined the new one yet: that is an answer, and no loss.
+            // No worker has joined the new coordinator yet: that is an answer, not a loss.
             assert!(seen.failures.len() < 60, "{:?}", seen.failures);
             assert!(seen.gap < Duration::from_secs(5), "a frame took {:?}", seen.gap);
             let (last, _) = seen.frames.last().expect("there were frames");

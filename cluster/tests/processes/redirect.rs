@@ -313,7 +313,7 @@ async fn a_client_of_a_slow_frame_gets_progress_messages() {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     };
-    tokio::time::timeout(LIMIT, cancelled).await.expect("nobody wants that frame");
+    tokio::time::timeout(LIMIT, cancelled).await.expect("the frame is no longer wanted");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

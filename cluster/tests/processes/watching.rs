@@ -80,7 +80,7 @@ async fn metrics_count_work_and_end_as_the_format_demands() {
 /// Labels that Prometheus adds to whatever it collects as deploy/ says.
 const ADDED: [&str; 4] = ["instance", "job", "namespace", "pod"];
 
-/// What `deploy/` asks Prometheus for: names of files, and what is in them.
+/// The Prometheus queries in `deploy/`: names of files, and their contents.
 fn queries(folder: &Path) -> Vec<(String, String)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {

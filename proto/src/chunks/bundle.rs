@@ -91,7 +91,7 @@ struct Partial {
     name: String,
     root: String,
     files_due: u32,
-    /// Of the total that the header announced.
+    /// Bytes left of the announced total.
     bytes_due: u64,
     files: Vec<(String, Bytes)>,
     names: BTreeSet<String>,

@@ -257,7 +257,7 @@ impl TryFrom<v1::Plan> for Plan {
                 Self::Direct { samples_per_pixel }
             }
             Kind::Warp(plan) => {
-                // Surroundings come on top; nobody needs them twice.
+                // Reflection maps come on top, and at most once.
                 let of_rig = plan.samples.iter().filter(|id| id.camera != SampleId::SURROUNDINGS).count();
                 if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");

@@ -13,7 +13,7 @@ fn used(sim: &mut Sim) -> BTreeSet<SampleId> {
     let mut used = BTreeSet::new();
     for _ in 0..8 {
         let view_id = sim.ask(false);
-        let Plan::Warp(warp) = &sim.orders[&view_id].plan else { unreachable!("nobody asked for triangles") };
+        let Plan::Warp(warp) = &sim.orders[&view_id].plan else { unreachable!("no view is from triangles") };
         used.extend(warp.samples.iter().copied());
         sim.answer(view_id);
         sim.now = sim.now.after(Duration::from_millis(125));

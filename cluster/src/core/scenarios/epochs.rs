@@ -127,7 +127,7 @@ fn s_counts_the_samples_of_every_epoch_and_falls_to_zero_without_views() {
         sim.report_all();
     }
     assert_eq!(sim.core.status().samples_per_tick, 0.0);
-    assert!(sim.core.set().version.state.epoch <= epoch + 12, "nobody looks");
+    assert!(sim.core.set().version.state.epoch <= epoch + 12, "there are no views");
     let view_id = sim.ask(false);
     assert!(
         sim.orders[&view_id].state.epoch > epoch + 100,

@@ -120,7 +120,7 @@ fn a_plan_uses_more_held_samples_unless_the_request_fixes_their_number() {
         warp.samples
     };
     let first = count(&mut sim, PlanRequest::from_samples());
-    assert_eq!(first.len(), 4, "nobody has any");
+    assert_eq!(first.len(), 4, "no worker holds any");
     let held: Vec<SampleId> =
         set.rig.nearest(&camera, 7).into_iter().map(|i| SampleId { camera: i, ..first[0] }).collect();
     for worker in sim.workers.values_mut() {

@@ -10,7 +10,7 @@ fn a_single_worker_plays_both_roles_and_a_second_takes_one() {
     let mut sim = Sim::new(Config::default());
     assert_eq!(sim.roles(), (0, 0));
     let waiting = sim.ask(false);
-    assert!(sim.orders.is_empty(), "nobody there yet");
+    assert!(sim.orders.is_empty(), "there is no worker yet");
     let first = sim.join("a");
     assert!(sim.orders.is_empty(), "not ready yet");
     sim.report(first);
@@ -43,7 +43,7 @@ fn roles_change_only_with_demand() {
     assert_eq!(sim.roles(), (1, 2));
     assert_eq!(sim.roles_changed(), settled + 2);
     (0..20).for_each(|_| sim.second(0, 20));
-    assert_eq!(sim.roles(), (3, 0), "direct views alone: everybody renders");
+    assert_eq!(sim.roles(), (3, 0), "only direct views: all workers render");
     sim.second(400, 20);
     sim.second(400, 20);
     let (samplers, compositors) = sim.roles();
@@ -141,7 +141,10 @@ fn the_views_of_a_suspected_worker_are_retried_before_it_is_lost() {
         let others = sim.workers.iter().filter(|(id, _)| **id != hangs);
         others.map(|(_, w)| w.told.last().unwrap().suspected.clone()).collect::<Vec<_>>()
     };
-    assert!(told(&sim).iter().all(|suspected| *suspected == [address.clone()]), "nobody waits for it");
+    assert!(
+        told(&sim).iter().all(|suspected| *suspected == [address.clone()]),
+        "other workers do not wait for it"
+    );
     for direct in [false, true, false, true] {
         let next = sim.ask(direct);
         assert_ne!(sim.orders[&next].worker, hangs);
@@ -199,7 +202,7 @@ fn views_of_hanging_workers_move_as_soon_as_one_recovers() {
         sim.now = sim.now.after(Duration::from_millis(250));
         sim.step(Event::Tick);
     }
-    assert_eq!(sim.orders[&view_id].worker, has, "nobody else can have it");
+    assert_eq!(sim.orders[&view_id].worker, has, "no other worker can have it");
     sim.report(other);
     sim.step(Event::Tick);
     assert_eq!(sim.orders[&view_id].worker, other);
@@ -284,7 +287,11 @@ fn a_stuck_worker_is_suspected_if_another_one_answers() {
     at_one_piece(&mut sim, stuck, secs(5.1));
     assert_ne!(sim.orders[&view_id].worker, stuck);
     let other = sim.orders[&view_id].worker;
-    assert_eq!(sim.workers[&other].told.last().unwrap().suspected, [address], "nobody waits for it");
+    assert_eq!(
+        sim.workers[&other].told.last().unwrap().suspected,
+        [address],
+        "other workers do not wait for it"
+    );
     for direct in [false, true, false, true] {
         let next = sim.ask(direct);
         assert_ne!(sim.orders[&next].worker, stuck);

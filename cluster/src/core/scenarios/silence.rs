@@ -146,7 +146,7 @@ fn workers_that_fall_silent_together_are_suspected_later_and_finally_lost() {
     assert!(sim.core.can_answer(), "it may be this process that hears nothing");
     pass(&mut sim, 400, |_, _| false, |_| false);
     assert!(!sim.core.can_answer());
-    assert_eq!(sim.orders[&view_id].worker, has, "nobody else can have it");
+    assert_eq!(sim.orders[&view_id].worker, has, "no other worker can have it");
     pass(&mut sim, 3600, |_, _| false, |_| false);
     assert_eq!(sim.expelled.len(), 3);
 }

@@ -26,7 +26,7 @@ fn views_from_triangles_are_answered_before_the_backend_is_chosen() {
     sim.ask(true);
     assert_eq!(sim.orders.len(), 2);
     sim.step(Event::Tick);
-    assert!(measuring(&sim).is_empty(), "nobody wants a sample");
+    assert!(measuring(&sim).is_empty(), "no view needs a sample");
 }
 
 #[test]

@@ -21,9 +21,9 @@ const MOST_WITHOUT: u32 = 3;
 /// A view that was given to a worker.
 #[derive(Debug, Clone)]
 pub(in crate::core) struct Given {
-    /// Which view.
+    /// The view.
     pub(in crate::core) view_id: ViewId,
-    /// Which worker.
+    /// The worker.
     pub(in crate::core) worker: WorkerId,
     /// The samples of its plan, and how much the view depends on each.
     pub(in crate::core) samples: Vec<(SampleId, Access)>,

@@ -112,7 +112,7 @@ pub enum Split {
     Nobody,
     /// The only process plays both roles.
     Alone,
-    /// All render directly; nobody composites.
+    /// All render directly; no process composites.
     AllDirect,
     /// This many samplers, at least one; the other processes composite, at least one.
     Divided(u32),
