@@ -32,7 +32,7 @@ pub const FRAGMENTS: [FragmentProgram; 8] = [
         note: "averages the sub-pixels of supersampled views; views of one sub-pixel do not use it",
     },
     FragmentProgram {
-        label: "compositor/floor",
+        label: "compositor/bare_fetch",
         compute: None,
         note: "one fetch a pixel, a baseline of studies; no view uses it",
     },
