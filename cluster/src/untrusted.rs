@@ -6,8 +6,8 @@ use argus_proto::trace::continued_from;
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
 use argus_scene::{
-    Bounds, Indirect, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification,
-    Version, View, Visibility,
+    Bounds, FaceMask, Indirect, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash,
+    Specification, Version, View, Visibility,
 };
 use glam::DVec3;
 use prost::Message;
@@ -197,6 +197,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         views_composed: 9,
         sampling_busy_ms: 40.0,
         held: vec![id],
+        partial: vec![(id, FaceMask::only(2))],
         probed: Probed { count: 1, error: 0.02, predicted: 0.015 },
         ways: vec![(Visibility::default(), 3.0)],
         ..Report::default()
@@ -204,7 +205,12 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let assignment = Assignment {
         sequence: 1,
         role: Role::Both,
-        prefetch: vec![Source { id, addresses: vec!["http://127.0.0.1:1".to_owned()], dispensable: false }],
+        prefetch: vec![Source {
+            id,
+            faces: FaceMask::only(2),
+            addresses: vec!["http://127.0.0.1:1".to_owned()],
+            dispensable: false,
+        }],
         kept_from: 0,
         measure_ways: false,
         suspected: vec!["http://127.0.0.1:2".to_owned()],

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use argus_proto::convert::{scene_hash_bytes, visibility};
 use argus_proto::{PROTOCOL_VERSION, v1};
-use argus_scene::{InvalidField, Limits, SampleSetInfo, Version, Visibility};
+use argus_scene::{FaceMask, InvalidField, Limits, SampleId, SampleSetInfo, Version, Visibility};
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
@@ -89,6 +89,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         unpacking_ms: busy(wire.unpacking_ms),
         holding_ms: busy(wire.holding_ms),
         held: wire.held.into_iter().map(Into::into).collect(),
+        partial: wire.partial.into_iter().filter_map(partial_from).collect(),
         leaving: wire.leaving,
         piece_ms: busy(wire.piece_ms),
         part_ms: wire.part_ms,
@@ -125,6 +126,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         unpacking_ms: report.unpacking_ms,
         holding_ms: report.holding_ms,
         held: report.held.into_iter().map(Into::into).collect(),
+        partial: report.partial.into_iter().map(partial).collect(),
         leaving: report.leaving,
         piece_ms: report.piece_ms,
         part_ms: report.part_ms,
@@ -138,6 +140,16 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         ways: report.ways.into_iter().map(way_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
+}
+
+fn partial((id, faces): (SampleId, FaceMask)) -> v1::PartialSample {
+    v1::PartialSample { id: Some(id.into()), faces: faces.bits() }
+}
+
+/// A sample of no faces, or of faces that there are not, has none that are of use.
+fn partial_from(wire: v1::PartialSample) -> Option<(SampleId, FaceMask)> {
+    let faces = FaceMask::new(wire.faces, "partial.faces").unwrap_or(FaceMask::NONE);
+    Some((wire.id?.into(), faces))
 }
 
 fn cost(Cost { fixed_ms, ms_per_megapixel }: Cost) -> v1::Cost {
@@ -224,10 +236,11 @@ pub(crate) fn observed_from(wire: v1::Observed) -> Observed {
 pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
     sources
         .into_iter()
-        .map(|Source { id, addresses, dispensable }| v1::SampleSource {
+        .map(|Source { id, faces, addresses, dispensable }| v1::SampleSource {
             id: Some(id.into()),
             addresses,
             dispensable,
+            faces: faces.bits(),
         })
         .collect()
 }

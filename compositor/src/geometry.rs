@@ -2,7 +2,7 @@
 //! a scene at 10⁶ m loses no precision.
 
 use argus_scene::camera::Face;
-use argus_scene::{Bounds, Camera, SampleCamera};
+use argus_scene::{Bounds, Camera, FaceMask, SampleCamera};
 use argus_shaders::layout::compositor::{CellProjection, ViewSample};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
@@ -95,14 +95,19 @@ impl PixelFromFace {
 }
 
 /// A sample as the shaders look it up for a view with this eye.
-pub(crate) fn view_sample(eye: DVec3, camera: &SampleCamera, face: &Face, layer: u32) -> ViewSample {
+pub(crate) fn view_sample(
+    eye: DVec3,
+    camera: &SampleCamera,
+    face: &Face,
+    (layer, mask): (u32, FaceMask),
+) -> ViewSample {
     let [right, up, back] = [0, 1, 2].map(|i| face.view_from_world.row(i));
     let half = face.tan_half_fov;
     ViewSample {
         u_from_world: ((right / half.x - back) * 0.5).as_vec3().to_array(),
         layer,
         v_from_world: ((-up / half.y - back) * 0.5).as_vec3().to_array(),
-        _pad_v: 0.0,
+        faces: mask.bits(),
         w_from_world: (-back).as_vec3().to_array(),
         _pad_w: 0.0,
         eye_from_center: (eye - camera.center()).as_vec3().to_array(),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use argus_gpu::ReflectionProbes;
 use argus_scene::camera::Face;
-use argus_scene::{InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
+use argus_scene::{FaceMask, InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{
     CellProjection, Fill, MAX_SAMPLES, Reproject, Splat, ViewSample, ViewUniform,
 };
@@ -28,6 +28,8 @@ pub(crate) struct PreparedView {
     pub(crate) search: Search,
     pub(crate) side: u32,
     pub(crate) samples: Vec<Arc<HeldSample>>,
+    /// The faces that are used of each sample. Directions in other faces are not seen by it.
+    masks: Vec<FaceMask>,
     pub(crate) pool: usize,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
@@ -73,7 +75,7 @@ impl PreparedView {
         sample_store: &SampleStore,
         knobs: &CompositorKnobs,
     ) -> Result<Self, RenderError> {
-        let Plan::Warp(Warp { search, steps, supersampling, samples, .. }) = &job.plan else {
+        let Plan::Warp(Warp { search, steps, supersampling, samples, faces, .. }) = &job.plan else {
             return Err(InvalidField::new("plan", "a compositor has no triangles to render directly").into());
         };
         let within = |field, value: usize, most: usize| match (1..=most).contains(&value) {
@@ -90,7 +92,12 @@ impl PreparedView {
         job.camera.validate()?;
         within("width", job.width as usize, 1 << 16)?;
         within("height", job.height as usize, 1 << 16)?;
-        let samples = sample_store.of_plan(&of_rig)?;
+        if faces.partial().any(|(_, mask)| mask.is_empty()) {
+            return Err(InvalidField::new("plan.faces", "must name at least one face of a sample").into());
+        }
+        let samples = sample_store.of_plan(&of_rig, faces)?;
+        let used = |held: &Arc<HeldSample>, id: &SampleId| faces.of(id.camera).of_camera(&held.camera);
+        let masks = samples.iter().zip(&of_rig).map(|(held, id)| used(held, id)).collect();
         let pool = samples.first().map_or(0, |held| held.pool);
         let class = sample_store.pool(pool)?.class;
         // Samples without a Reflector plane look up no probes.
@@ -102,6 +109,7 @@ impl PreparedView {
             search: *search,
             side: *supersampling,
             samples,
+            masks,
             pool,
             omni: class.omni,
             glossy: class.glossy,
@@ -131,6 +139,9 @@ impl PreparedView {
     fn find_sources(&mut self, splat_samples: usize) {
         for (sample, held) in self.samples.iter().enumerate().take(splat_samples.max(1)) {
             for (face, (pinhole, tiles)) in held.faces.iter().zip(&held.tiles).enumerate() {
+                if !self.masks[sample].has(face) {
+                    continue;
+                }
                 let pixel_from_face = self.geometry.pixel_from_face(held.camera.center(), pinhole);
                 let tiles = visible_tiles(&self.geometry, pinhole, &pixel_from_face, tiles);
                 if !tiles.is_empty() {
@@ -177,8 +188,8 @@ impl PreparedView {
         let bounds = held.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
         let cells = self.cells_of(piece.part);
         let mut samples = [ViewSample::zeroed(); MAX_SAMPLES];
-        for (slot, held) in samples.iter_mut().zip(&self.samples) {
-            *slot = view_sample(self.geometry.eye, &held.camera, &held.faces[0], held.layer);
+        for ((slot, held), mask) in samples.iter_mut().zip(&self.samples).zip(&self.masks) {
+            *slot = view_sample(self.geometry.eye, &held.camera, &held.faces[0], (held.layer, *mask));
         }
         let side = piece.side;
         ViewUniform {

@@ -5,7 +5,9 @@ use std::sync::{Arc, Weak};
 
 use argus_gpu::{Gpu, ReflectionProbes};
 use argus_scene::camera::Face;
-use argus_scene::{InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo};
+use argus_scene::{
+    FaceMask, FaceMasks, InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo,
+};
 
 use crate::arrays::PoolClass;
 use crate::cull::FaceTiles;
@@ -22,6 +24,8 @@ pub(crate) struct HeldSample {
     sample: Weak<Sample>,
     pub(crate) info: Arc<SampleSetInfo>,
     pub(crate) camera: SampleCamera,
+    /// Faces that were rendered.
+    pub(crate) mask: FaceMask,
     pub(crate) faces: Vec<Face>,
     /// One entry a face.
     pub(crate) tiles: Vec<FaceTiles>,
@@ -66,13 +70,21 @@ impl SampleStore {
         self.probes.get(&id).map(|(_, maps)| maps.clone()).ok_or(RenderError::MissingSample(id))
     }
 
-    /// The samples of a plan.
+    /// The samples of a plan, which uses these faces of theirs.
     ///
     /// # Errors
-    /// [`RenderError::MissingSample`] for the first that is not held. [`RenderError::Invalid`] if they differ in scene,
+    /// [`RenderError::MissingSample`] for the first that is not held, or lacks a face. [`RenderError::Invalid`] if they differ in scene,
     /// epoch, generation, size or format.
-    pub(crate) fn of_plan(&self, ids: &[SampleId]) -> Result<Vec<Arc<HeldSample>>, RenderError> {
-        let find = |id: &SampleId| self.held.get(id).cloned().ok_or(RenderError::MissingSample(*id));
+    pub(crate) fn of_plan(
+        &self,
+        ids: &[SampleId],
+        faces: &FaceMasks,
+    ) -> Result<Vec<Arc<HeldSample>>, RenderError> {
+        let find = |id: &SampleId| {
+            let used = faces.of(id.camera);
+            let held = self.held.get(id).filter(|held| held.mask.contains(used.of_camera(&held.camera)));
+            held.cloned().ok_or(RenderError::MissingSample(*id))
+        };
         let samples = ids.iter().map(find).collect::<Result<Vec<_>, _>>()?;
         if let Some((first, rest)) = samples.split_first() {
             let together = |other: &Arc<HeldSample>| {
@@ -210,9 +222,9 @@ impl SampleStore {
                 continue;
             };
             self.release(&[id]);
-            if let Some(camera) = sample.upgrade().map(|sample| sample.camera) {
-                self.held
-                    .insert(id, Arc::new(HeldSample { sample, info, camera, faces, tiles, pool, layer }));
+            if let Some((camera, mask)) = sample.upgrade().map(|sample| (sample.camera, sample.faces)) {
+                let held = HeldSample { sample, info, camera, mask, faces, tiles, pool, layer };
+                self.held.insert(id, Arc::new(held));
                 self.bytes += self.bytes_of(id);
             } else {
                 self.free([(pool, layer)]);

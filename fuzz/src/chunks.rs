@@ -8,9 +8,9 @@ use argus_proto::chunks::{
 };
 use argus_proto::v1;
 use argus_scene::{
-    Bounds, Camera, Frame, Indirect, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
-    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served, Specification,
-    Stage, Version, Visibility,
+    Bounds, Camera, FaceMask, Frame, Indirect, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData,
+    PlaneFormat, PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served,
+    Specification, Stage, Version, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -121,7 +121,7 @@ pub fn samples_corpus() -> Vec<Vec<u8>> {
             plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
         ];
         let id = SampleId { version: 0, camera: index };
-        sample_chunks(&Sample { id, camera, planes, stages: Vec::new() }).ok()
+        sample_chunks(&Sample { id, camera, faces: FaceMask::ALL, planes, stages: Vec::new() }).ok()
     };
     let both = [0, 3].into_iter().filter_map(sample).flatten();
     vec![stream(sample(0).unwrap_or_default()), stream(both)]

@@ -58,7 +58,7 @@ messages! {
     StatusResponse => |m| { drop(ClusterStatus::from(m)); Ok(()) },
     Refinements, WorkerStatus, Counters,
     SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
-    HeldSample, PlaneHeader, SampleHeader,
+    HeldSample, PartialSample, PlaneHeader, SampleHeader,
     SampleChunk => |m| begun(super::chunks::samples, m),
     SampleData,
     TraceRequest => |m| super::chunks::traces(&m.encode_length_delimited_to_vec()),

@@ -3,7 +3,7 @@
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, Frame, Holes, Indirect, Light, Lighting, Limits, MapSource, MegaViews,
+    Bounds, Camera, Effect, FaceMask, Frame, Holes, Indirect, Light, Lighting, Limits, MapSource, MegaViews,
     OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs,
     Prediction, Preset, Provenance, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo,
     Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, Version, View, Visibility,
@@ -280,9 +280,12 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
     let samples = prop::collection::vec(sample_id(), 1..=8);
     prop_oneof![
         (1..=16u32).prop_map(|side| Plan::Direct { samples_per_pixel: side * side }),
-        (search(), 1..=4096u32, 1..=8u32, samples, holes()).prop_map(
-            |(search, steps, supersampling, samples, holes)| {
-                Plan::Warp(Warp { search, steps, supersampling, samples, holes })
+        (search(), 1..=4096u32, 1..=8u32, samples, holes(), prop::option::of(1..=63u32)).prop_map(
+            |(search, steps, supersampling, samples, holes, bits)| {
+                let mask = bits.map(|bits| FaceMask::new(bits, "faces").unwrap());
+                let first = samples.first().filter(|id| !id.is_surroundings());
+                let faces = first.into_iter().filter_map(|id| Some((id.camera, mask?))).collect();
+                Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes })
             }
         ),
     ]
@@ -446,7 +449,8 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 planes.extend(info.reflections.map(|_| plane(PlaneKind::Reflector, PlaneFormat::R32Uint)));
             }
             let id = SampleId { version: info.version.number, camera: index };
-            (info, Sample { id, camera, planes, stages })
+            let faces = FaceMask::new(1 + seed as u32 % 63, "faces").unwrap().of_camera(&camera);
+            (info, Sample { id, camera, faces, planes, stages })
         },
     )
 }

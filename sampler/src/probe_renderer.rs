@@ -24,8 +24,8 @@ use std::time::Instant;
 use argus_gpu::many_views::{ManyViews, NodeOwners, ViewList, ViewPoint};
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
-    InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, Reflector, RenderError,
-    Sample, SampleCamera, SampleId, Scene, Stage, Surroundings,
+    FaceMask, InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, Reflector,
+    RenderError, Sample, SampleCamera, SampleId, Scene, Stage, Surroundings,
 };
 use bytes::BytesMut;
 use glam::DVec3;
@@ -229,6 +229,7 @@ impl ProbeRenderer {
         let sample = Sample {
             id: SampleId { version: 0, camera: SampleId::SURROUNDINGS },
             camera,
+            faces: FaceMask::ALL,
             planes: vec![
                 plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, radiance.freeze()),
                 plane(PlaneKind::InverseRange, PlaneFormat::R32Float, inverse_range.freeze()),

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError,
-    Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage,
-    ViewJob, Visibility,
+    Camera, Cancel, FaceMask, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData,
+    RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene,
+    Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -162,7 +162,10 @@ impl GpuSampler {
         self.check_job(job)?;
         let SampleSetInfo { ref lighting, reflections, visibility, .. } = *job.info;
         let camera = job.info.camera(id.camera)?;
-        let mut tiles = sample_tiles(&camera, self.knobs.side())?;
+        let faces = job.faces_of(id).of_camera(&camera);
+        let before = job.extended(id);
+        let missing = faces.without(before.map_or(FaceMask::NONE, |sample| sample.faces));
+        let mut tiles = tiles_of_faces(&camera, missing, self.knobs.side())?;
         let job_scene = JobScene {
             position: camera.center(),
             time_secs: job.info.time_secs(),
@@ -183,6 +186,9 @@ impl GpuSampler {
             camera.size(),
             job.to_host,
         );
+        if let Some(before) = before {
+            planes.take_over(&self.gpu, before)?;
+        }
         let mut submitted = Vec::new();
         let (parts, output) = (Part::of_tiles(tiles), Output::Texels(&planes));
         let mut done = 0;
@@ -197,7 +203,7 @@ impl GpuSampler {
         })?;
         wait(&mut submitted, &mut scene.stages)?;
         let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
-        Ok(Sample { id, camera, planes, stages: scene.into_stages() })
+        Ok(Sample { id, camera, faces, planes, stages: scene.into_stages() })
     }
 
     /// Checks that samples of a set can be rendered here.
@@ -505,10 +511,16 @@ fn faces_of(camera: Camera, [width, height]: [u32; 2]) -> Vec<Face> {
 
 /// The tiles of a sample camera.
 fn sample_tiles(camera: &SampleCamera, side: u32) -> Result<Vec<Tile>, RenderError> {
+    tiles_of_faces(camera, FaceMask::ALL, side)
+}
+
+/// The tiles of some faces of a sample camera.
+fn tiles_of_faces(camera: &SampleCamera, mask: FaceMask, side: u32) -> Result<Vec<Tile>, RenderError> {
     let faces = camera.faces();
     if faces.is_empty() {
         let reason = "triangles are not rasterised into dual paraboloids; use cube faces";
         return Err(InvalidField::new("sample.camera", reason).into());
     }
-    Ok(tiles(&faces, side))
+    let wanted = faces.into_iter().enumerate().filter(|(face, _)| mask.has(*face));
+    Ok(tiles(&wanted.map(|(_, face)| face).collect::<Vec<Face>>(), side))
 }

@@ -189,6 +189,17 @@ impl SampleCamera {
     }
 }
 
+/// The face of a cube that has a direction, as samples are looked up: `cube_face_of` in `shaders/shared/camera.wgsl`.
+pub fn cube_face_of(direction: DVec3) -> usize {
+    let a = direction.abs();
+    let (face, along) = match (a.x >= a.y && a.x >= a.z, a.z > a.y) {
+        (true, _) => (0, direction.x),
+        (false, true) => (4, direction.z),
+        (false, false) => (2, direction.y),
+    };
+    face + usize::from(along < 0.0)
+}
+
 /// Rotation from world axes to those of cube face `index` (+x −x +y −y +z −z). The face looks along its own −z, seen from
 /// inside the cube.
 fn cube_face_from_world(index: u32) -> DMat3 {

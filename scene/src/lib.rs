@@ -13,6 +13,7 @@
 pub mod animation;
 pub mod camera;
 pub mod error;
+mod faces;
 pub mod frame;
 pub mod history;
 pub mod indirect;
@@ -48,6 +49,7 @@ pub mod reference;
 pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use error::{InvalidField, RenderError};
+pub use faces::{FaceMask, FaceMasks};
 pub use frame::{Frame, Prediction, Provenance, Served, Stage};
 pub use history::History;
 pub use indirect::{Indirect, MapSource, PointKnobs, VplKnobs};

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytes::Bytes;
 
 use crate::{
-    Camera, Frame, History, InvalidField, Outputs, Plan, RenderError, Sample, SampleId, SampleSet,
-    SampleSetInfo, Stage, Surroundings, Visibility,
+    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, Outputs, Plan, RenderError, Sample, SampleId,
+    SampleSet, SampleSetInfo, Stage, Surroundings, Visibility,
 };
 
 /// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
@@ -39,8 +39,30 @@ pub struct SampleJob {
     pub info: Arc<SampleSetInfo>,
     /// Cameras of the rig.
     pub ids: Vec<SampleId>,
+    /// The faces of each camera that are needed. A sampler may render more.
+    pub faces: FaceMasks,
+    /// Samples of `ids` that lack needed faces. Their texels are taken over, and only the missing faces are rendered.
+    pub extended: Vec<Arc<Sample>>,
     /// Whether the planes are read back for another process, or stay on the device.
     pub to_host: bool,
+}
+
+impl SampleJob {
+    /// An order for whole samples.
+    pub fn new(info: Arc<SampleSetInfo>, ids: Vec<SampleId>, to_host: bool) -> Self {
+        Self { info, ids, faces: FaceMasks::default(), extended: Vec::new(), to_host }
+    }
+
+    /// The sample that a new one of an id extends, if there is one.
+    pub fn extended(&self, id: SampleId) -> Option<&Arc<Sample>> {
+        self.extended.iter().find(|sample| sample.id == id)
+    }
+
+    /// The faces of a sample that the job ends with: those that are needed, and those of the sample that it extends.
+    pub fn faces_of(&self, id: SampleId) -> FaceMask {
+        let before = self.extended(id).map_or(FaceMask::NONE, |sample| sample.faces);
+        self.faces.of(id.camera).union(before)
+    }
 }
 
 /// An order for one view; validated, with a complete plan.

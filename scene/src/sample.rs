@@ -8,8 +8,8 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, Indirect, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene, SceneHash,
-    Specification, Stage, Surroundings, Visibility,
+    Bounds, FaceMask, Indirect, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene,
+    SceneHash, Specification, Stage, Surroundings, Visibility,
 };
 
 /// Names one sample.
@@ -148,6 +148,8 @@ pub struct Sample {
     pub id: SampleId,
     /// Camera of the sample.
     pub camera: SampleCamera,
+    /// Faces that were rendered. Texels of all others are zero, and mean nothing: they are not seen.
+    pub faces: FaceMask,
     /// `Radiance` and `InverseRange` always; `Normal` and `Specular` if the scene is glossy, and `Reflector` if also
     /// the set has reflections. Surroundings have the first two, and `Place`.
     pub planes: Vec<Plane>,

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, InvalidField, Provenance, SampleId};
+use crate::{Camera, FaceMasks, InvalidField, Provenance, SampleId};
 
 /// Method of a compositor to find a pixel's depth, before the depth-corrected inverse warping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
@@ -167,6 +167,9 @@ pub struct Warp {
     pub supersampling: u32,
     /// The samples, best first. Their order is part of the plan.
     pub samples: Vec<SampleId>,
+    /// The faces of each camera that are used. A sample that has more gives the same frame.
+    #[serde(default, skip_serializing_if = "FaceMasks::are_all")]
+    pub faces: FaceMasks,
     /// Treatment of pixels that none of the samples saw.
     pub holes: Holes,
 }
@@ -174,7 +177,14 @@ pub struct Warp {
 impl Default for Warp {
     /// The splat without samples: for `..Warp::default()`.
     fn default() -> Self {
-        Self { search: Search::Splat, steps: 64, supersampling: 1, samples: Vec::new(), holes: Holes::Mark }
+        Self {
+            search: Search::Splat,
+            steps: 64,
+            supersampling: 1,
+            samples: Vec::new(),
+            faces: FaceMasks::default(),
+            holes: Holes::Mark,
+        }
     }
 }
 

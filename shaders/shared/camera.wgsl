@@ -71,6 +71,12 @@ fn cube_face_of(d: vec3f) -> u32 {
     return select(2u, 3u, d.y < 0.0);
 }
 
+// The face of a cube that has texture coordinates which `seen_by_cube` returned; the ring keeps these off its border.
+fn cube_face_at(uv: vec2f) -> u32 {
+    let tile = vec2u(uv * vec2f(3.0, 2.0));
+    return tile.y * 3u + tile.x;
+}
+
 // A direction in the axes of a face of a cube: right, up and forward; linear in it.
 fn in_cube_face(index: u32, d: vec3f) -> vec3f {
     let sign = select(1.0, -1.0, (index & 1u) == 1u);

@@ -1,7 +1,7 @@
 // The depth-corrected fetch of all searches: a pixel at the depth that a search found is looked up in a sample, and
 // fetched from texels whose range agrees.
 
-import package::shared::camera::{Pinhole, Seen, in_pinhole, seen_by_cube, seen_by_pinhole};
+import package::shared::camera::{Pinhole, Seen, cube_face_at, in_pinhole, seen_by_cube, seen_by_pinhole};
 import package::shared::shading::Lighting;
 import package::shared::reflection_probes::ProbeUniform;
 
@@ -11,6 +11,8 @@ struct ViewSample {
     // Layer of the texture arrays.
     layer: u32,
     v_from_world: vec3f,
+    // Faces of a cube that the plan uses, one bit each. Directions in other faces are not seen.
+    faces: u32,
     w_from_world: vec3f,
     // The view's eye relative to the sample's centre, metres, world axes.
     eye_from_center: vec3f,
@@ -123,12 +125,18 @@ fn pinhole_of(s: ViewSample) -> Pinhole {
     return Pinhole(s.u_from_world, s.v_from_world, s.w_from_world);
 }
 
-// Texture coordinates of direction d in a sample.
+// Texture coordinates of direction d in a sample, and whether the plan uses the face there.
 fn seen_by_sample(s: ViewSample, d: vec3f) -> Seen {
     if omni {
-        return seen_by_cube(f32(textureDimensions(inverse_range).y) * 0.5, d);
+        let seen = seen_by_cube(f32(textureDimensions(inverse_range).y) * 0.5, d);
+        return Seen(seen.uv, seen.inside && has_face(s, cube_face_at(seen.uv)));
     }
     return seen_by_pinhole(in_pinhole(pinhole_of(s), d));
+}
+
+// Whether the plan uses a face of a sample.
+fn has_face(s: ViewSample, face: u32) -> bool {
+    return ((s.faces >> face) & 1u) == 1u;
 }
 
 // Looks up in a sample the point at inverse depth q (1/metres, along the view's axis) in direction d.
@@ -163,7 +171,9 @@ fn fetch_from(s: ViewSample, d: vec3f, q: f32) -> Fetch {
         // At grazing angles the step is unreliable, so it is limited.
         let closer = clamp(1.0 / max(depth, 1e-30), 0.9 * q, 1.1 * q);
         let again = seen_by_sample(s, d + s.eye_from_center * closer);
-        return Fetch(again.uv, s.layer, level, closer, agreement, past, residual, true);
+        // Past the border of a face that is not used there is nothing to fetch.
+        let uv = select(seen.uv, again.uv, again.inside || !omni);
+        return Fetch(uv, s.layer, level, closer, agreement, past, residual, true);
     }
     let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
     return Fetch((base + 0.5 + offset) / size, s.layer, level, q, agreement, past, residual, seen.inside);

@@ -1,7 +1,7 @@
 // A view ray in the image of a sample: a straight line that meets texel borders at depths with a closed form.
 
 import package::shared::camera::{cube_face_of, in_cube_face, in_pinhole, texel_of_cube_face};
-import package::shared::fetch::{ViewSample, inverse_range, omni, pinhole_of};
+import package::shared::fetch::{ViewSample, has_face, inverse_range, omni, pinhole_of};
 
 // The part of a view ray inside one pinhole image: a perspective sample, or one face of a cube.
 struct ImageLine {
@@ -47,6 +47,8 @@ fn line_in_image(s: ViewSample, d: vec3f, near: f32, far: f32) -> ImageLine {
         span = where_positive(span, a.z - a.y, b.z - b.y);
         // Some face always contains the ray, so rounding does not stop it.
         span = vec2f(near, min(max(span.y, near * (1.0 + AHEAD)), far));
+        // A face that the plan does not use is not looked at: the sample may look again where the ray leaves it.
+        span = select(vec2f(span.y, far), span, has_face(s, face));
         return image_line(texel_of_cube_face(0.5 * size.y, face, a), texel_of_cube_face(0.5 * size.y, face, b), span);
     }
     let scale = vec3f(size, 1.0);

@@ -104,7 +104,7 @@ impl Stage {
         let mut ids: Vec<SampleId> = self.cameras.iter().flat_map(|camera| self.ids(camera)).collect();
         ids.sort();
         ids.dedup();
-        let job = SampleJob { info: Arc::clone(&self.info), ids, to_host };
+        let job = SampleJob::new(Arc::clone(&self.info), ids, to_host);
         let samples = self.sampler.render_samples(&job, &Cancel::new());
         Ok(samples.into_iter().collect::<Result<_, RenderError>>()?)
     }

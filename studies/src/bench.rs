@@ -173,7 +173,7 @@ impl Bench {
     /// [`RenderError::OutOfMemory`] if they exceed the compositor's budget; it then holds some of them.
     pub(crate) fn hold(&mut self, ids: &[SampleId]) -> Result<(), RenderError> {
         for ids in ids.chunks(8) {
-            let job = SampleJob { info: Arc::clone(&self.info), ids: ids.to_vec(), to_host: false };
+            let job = SampleJob::new(Arc::clone(&self.info), ids.to_vec(), false);
             let samples = self.sampler.render_samples(&job, &Cancel::new()).into_iter();
             let samples = samples.map(|sample| Ok(Arc::new(sample?))).collect::<Result<_, RenderError>>()?;
             self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
@@ -185,7 +185,7 @@ impl Bench {
     /// Renders samples `rounds` times after one warm-up, gives them to the compositor, and returns the cost.
     pub(crate) fn render_timed(&mut self, ids: Vec<SampleId>, rounds: usize) -> Result<SamplingCost> {
         let count = ids.len();
-        let job = SampleJob { info: Arc::clone(&self.info), ids, to_host: false };
+        let job = SampleJob::new(Arc::clone(&self.info), ids, false);
         let (mut times, mut samples) = (Vec::new(), Vec::new());
         // The first round also compiles the pipelines.
         for round in 0..=rounds {

@@ -179,7 +179,7 @@ fn row(
 fn time(bench: &mut Bench, ids: &[SampleId], rounds: usize) -> Result<(f64, f64)> {
     let Some((&first, _)) = ids.split_first() else { return Ok((f64::NAN, f64::NAN)) };
     let mut take = |ids: &[SampleId]| -> Result<(f64, Vec<Sample>), RenderError> {
-        let job = SampleJob { info: bench.info.clone(), ids: ids.to_vec(), to_host: false };
+        let job = SampleJob::new(bench.info.clone(), ids.to_vec(), false);
         let begin = Instant::now();
         let samples = bench.sampler.render_samples(&job, &Cancel::new());
         let ms = begin.elapsed().as_secs_f64() * 1e3;

@@ -247,7 +247,7 @@ impl Subject {
         for epoch in (0..=self.rounds as u64 + 1).rev() {
             let info = self.bench.info.at_version(&self.bench.scene, Version::of_epoch(epoch, epoch));
             let id = SampleId { version: epoch, camera: SampleId::SURROUNDINGS };
-            let job = SampleJob { info: Arc::new(info), ids: vec![id], to_host: true };
+            let job = SampleJob::new(Arc::new(info), vec![id], true);
             let begin = Instant::now();
             let found = self.bench.sampler.render_samples(&job, &Cancel::new());
             let all = begin.elapsed().as_secs_f64() * 1e3;

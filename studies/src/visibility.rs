@@ -145,7 +145,7 @@ impl Bench {
             reflections: None,
         };
         let ids = vec![SampleId { version: 0, camera: index }];
-        let job = SampleJob { info: Arc::new(info), ids, to_host: false };
+        let job = SampleJob::new(Arc::new(info), ids, false);
         let sampler = &mut self.sampler;
         timed(rounds, || {
             sampler.render_samples(&job, &Cancel::new()).into_iter().collect::<Result<Vec<_>, _>>()

@@ -7,7 +7,7 @@ use std::time::Duration;
 use argus_proto::Fault;
 use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::Survey;
-use argus_scene::{Plan, Prediction, SampleId, SceneState, View, Visibility};
+use argus_scene::{FaceMask, Plan, Prediction, SampleId, SceneState, View, Visibility};
 use serde::Serialize;
 
 use super::quality::{Cost, Observed};
@@ -139,6 +139,8 @@ pub struct Report {
     pub holding_ms: f64,
     /// Samples that it can serve and reconstruct from.
     pub held: Vec<SampleId>,
+    /// Samples of `held` that lack faces, with the faces that they have.
+    pub partial: Vec<(SampleId, FaceMask)>,
     /// Whether it is about to leave.
     pub leaving: bool,
     /// Milliseconds since its render thread began its present piece of work; 0 while it waits or starts.
@@ -305,11 +307,21 @@ pub struct Assignment {
     pub suspected: Vec<String>,
 }
 
+#[cfg(test)]
+impl Report {
+    /// The faces of a sample that is held.
+    pub(in crate::core) fn faces(&self, id: SampleId) -> FaceMask {
+        self.partial.iter().find(|(partial, _)| *partial == id).map_or(FaceMask::ALL, |(_, faces)| *faces)
+    }
+}
+
 /// Where to get a sample. A worker that finds it at no address renders it itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
     /// The sample.
     pub id: SampleId,
+    /// The faces that are needed.
+    pub faces: FaceMask,
     /// Addresses of workers that hold or can render it, best first.
     pub addresses: Vec<String>,
     /// Whether the view can do without it. If no address has it, the attempt fails with [`Failure::TryElsewhere`],

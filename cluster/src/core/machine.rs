@@ -211,7 +211,9 @@ impl Core {
             actions.push(Action::Expel { worker: id, reason });
             return;
         };
-        let has_news = self.samples.reported(id, &report.held, &worker.report().held);
+        let before = worker.report();
+        let (held, before) = ((&*report.held, &*report.partial), (&*before.held, &*before.partial));
+        let has_news = self.samples.reported(id, held, before);
         if let Some((error, predicted)) = report.probed.since(&worker.report().probed) {
             self.samples.observe_error(error, predicted);
         }

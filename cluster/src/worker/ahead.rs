@@ -7,7 +7,7 @@ use argus_scene::{Sample, SampleId, SampleSetInfo, Version};
 use tokio::sync::watch;
 use tracing::debug;
 
-use super::bringing::Bringing;
+use super::bringing::{Bringing, Told};
 use super::fetch;
 use super::fetches::For;
 use super::node::Node;
@@ -16,26 +16,23 @@ use super::policy::{self, Need, PAUSE, Seek};
 /// Has these samples at hand, each fetched from the first of its addresses that has it, or rendered here where
 /// it has none; forgets refinements that an earlier call wanted and this one does not. The rig's own samples stay: as long as
 /// there is room for them, or as their version is kept.
-pub(super) fn want(
-    node: &Arc<Node>,
-    samples: Vec<(SampleId, Vec<String>)>,
-    versions: &[Version],
-    to_host: bool,
-) {
+pub(super) fn want(node: &Arc<Node>, samples: Vec<Told>, versions: &[Version], to_host: bool) {
     let mut wanted = node.ahead.wanted.lock();
     let mut before = std::mem::take(&mut *wanted);
-    for (id, addresses) in samples {
+    for told in samples {
+        let Told { id, faces, .. } = told;
         let Some(version) = versions.iter().find(|version| version.number == id.version) else { continue };
         let Ok((info, _)) = node.set_in(*version) else { continue };
-        let kept = before.remove(&id).filter(|kept| !kept.task.is_finished() || node.store.has(id));
+        let is_here = || node.store.faces(id).contains(faces) && !node.store.faces(id).is_empty();
+        let kept = before.remove(&id).filter(|kept| !kept.task.is_finished() || is_here());
         let bringing = match kept {
             Some(kept) => {
-                kept.told.send_replace(addresses);
+                kept.told.send_replace(told);
                 kept
             }
             None => {
-                let (told, newest) = watch::channel(addresses);
-                let task = tokio::spawn(bring(node.clone(), info, id, newest, to_host)).abort_handle();
+                let (told, newest) = watch::channel(told);
+                let task = tokio::spawn(bring(node.clone(), info, newest, to_host)).abort_handle();
                 Bringing { told, task }
             }
         };
@@ -48,20 +45,16 @@ pub(super) fn want(
     node.store.forget(&gone);
 }
 
-async fn bring(
-    node: Arc<Node>,
-    info: Arc<SampleSetInfo>,
-    id: SampleId,
-    newest: watch::Receiver<Vec<String>>,
-    to_host: bool,
-) {
+async fn bring(node: Arc<Node>, info: Arc<SampleSetInfo>, newest: watch::Receiver<Told>, to_host: bool) {
     // Until it is there, or nobody wants it any more: then this task ends.
     loop {
-        let addresses = newest.borrow().clone();
-        match at_hand(&node, &info, id, &addresses, to_host).await {
+        let told = newest.borrow().clone();
+        match at_hand(&node, &info, &told, to_host).await {
+            // More faces may be wanted by now.
+            Ok(()) if !told.faces.contains(newest.borrow().faces) => continue,
             // The coordinator lets views use it as soon as it knows.
             Ok(()) => return node.news.notify_one(),
-            Err(fault) => debug!(%id, %fault, "not at hand ahead of demand"),
+            Err(fault) => debug!(id = %told.id, %fault, "not at hand ahead of demand"),
         }
         tokio::time::sleep(PAUSE).await;
     }
@@ -70,20 +63,29 @@ async fn bring(
 async fn at_hand(
     node: &Arc<Node>,
     info: &Arc<SampleSetInfo>,
-    id: SampleId,
-    addresses: &[String],
+    told: &Told,
     to_host: bool,
 ) -> Result<(), Fault> {
-    let held = if to_host { node.store.get_on_host(id) } else { node.store.get(id) };
+    let Told { id, faces, .. } = *told;
+    let held = match to_host {
+        true => node.store.get_on_host(id, faces),
+        false => node.store.get_with(id, faces),
+    };
     if let Some(held) = held {
         node.take_up(info.clone(), held).await;
         return Ok(());
     }
     // Others who are fed from here join it.
-    let fetch = node.fetches.join((id, For::Later), || {
-        Box::pin(brought(node.clone(), info.clone(), id, addresses.to_vec(), to_host))
-    });
-    let sample = fetch.await?;
+    let sample = loop {
+        let fetch = node
+            .fetches
+            .join((id, For::Later), || Box::pin(brought(node.clone(), info.clone(), told.clone(), to_host)));
+        let sample = fetch.await?;
+        // One that was begun for fewer faces is of no use.
+        if sample.faces.contains(faces) {
+            break sample;
+        }
+    };
     node.take_up(info.clone(), sample).await;
     Ok(())
 }
@@ -92,15 +94,15 @@ async fn at_hand(
 async fn brought(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    id: SampleId,
-    addresses: Vec<String>,
+    told: Told,
     to_host: bool,
 ) -> Result<Arc<Sample>, Fault> {
-    let fetched = fetched(&node, &info, id, &addresses).await;
+    let Told { id, faces, ref addresses } = told;
+    let fetched = fetched(&node, &info, &told).await;
     let need = Need::Later { feeds_others: to_host };
     match (fetched, policy::seek(need, addresses.len(), addresses.len())) {
         // Those who have it have it on a device alone, or no longer, or hang.
-        (Err(_), Seek::Render { .. }) => node.render_sample_ahead(id, info, to_host).await,
+        (Err(_), Seek::Render { .. }) => node.render_sample_ahead((id, faces), info, to_host).await,
         (fetched, _) => fetched,
     }
 }
@@ -109,8 +111,7 @@ async fn brought(
 async fn fetched(
     node: &Node,
     info: &SampleSetInfo,
-    id: SampleId,
-    addresses: &[String],
+    &Told { id, faces, ref addresses }: &Told,
 ) -> Result<Arc<Sample>, Fault> {
     let mut last = Fault::NotFound("nobody is said to have it".to_owned());
     if addresses.is_empty() {
@@ -124,10 +125,10 @@ async fn fetched(
         false => None,
     };
     for address in addresses {
-        if let Some(sample) = node.store.get(id) {
+        if let Some(sample) = node.store.get_with(id, faces) {
             return Ok(sample);
         }
-        match fetch::from_other(node, info, id, address, true).await {
+        match fetch::from_other(node, info, (id, faces), address, true).await {
             Ok(received) => return Ok(node.store.insert_received_quietly(received)),
             Err(fault) => last = fault,
         }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use argus_scene::SampleId;
+use argus_scene::{FaceMask, SampleId};
 use parking_lot::Mutex;
 use tokio::sync::{Semaphore, watch};
 use tokio::task::AbortHandle;
@@ -10,10 +10,20 @@ use tokio::task::AbortHandle;
 /// Samples that are fetched at the same time: the others' views come first.
 const FETCHES: usize = 2;
 
+/// What an assignment says of a sample that it wants at hand.
+#[derive(Debug, Clone)]
+pub(super) struct Told {
+    pub(super) id: SampleId,
+    /// The faces that are wanted.
+    pub(super) faces: FaceMask,
+    /// Where the sample is; none for one that is rendered here.
+    pub(super) addresses: Vec<String>,
+}
+
 /// A sample on its way here, or here.
 pub(super) struct Bringing {
-    /// Tells the task where the sample is.
-    pub(super) told: watch::Sender<Vec<String>>,
+    /// Tells the task what is wanted by now, and where it is.
+    pub(super) told: watch::Sender<Told>,
     /// Ends the task, which may be over.
     pub(super) task: AbortHandle,
 }

@@ -17,7 +17,7 @@ use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
-use argus_scene::{Sample, SampleId, SampleSetInfo};
+use argus_scene::{FaceMask, Sample, SampleId, SampleSetInfo};
 use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
@@ -41,8 +41,8 @@ pub(super) async fn at_hand(
     info: Arc<SampleSetInfo>,
     needed: Source,
 ) -> Result<Arc<Sample>, Fault> {
-    let id = needed.id;
-    if let Some(sample) = node.store.get(id) {
+    let Source { id, faces, .. } = needed;
+    if let Some(sample) = node.store.get_with(id, faces) {
         return Ok(sample);
     }
     loop {
@@ -52,6 +52,8 @@ pub(super) async fn at_hand(
         match fetch.await {
             // Begun for another view, which can do without.
             Err(Fault::NotFound(_)) if !needed.dispensable => {}
+            // Begun for another view, which looks at other faces.
+            Ok(sample) if !sample.faces.contains(faces) => {}
             fetched => return fetched,
         }
     }
@@ -62,9 +64,9 @@ async fn fetched_or_rendered(
     info: Arc<SampleSetInfo>,
     needed: Source,
 ) -> Result<Arc<Sample>, Fault> {
-    let Source { id, addresses, dispensable } = needed;
+    let Source { id, faces, addresses, dispensable } = needed;
     // Another fetch may have ended since somebody looked.
-    if let Some(sample) = node.store.get(id) {
+    if let Some(sample) = node.store.get_with(id, faces) {
         return Ok(sample);
     }
     let others: Vec<&String> = addresses.iter().filter(|address| **address != node.hello.address).collect();
@@ -73,7 +75,7 @@ async fn fetched_or_rendered(
         match policy::seek(Need::View { dispensable }, asked, others.len()) {
             Seek::Ask(next) => {
                 let address = others[next];
-                match from_other(&node, &info, id, address, false).await {
+                match from_other(&node, &info, (id, faces), address, false).await {
                     Ok(received) => return Ok(node.store.insert_received(received)),
                     Err(fault) => {
                         static MISSED: RateLimitedLog = RateLimitedLog::new();
@@ -87,7 +89,7 @@ async fn fetched_or_rendered(
             Seek::Render { .. } => {
                 // A compositor that renders has lost the sampler that rendered for all: others will ask here.
                 let to_host = node.acting().is_some_and(|role| !role.samples());
-                return node.render_sample(id, info, to_host).await;
+                return node.render_sample((id, faces), info, to_host).await;
             }
             Seek::GiveUp | Seek::AskAgain => {
                 return Err(Fault::NotFound(format!("sample {id} is with none of those who had it")));
@@ -100,15 +102,15 @@ async fn fetched_or_rendered(
 pub(super) async fn on_host(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    id: SampleId,
+    (id, faces): (SampleId, FaceMask),
     ahead: bool,
 ) -> Result<Arc<Sample>, Fault> {
-    if let Some(sample) = node.store.get_on_host(id) {
+    if let Some(sample) = node.store.get_on_host(id, faces) {
         return Ok(sample);
     }
     let samples = node.acting().is_none_or(Role::samples);
     if policy::serve(samples, ahead, false) == Serve::Await {
-        let coming = tokio::time::timeout(COMING, passed_on(&node, id)).await;
+        let coming = tokio::time::timeout(COMING, passed_on(&node, id, faces)).await;
         if let Ok(Some(sample)) = coming {
             return Ok(sample);
         }
@@ -116,57 +118,65 @@ pub(super) async fn on_host(
             return Err(Fault::NotFound(format!("sample {id} is neither here nor on its way here")));
         }
     }
-    let fetch = node.fetches.join((id, For::Other), || {
-        let node = node.clone();
-        Box::pin(async move {
-            match node.store.get_on_host(id) {
-                Some(sample) => Ok(sample),
-                None => node.render_sample(id, info, true).await,
-            }
-        })
-    });
-    fetch.await
+    loop {
+        let fetch = node.fetches.join((id, For::Other), || {
+            let (node, info) = (node.clone(), info.clone());
+            Box::pin(async move {
+                match node.store.get_on_host(id, faces) {
+                    Some(sample) => Ok(sample),
+                    None => node.render_sample((id, faces), info, true).await,
+                }
+            })
+        });
+        match fetch.await {
+            // Begun for a process that needs other faces.
+            Ok(sample) if !sample.faces.contains(faces) => {}
+            rendered => return rendered,
+        }
+    }
 }
 
 /// The sample, once it has come here; `None` if it does not begin to come, or comes to nothing.
-async fn passed_on(node: &Node, id: SampleId) -> Option<Arc<Sample>> {
+async fn passed_on(node: &Node, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
     let announced = Instant::now() + ANNOUNCED;
     loop {
         let begun = node.fetches.begun();
         tokio::pin!(begun);
         // From here on no bell is missed.
         begun.as_mut().enable();
-        if let Some(sample) = node.store.get(id) {
+        if let Some(sample) = node.store.get_with(id, faces) {
             // Of one that is on the device alone no other will come.
             return Some(sample).filter(|sample| is_on_host(sample));
         }
         match node.fetches.find(id, &[For::View, For::Later]) {
             Some(fetch) => {
                 let fetched = fetch.await;
-                return fetched.ok().and_then(|_| node.store.get_on_host(id));
+                return fetched.ok().and_then(|_| node.store.get_on_host(id, faces));
             }
             None => tokio::time::timeout_at(announced, begun).await.ok()?,
         }
     }
 }
 
-/// The sample as another worker has it, or renders it, and as it came.
+/// The sample as another worker has it, or renders it, and as it came: with these faces and those that are held here, which
+/// it replaces.
 pub(super) async fn from_other(
     node: &Node,
     info: &SampleSetInfo,
-    id: SampleId,
+    (id, faces): (SampleId, FaceMask),
     address: &str,
     ahead: bool,
 ) -> Result<(Sample, Chunks), Fault> {
     let span = debug_span!(target: TARGET, "fetch sample", %id, address);
-    let from_there = received(node, info, id, address, ahead, &span).instrument(span.clone());
+    let faces = faces.union(node.store.faces(id));
+    let from_there = received(node, info, (id, faces), address, ahead, &span).instrument(span.clone());
     node.unless_suspected(address, from_there).await
 }
 
 async fn received(
     node: &Node,
     info: &SampleSetInfo,
-    id: SampleId,
+    (id, faces): (SampleId, FaceMask),
     address: &str,
     ahead: bool,
     span: &Span,
@@ -179,6 +189,7 @@ async fn received(
         have: Vec::new(),
         ahead,
         specification_hash: specification_hash_bytes(info.specification().hash()),
+        faces: vec![faces.bits()],
     };
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let silent = |_| Fault::Unavailable(format!("{address} fell silent"));
@@ -189,6 +200,7 @@ async fn received(
     let mut came = Vec::new();
     let mut unpacking = Duration::ZERO;
     let mut assembler = SampleAssembler::new(info.clone(), [id.camera]);
+    assembler = assembler.with_faces([(id.camera, faces)].into_iter().collect());
     loop {
         let chunk =
             tokio::time::timeout(limit, chunks.message()).await.map_err(silent)?.map_err(unavailable)?;

@@ -7,7 +7,7 @@ use argus_proto::convert::scene_hash;
 use argus_proto::transport::replaceable;
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
-use argus_scene::{InvalidField, Limits, SampleId, SampleSetInfo, Version};
+use argus_scene::{FaceMask, InvalidField, Limits, SampleId, SampleSetInfo, Version};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
@@ -16,6 +16,7 @@ use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tracing::{debug, info, warn};
 
+use super::bringing::Told;
 use super::config::RunError;
 use super::node::Node;
 use super::{ahead, policy, scene};
@@ -44,7 +45,7 @@ struct Duty {
     /// What the versions show that those samples may be of.
     versions: Vec<Version>,
     /// Samples to have at hand, with where to fetch each; without an address, rendered here.
-    ahead: Vec<(SampleId, Vec<String>)>,
+    ahead: Vec<Told>,
     /// Samples of versions with a lower number are of no use any more.
     kept_from: u64,
     /// What each way to see triangles costs is to be measured.
@@ -212,7 +213,8 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     for source in wire.sources {
         let id = SampleId::from(source.id.ok_or_else(|| missing("sources.id"))?);
         set.camera(id.camera)?;
-        ahead.push((id, source.addresses));
+        let faces = FaceMask::new(source.faces, "sources.faces")?;
+        ahead.push(Told { id, faces, addresses: source.addresses });
     }
     Ok(Duty {
         sequence: wire.sequence,

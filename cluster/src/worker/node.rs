@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 use argus_proto::trace::{self, TARGET};
 use argus_proto::{Fault, v1};
 use argus_scene::{
-    InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene, SceneState,
-    SpecificationHash, Version, ViewJob, Visibility,
+    FaceMask, InvalidField, Limits, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, Scene,
+    SceneState, SpecificationHash, Version, ViewJob, Visibility,
 };
 use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
@@ -367,6 +367,7 @@ impl Node {
             queued_samples: backlog.samples as u32,
             queued_views: (backlog.warped + backlog.direct + backlog.pixels) as u32,
             held: self.store.ids(),
+            partial: self.store.partial(),
             leaving: told.leaving,
             piece_ms: self.queue.at_piece_for().as_secs_f64() * 1e3,
             sample_bytes: self.store.largest(),
@@ -474,29 +475,29 @@ impl Node {
         Ok(rendered?)
     }
 
-    /// Renders a sample and keeps it; after a lost device, once more. Dropping the future takes it back.
+    /// Renders a sample with these faces and keeps it; after a lost device, once more. Dropping the future takes it back.
     pub(super) async fn render_sample(
         &self,
-        id: SampleId,
+        sample: (SampleId, FaceMask),
         info: Arc<SampleSetInfo>,
         to_host: bool,
     ) -> Result<Arc<Sample>, Fault> {
-        self.render_sample_in(id, info, to_host, false).await
+        self.render_sample_in(sample, info, to_host, false).await
     }
 
-    /// Renders a sample that nobody waits for, when nothing else is left to do, and keeps it.
+    /// Renders a sample with these faces that nobody waits for, when nothing else is left to do, and keeps it.
     pub(super) async fn render_sample_ahead(
         &self,
-        id: SampleId,
+        sample: (SampleId, FaceMask),
         info: Arc<SampleSetInfo>,
         to_host: bool,
     ) -> Result<Arc<Sample>, Fault> {
-        self.render_sample_in(id, info, to_host, true).await
+        self.render_sample_in(sample, info, to_host, true).await
     }
 
     async fn render_sample_in(
         &self,
-        id: SampleId,
+        (id, faces): (SampleId, FaceMask),
         info: Arc<SampleSetInfo>,
         to_host: bool,
         ahead: bool,
@@ -510,7 +511,9 @@ impl Node {
         loop {
             let (reply, done) = oneshot::channel();
             let (waiting, claimed) = claim();
-            let task = SampleTask { id, info: info.clone(), to_host, ahead, claimed, reply };
+            // It replaces the sample that is held, and keeps the faces of that.
+            let faces = faces.union(self.store.faces(id));
+            let task = SampleTask { id, faces, info: info.clone(), to_host, ahead, claimed, reply };
             self.queue.push_sample(task).map_err(|_| self.overloaded("samples"))?;
             let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
             drop(waiting);
@@ -519,6 +522,10 @@ impl Node {
                 rendered => {
                     self.check_set(&info)?;
                     let rendered = rendered?;
+                    if !rendered.faces.contains(faces) {
+                        let reason = format!("sample {id} was rendered without a face that was asked for");
+                        return Err(RenderError::Internal(reason).into());
+                    }
                     let sample = match ahead {
                         true => self.store.insert_quietly(rendered),
                         false => self.store.insert(rendered),

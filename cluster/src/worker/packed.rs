@@ -95,7 +95,7 @@ impl Packed {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Plane, PlaneData, PlaneFormat, PlaneKind, SampleCamera};
+    use argus_scene::{Camera, FaceMask, Plane, PlaneData, PlaneFormat, PlaneKind, SampleCamera};
     use bytes::Bytes;
     use glam::DVec3;
     use rand::rngs::SmallRng;
@@ -113,7 +113,7 @@ mod tests {
         let camera = Camera::look_at(DVec3::ONE, DVec3::ZERO);
         let camera = SampleCamera::Perspective { camera, width: side, height: side };
         let id = SampleId { version: index / 10, camera: index };
-        Arc::new(Sample { id, camera, planes: vec![plane], stages: Vec::new() })
+        Arc::new(Sample { id, camera, faces: FaceMask::ALL, planes: vec![plane], stages: Vec::new() })
     }
 
     #[tokio::test]

@@ -9,7 +9,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob, Visibility,
+    FaceMask, Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
+    Visibility,
 };
 use parking_lot::{Condvar, Mutex};
 use tokio::sync::oneshot;
@@ -43,6 +44,8 @@ pub(super) struct Rendered {
 /// A sample for the render thread.
 pub(super) struct SampleTask {
     pub(super) id: SampleId,
+    /// The faces that are needed.
+    pub(super) faces: FaceMask,
     pub(super) info: Arc<SampleSetInfo>,
     /// Another process needs it.
     pub(super) to_host: bool,

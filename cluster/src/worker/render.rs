@@ -13,8 +13,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, Frame, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob, SampleSetInfo, Sampler,
-    Scene,
+    Compositor, FaceMask, Frame, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob, SampleSetInfo,
+    Sampler, Scene,
 };
 use tracing::{debug, info, warn};
 
@@ -306,10 +306,14 @@ impl Renderer {
         if tasks.is_empty() {
             return;
         }
-        let job = SampleJob { info, ids: tasks.iter().map(|task| task.id).collect(), to_host };
+        let ids = tasks.iter().map(|task| task.id).collect();
+        let faces = tasks.iter().map(|task| (task.id.camera, task.faces)).collect();
+        let lacks = |task: &SampleTask, held: &Sample| !held.faces.contains(task.faces);
+        let held = tasks.iter().filter_map(|task| self.store.get(task.id).filter(|held| lacks(task, held)));
+        let job = SampleJob { faces, extended: held.collect(), ..SampleJob::new(info, ids, to_host) };
         let mut began = Instant::now();
         let results = self.samples_in_slices(&job, &batch, &mut began);
-        self.record(Kind::Sample, &results, began, began);
+        self.record_samples(&job, &results, began);
         deliver(tasks.into_iter().map(|task| task.reply), results);
     }
 
@@ -451,6 +455,21 @@ impl Renderer {
             };
             let pixels = u64::from(frame.width) * u64::from(frame.height) * per_pixel;
             self.meter.observe_view(kind, pixels, frame.rendering_ms());
+        }
+    }
+
+    /// Takes in what samples took. Their cost is that of whole samples: faces cost alike.
+    fn record_samples(&self, job: &SampleJob, results: &Results<Sample>, began: Instant) {
+        let Ok(results) = results else { return };
+        let rendered = |sample: &Sample| {
+            let before = job.extended(sample.id).map_or(FaceMask::NONE, |sample| sample.faces);
+            sample.faces.without(before).share()
+        };
+        let done = results.iter().flatten().count();
+        let whole: f64 = results.iter().flatten().map(rendered).sum();
+        if whole > 0.0 {
+            let took = began.elapsed();
+            self.meter.add(Kind::Sample, done, took.mul_f64(done as f64 / whole), took);
         }
     }
 

@@ -5,11 +5,11 @@ use std::pin::Pin;
 use std::sync::Arc;
 
 use argus_proto::chunks::{pixel_chunks, sample_hash, unchanged_chunk};
-use argus_proto::convert::{scene_hash, specification_hash};
+use argus_proto::convert::{face_masks, scene_hash, specification_hash};
 use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::samples_server::Samples;
 use argus_proto::{Fault, v1};
-use argus_scene::{InvalidField, SampleId, SampleSetInfo};
+use argus_scene::{FaceMask, InvalidField, SampleId, SampleSetInfo};
 use bytes::Bytes;
 use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
@@ -47,11 +47,13 @@ impl Samples for SamplesService {
         let info = check(&self.node, &request)?;
         let have: HashMap<u64, Bytes> =
             request.have.into_iter().map(|held| (held.camera, held.hash)).collect();
+        let faces = face_masks(&request.cameras, &request.faces, "faces").map_err(Fault::from)?;
         let (node, ahead) = (self.node.clone(), request.ahead);
         let one = move |camera: u64| {
             let (node, info, have) = (node.clone(), info.clone(), have.get(&camera).cloned());
+            let faces = faces.of(camera);
             async move {
-                let chunks = packed(node, info, camera, have, ahead).await?;
+                let chunks = packed(node, info, (camera, faces), have, ahead).await?;
                 Ok::<_, Status>(futures::stream::iter((0..chunks.len()).map(move |i| Ok(chunks[i].clone()))))
             }
             .instrument(debug_span!(target: TARGET, parent: &span, "sample", camera))
@@ -103,12 +105,12 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
 async fn packed(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
-    camera: u64,
+    (camera, faces): (u64, FaceMask),
     have: Option<Bytes>,
     ahead: bool,
 ) -> Result<Packed, Fault> {
     let id = SampleId { version: info.version.number, camera };
-    let sample = fetch::on_host(node.clone(), info, id, ahead).await?;
+    let sample = fetch::on_host(node.clone(), info, (id, faces), ahead).await?;
     if let Some(have) = have {
         let held = sample.clone();
         let hash = tokio::task::spawn_blocking(move || sample_hash(&held)).await;

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{PlaneData, Sample, SampleId};
+use argus_scene::{FaceMask, PlaneData, Sample, SampleId};
 use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 
@@ -67,6 +67,16 @@ impl Store {
         Some(entry.sample.clone())
     }
 
+    /// The sample, if it is held with these faces.
+    pub(super) fn get_with(&self, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
+        self.get(id).filter(|sample| sample.faces.contains(faces))
+    }
+
+    /// The faces of a sample that are held; being asked is no use of it.
+    pub(super) fn faces(&self, id: SampleId) -> FaceMask {
+        self.state.lock().entries.get(&id).map_or(FaceMask::NONE, |entry| entry.sample.faces)
+    }
+
     /// Texel bytes of what is held.
     pub(super) fn bytes(&self) -> u64 {
         self.state.lock().bytes
@@ -77,14 +87,9 @@ impl Store {
         self.state.lock().entries.values().map(|entry| entry.bytes).max().unwrap_or(0)
     }
 
-    /// Whether it is held; being asked is no use of it.
-    pub(super) fn has(&self, id: SampleId) -> bool {
-        self.state.lock().entries.contains_key(&id)
-    }
-
-    /// The sample, if it is held in host memory.
-    pub(super) fn get_on_host(&self, id: SampleId) -> Option<Arc<Sample>> {
-        self.get(id).filter(|sample| is_on_host(sample))
+    /// The sample, if it is held with these faces in host memory.
+    pub(super) fn get_on_host(&self, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
+        self.get_with(id, faces).filter(|sample| is_on_host(sample))
     }
 
     /// A sample that is held, packed; in a turn of `packing` where it is not packed yet.
@@ -127,9 +132,17 @@ impl Store {
     }
 
     fn insert_as(&self, sample: Sample, quiet: bool) -> Arc<Sample> {
-        self.packed.forget(sample.id);
         let sample = Arc::new(sample);
         let mut state = self.state.lock();
+        // One with more faces may have come meanwhile.
+        if let Some(Entry { sample: held, .. }) = state.entries.get(&sample.id)
+            && held.faces != sample.faces
+            && held.faces.contains(sample.faces)
+            && (is_on_host(held) || !is_on_host(&sample))
+        {
+            return held.clone();
+        }
+        self.packed.forget(sample.id);
         state.remove(sample.id);
         state.clock += 1;
         let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock, quiet };
@@ -199,6 +212,16 @@ impl Store {
         ids.sort_unstable();
         ids
     }
+
+    /// Samples of [`Self::ids`] that lack faces, with the faces that they have.
+    pub(super) fn partial(&self) -> Vec<(SampleId, FaceMask)> {
+        let state = self.state.lock();
+        let listed = state.entries.iter().filter(|(_, entry)| !entry.quiet);
+        let faces = listed.map(|(id, entry)| (*id, entry.sample.faces));
+        let mut partial: Vec<_> = faces.filter(|(_, faces)| *faces != FaceMask::ALL).collect();
+        partial.sort_unstable();
+        partial
+    }
 }
 
 impl State {
@@ -227,7 +250,7 @@ mod tests {
             Plane { kind: PlaneKind::InverseRange, format: PlaneFormat::R32Float, size: [10, 10], data };
         let camera = Camera::look_at(DVec3::ONE, DVec3::ZERO);
         let camera = SampleCamera::Perspective { camera, width: 10, height: 10 };
-        Sample { id: id(index), camera, planes: vec![plane], stages: Vec::new() }
+        Sample { id: id(index), camera, faces: FaceMask::ALL, planes: vec![plane], stages: Vec::new() }
     }
 
     fn host(index: u64) -> Sample {
@@ -303,11 +326,26 @@ mod tests {
         let store = Store::new(1 << 20);
         store.insert(host(0));
         store.insert(sample(1, PlaneData::Device(Arc::new(()))));
-        assert!(store.get_on_host(id(1)).is_none() && store.get(id(1)).is_some());
+        assert!(store.get_on_host(id(1), FaceMask::ALL).is_none() && store.get(id(1)).is_some());
         store.forget_device_planes();
         assert_eq!(store.ids(), [id(0)]);
         store.insert(host(0));
         store.clear();
         assert!(store.ids().is_empty());
+    }
+
+    #[test]
+    fn a_sample_is_held_with_its_faces_and_one_of_fewer_does_not_replace_it() {
+        let store = Store::new(u64::MAX);
+        let [front, both] = [1, 0b11].map(|bits| FaceMask::new(bits, "faces").unwrap());
+        let with = |faces| Sample { faces, ..host(1) };
+        assert_eq!((store.faces(id(1)), store.partial()), (FaceMask::NONE, Vec::new()));
+        store.insert(with(both));
+        assert_eq!(store.insert(with(front)).faces, both, "it serves who needs fewer, too");
+        assert_eq!((store.faces(id(1)), store.partial()), (both, vec![(id(1), both)]));
+        assert!(store.get_with(id(1), front).is_some() && store.get_with(id(1), FaceMask::ALL).is_none());
+        store.insert_quietly(host(1));
+        assert!(store.get_on_host(id(1), FaceMask::ALL).is_some());
+        assert_eq!(store.partial(), Vec::new());
     }
 }

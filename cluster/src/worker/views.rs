@@ -14,8 +14,9 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Difference, Frame, History, Holes, InvalidField, Output, Outputs, Plan, Provenance, RenderError,
-    SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version, View, ViewJob,
+    Difference, FaceMask, Frame, History, Holes, InvalidField, Output, Outputs, Plan, Provenance,
+    RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version,
+    View, ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -284,6 +285,10 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         Plan::Direct { .. } => &[],
         Plan::Warp(warp) => &warp.samples,
     };
+    let faces_of = |camera| match &plan {
+        Plan::Direct { .. } => FaceMask::ALL,
+        Plan::Warp(warp) => warp.faces.of(camera),
+    };
     let (info, limits) = match ids.first() {
         Some(id) => node.set_in(Version { number: id.version, state })?,
         None => node.set_showing(state)?,
@@ -297,7 +302,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         }
         info.camera(id.camera)?;
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
-        samples.push(Source { id: *id, addresses, dispensable });
+        samples.push(Source { id: *id, faces: faces_of(id.camera), addresses, dispensable });
     }
     let View { camera, width, height, outputs, pin, .. } = view;
     // A view from triangles can be repeated by the backend that it was rendered with, whichever is this cluster's.

@@ -69,7 +69,7 @@ pub(super) fn small_samples(
     let ids = nearest.into_iter().map(id).collect();
     let version = Version { number: LAST_VERSION, ..info.version };
     let small = SampleSetInfo { rig, visibility, version, ..info.as_ref().clone() };
-    SampleJob { info: Arc::new(small), ids, to_host: false }
+    SampleJob::new(Arc::new(small), ids, false)
 }
 
 /// Reconstructs views from such samples, one set a size, and measures what views cost from samples of the usual size.

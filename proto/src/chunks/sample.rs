@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use argus_scene::{
-    InvalidField, Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleCamera, SampleId, SampleSetInfo,
-    Stage,
+    FaceMask, FaceMasks, InvalidField, Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleCamera,
+    SampleId, SampleSetInfo, Stage,
 };
 use bytes::Bytes;
 
@@ -46,6 +46,7 @@ pub fn sample_chunks(sample: &Sample) -> Result<Vec<v1::SampleChunk>, WireError>
         stages: sample.stages.iter().map(Into::into).collect(),
         hash: Bytes::copy_from_slice(&combined(&hashes)),
         unchanged: false,
+        faces: sample.faces.bits(),
     };
     let mut chunks = vec![v1::SampleChunk { body: Some(v1::sample_chunk::Body::Header(header)) }];
     let mut start = 0;
@@ -108,6 +109,8 @@ pub struct SampleAssembler {
     info: SampleSetInfo,
     /// The requested samples that have not come yet.
     missing: BTreeSet<u64>,
+    /// The faces that were asked for.
+    faces: FaceMasks,
     partial: Option<(Header, Gather)>,
 }
 
@@ -116,6 +119,7 @@ pub struct SampleAssembler {
 struct Header {
     id: SampleId,
     camera: SampleCamera,
+    faces: FaceMask,
     planes: Vec<PlaneHeader>,
     stages: Vec<Stage>,
     hash: [u8; 32],
@@ -136,7 +140,13 @@ impl SampleAssembler {
     /// Accepts the samples of these cameras of a set. The set's rig bounds each sample's size, and so the memory that
     /// a header can request.
     pub fn new(info: SampleSetInfo, cameras: impl IntoIterator<Item = u64>) -> Self {
-        Self { info, missing: cameras.into_iter().collect(), partial: None }
+        let missing = cameras.into_iter().collect();
+        Self { info, missing, faces: FaceMasks::default(), partial: None }
+    }
+
+    /// For samples of which these faces were asked for.
+    pub fn with_faces(self, faces: FaceMasks) -> Self {
+        Self { faces, ..self }
     }
 
     /// Adds the next chunk; `Some` if it completes a sample. Unpacking takes milliseconds.
@@ -155,6 +165,14 @@ impl SampleAssembler {
                     return Ok(Some(Received::Unchanged(id)));
                 }
                 let header = Header::check(id, header, &self.info)?;
+                let asked = self.faces.of(id.camera).of_camera(&header.camera);
+                if !header.faces.contains(asked) {
+                    let (has, asked) = (header.faces.bits(), asked.bits());
+                    return Err(WireError::field(
+                        "sample.faces",
+                        format!("must be {asked:#b}, not {has:#b}"),
+                    ));
+                }
                 let expected = header.planes.iter().map(|plane| plane.packed as u64).sum();
                 self.partial = Some((header, Gather::new("sample", expected)));
             }
@@ -203,6 +221,7 @@ impl Header {
                 format!("is not camera {} of the rig", id.camera),
             ));
         }
+        let faces = FaceMask::new(header.faces, "sample.faces")?.of_camera(&camera);
         let mut planes: Vec<PlaneHeader> = Vec::new();
         for plane in header.planes {
             let plane = PlaneHeader::check(plane, &camera)?;
@@ -222,7 +241,7 @@ impl Header {
             return Err(InvalidField::new("sample.hash", "does not agree with the planes' hashes"));
         }
         let stages = header.stages.into_iter().map(Stage::try_from).collect::<Result<_, _>>()?;
-        Ok(Self { id, camera, planes, stages, hash: claimed })
+        Ok(Self { id, camera, faces, planes, stages, hash: claimed })
     }
 
     fn finish(self, mut bytes: Bytes) -> Result<Received, WireError> {
@@ -239,7 +258,8 @@ impl Header {
             let PlaneHeader { kind, format, size, .. } = header;
             planes.push(Plane { kind, format, size, data: PlaneData::Host(raw) });
         }
-        let sample = Sample { id: self.id, camera: self.camera, planes, stages: self.stages };
+        let Self { id, camera, faces, stages, .. } = self;
+        let sample = Sample { id, camera, faces, planes, stages };
         Ok(Received::Sample(sample, self.hash))
     }
 }

@@ -1,4 +1,4 @@
-use argus_scene::{Frame, Limits, PlaneData, Sample, SampleId, SceneHash, Served};
+use argus_scene::{FaceMask, Frame, Limits, PlaneData, Sample, SampleId, SceneHash, Served};
 use bytes::Bytes;
 use proptest::prelude::*;
 
@@ -21,7 +21,13 @@ fn receive(
     id: SampleId,
     chunks: Vec<v1::SampleChunk>,
 ) -> Result<Vec<Received>, WireError> {
-    let mut assembler = SampleAssembler::new(info.clone(), [id.camera]);
+    // Whichever faces the sample has were asked for.
+    let faces = match chunks.first().and_then(|chunk| chunk.body.as_ref()) {
+        Some(sample_chunk::Body::Header(header)) => FaceMask::new(header.faces, "faces").ok(),
+        _ => None,
+    };
+    let faces = faces.map(|faces| (id.camera, faces)).into_iter().collect();
+    let mut assembler = SampleAssembler::new(info.clone(), [id.camera]).with_faces(faces);
     let mut received = Vec::new();
     for chunk in chunks {
         received.extend(assembler.push(chunk)?);
@@ -54,7 +60,7 @@ proptest! {
         let received = receive(&info, sample.id, sample_chunks(&sample).unwrap()).unwrap();
         let [Received::Sample(arrived, hash)] = &received[..] else { panic!("one sample expected") };
         prop_assert_eq!(*hash, sample_hash(&sample).unwrap());
-        prop_assert_eq!((arrived.id, arrived.camera), (sample.id, sample.camera));
+        prop_assert_eq!((arrived.id, arrived.camera, arrived.faces), (sample.id, sample.camera, sample.faces));
         prop_assert_eq!(texels(arrived), texels(&sample));
         prop_assert_eq!(&arrived.stages, &sample.stages);
         for (a, b) in arrived.planes.iter().zip(&sample.planes) {
@@ -208,7 +214,7 @@ fn samples_that_were_not_asked_for_or_do_not_fit_the_rig_are_refused() {
     let (info, sample) = sample();
     let good = sample_chunks(&sample).unwrap();
     type Change = fn(&mut v1::SampleHeader);
-    let cases: [(&str, Change); 12] = [
+    let cases: [(&str, Change); 14] = [
         ("sample.id", |h| h.id = None),
         ("sample.id", |h| h.id.as_mut().unwrap().version ^= 1),
         ("sample.id", |h| h.id.as_mut().unwrap().camera ^= 1),
@@ -226,6 +232,8 @@ fn samples_that_were_not_asked_for_or_do_not_fit_the_rig_are_refused() {
         ("planes.codec", |h| h.planes[0].codec = 0),
         ("sample.planes", |h| h.planes.truncate(1)),
         ("sample.hash", |h| h.hash = vec![0; 32].into()),
+        ("sample.faces", |h| h.faces = 0),
+        ("sample.faces", |h| h.faces = 64),
     ];
     for (field, change) in cases {
         let mut chunks = good.clone();
@@ -236,6 +244,27 @@ fn samples_that_were_not_asked_for_or_do_not_fit_the_rig_are_refused() {
             other => panic!("{field}: {other:?}"),
         }
     }
+}
+
+#[test]
+fn a_sample_that_lacks_faces_that_were_asked_for_is_refused() {
+    let (info, sample) = sample();
+    let camera = argus_scene::SampleCamera::Omni {
+        center: sample.camera.center(),
+        layout: argus_scene::OmniLayout::CubeFaces { face: 8 },
+    };
+    assert_eq!(std::mem::discriminant(&camera), std::mem::discriminant(&sample.camera), "samples are cubes");
+    let pushed = |has: u32, asked: u32| {
+        let mut chunks = sample_chunks(&sample).unwrap();
+        let Some(sample_chunk::Body::Header(header)) = &mut chunks[0].body else { panic!() };
+        header.faces = has;
+        let asked = [(sample.id.camera, FaceMask::new(asked, "faces").unwrap())].into_iter().collect();
+        let mut assembler = SampleAssembler::new(info.clone(), [sample.id.camera]).with_faces(asked);
+        assembler.push(chunks.swap_remove(0)).map(drop)
+    };
+    assert!(pushed(0b11, 0b10).is_ok());
+    let Err(WireError::Invalid(refused)) = pushed(0b11, 0b110) else { panic!("must be refused") };
+    assert_eq!(refused.field, "sample.faces");
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod view;
 
 pub use describe::Description;
 pub use scene::visibility;
+pub use view::face_masks;
 
 use argus_scene::{InvalidField, SceneHash, SpecificationHash};
 use bytes::Bytes;

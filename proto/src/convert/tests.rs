@@ -141,6 +141,7 @@ fn a_pinned_plan_that_nobody_could_render_is_rejected_below_pin() {
             supersampling: 1,
             samples: vec![SampleId { version: 0, camera: 0 }.into()],
             holes: v1::Holes::Unspecified as i32,
+            faces: Vec::new(),
         };
         change(&mut plan);
         Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })
@@ -151,9 +152,24 @@ fn a_pinned_plan_that_nobody_could_render_is_rejected_below_pin() {
     assert_eq!(field(|p| p.steps = 0), "plan.warp.steps");
     assert_eq!(field(|p| p.supersampling = 9), "plan.warp.supersampling");
     assert_eq!(field(|p| p.samples.clear()), "plan.warp.samples");
-    assert_eq!(field(|p| p.samples = vec![v1::SampleId::default(); 9]), "plan.warp.samples");
+    assert_eq!(field(|p| p.faces = vec![0]), "plan.warp.faces");
+    assert_eq!(field(|p| p.faces = vec![64]), "plan.warp.faces");
+    assert_eq!(field(|p| p.faces = vec![1, 1]), "plan.warp.faces");
     assert_eq!(field(|p| p.search = 0), "plan.warp.search");
     assert_eq!(field(|p| p.search = 9), "plan.search");
+}
+
+#[test]
+fn a_plan_of_nine_cameras_is_refused() {
+    let plan = |count: u64| {
+        let samples = (0..count).map(|camera| SampleId { version: 0, camera }.into()).collect();
+        let (search, steps, supersampling) = (v1::Search::Splat as i32, 0, 1);
+        let plan = v1::WarpPlan { search, steps, supersampling, samples, ..Default::default() };
+        Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })
+    };
+    assert!(plan(8).is_ok());
+    let refused = plan(9).unwrap_err();
+    assert_eq!((refused.field, &*refused.reason), ("plan.warp.samples", "must be 1 to 8, not 9"));
 }
 
 #[test]

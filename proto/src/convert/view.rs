@@ -2,8 +2,8 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset, Provenance,
-    SampleId, Search, Served, Specification, View, Warp,
+    FaceMask, FaceMasks, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset,
+    Provenance, SampleId, Search, Served, Specification, View, Warp,
 };
 
 use super::{
@@ -215,6 +215,29 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
     }
 }
 
+/// The faces of samples, in their order; empty for all faces of all of them.
+fn face_bits(samples: &[SampleId], faces: &FaceMasks) -> Vec<u32> {
+    match faces.are_all() {
+        true => Vec::new(),
+        false => samples.iter().map(|id| faces.of(id.camera).bits()).collect(),
+    }
+}
+
+/// The faces of cameras, in their order; none for all faces of all of them.
+///
+/// # Errors
+/// [`InvalidField`] of that field for a mask of no face, and for another number of masks than of cameras.
+pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<FaceMasks, InvalidField> {
+    if bits.is_empty() {
+        return Ok(FaceMasks::default());
+    }
+    if bits.len() != cameras.len() {
+        let reason = format!("must have a mask for each of {} samples, not {}", cameras.len(), bits.len());
+        return Err(InvalidField::new(field, reason));
+    }
+    cameras.iter().zip(bits).map(|(camera, bits)| Ok((*camera, FaceMask::new(*bits, field)?))).collect()
+}
+
 impl From<&Plan> for v1::Plan {
     fn from(plan: &Plan) -> Self {
         use v1::plan::Kind;
@@ -228,6 +251,7 @@ impl From<&Plan> for v1::Plan {
                 supersampling: warp.supersampling,
                 samples: warp.samples.iter().map(|id| (*id).into()).collect(),
                 holes: v1::Holes::from(warp.holes) as i32,
+                faces: face_bits(&warp.samples, &warp.faces),
             }),
         };
         Self { kind: Some(kind) }
@@ -266,11 +290,13 @@ impl TryFrom<v1::Plan> for Plan {
                 let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;
                 // Some searches take no steps, whatever number stands there.
                 let least = u32::from(search.takes_steps());
+                let cameras: Vec<u64> = plan.samples.iter().map(|id| id.camera).collect();
                 Self::Warp(Warp {
                     search,
                     steps: within("plan.warp.steps", plan.steps, least, 4096)?,
                     supersampling: within("plan.warp.supersampling", plan.supersampling, 1, 8)?,
                     samples: plan.samples.into_iter().map(Into::into).collect(),
+                    faces: face_masks(&cameras, &plan.faces, "plan.warp.faces")?,
                     holes: holes(plan.holes, "plan.warp.holes")?.unwrap_or_default(),
                 })
             }

@@ -1,7 +1,9 @@
 //! Program: `shaders/sampler/resolve_sample.wgsl`. Quantises texels into the planes of a sample.
 
+use std::sync::Arc;
+
 use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, plane, wgpu};
-use argus_scene::{Plane, PlaneFormat, PlaneKind};
+use argus_scene::{InvalidField, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Sample};
 use argus_shaders::layout::sampler::ResolveSample as Parameters;
 use argus_shaders::sampler::RESOLVE_SAMPLE;
 
@@ -67,7 +69,8 @@ impl ResolveSample {
             .into_iter()
             .map(|(kind, format)| {
                 let bytes = u64::from(stride) * u64::from(size[1]) * format.texel_bytes() as u64;
-                let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+                let usage =
+                    wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
                 (kind, format, gpu.buffer("sample plane", bytes, usage))
             })
             .collect();
@@ -122,6 +125,30 @@ fn name(kind: PlaneKind) -> &'static str {
 }
 
 impl PlaneBuffers {
+    /// Begins with the texels of a sample of the same camera. Tiles that are rendered replace theirs.
+    ///
+    /// # Errors
+    /// [`RenderError::Invalid`] for a sample of other planes; errors of reading them back.
+    pub(crate) fn take_over(&self, gpu: &Arc<Gpu>, sample: &Sample) -> Result<(), RenderError> {
+        for (kind, format, buffer) in &self.planes {
+            let plane =
+                sample.plane(*kind).filter(|plane| plane.format == *format && plane.size == self.size);
+            let plane = plane.ok_or_else(|| {
+                let reason = format!("sample {} has no {kind:?} plane like that of the job", sample.id);
+                InvalidField::new("extended.planes", reason)
+            })?;
+            let PlaneData::Host(bytes) = plane::to_host(gpu, plane)?.data else { continue };
+            let [row, stride] =
+                [self.size[0], self.stride].map(|texels| texels as usize * format.texel_bytes());
+            let mut padded = vec![0; stride * self.size[1] as usize];
+            for (to, from) in padded.chunks_exact_mut(stride).zip(bytes.chunks_exact(row)) {
+                to[..row].copy_from_slice(from);
+            }
+            gpu.queue.write_buffer(buffer, 0, &padded);
+        }
+        Ok(())
+    }
+
     /// Reads back the planes. Rows must not be padded.
     pub(crate) fn read(&self, commands: &mut Commands) -> Vec<(PlaneKind, PlaneFormat, PendingReadback)> {
         let pending = self.planes.iter().map(|(kind, format, buffer)| {

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use argus_scene::{Cancel, Lighting, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
+use argus_scene::{Cancel, FaceMask, Lighting, MegaViews, RenderError, Sample, SampleId, SampleJob, Stage};
 
 use super::{GpuSampler, add_light, check_wanted, sample_tiles};
 use crate::eye::Eye;
@@ -160,6 +160,7 @@ impl GpuSampler {
         }
         let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
         timing::add_rest(&mut stages, begin);
-        Ok(Sample { id, camera, planes, stages })
+        // The octree's maps have all directions.
+        Ok(Sample { id, camera, faces: FaceMask::ALL, planes, stages })
     }
 }

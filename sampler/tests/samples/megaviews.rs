@@ -65,7 +65,7 @@ fn job(scene: &Scene, sampling: Sampling, about: DVec3, count: usize) -> SampleJ
     let first = sample_job(scene, rig(), indices[0], true);
     let info = SampleSetInfo { sampling, ..(*first.info).clone() };
     let ids = indices.into_iter().map(|index| SampleId { camera: index, ..first.ids[0] }).collect();
-    SampleJob { info: Arc::new(info), ids, to_host: true }
+    SampleJob::new(Arc::new(info), ids, true)
 }
 
 fn middle() -> DVec3 {

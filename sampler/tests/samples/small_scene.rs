@@ -32,7 +32,7 @@ fn texture(name: &str, size: [u32; 2], srgb: bool, texel: impl Fn(u32, u32) -> [
 }
 
 /// Textured floor, cut-out screen, normal-mapped ball, gold ball, glowing mirrored and single-sided quads.
-fn scene() -> Scene {
+pub(crate) fn scene() -> Scene {
     let mut scene = empty_scene();
     scene.textures = vec![
         texture("checks", [48, 20], true, |x, y| {

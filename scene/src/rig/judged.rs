@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::Sight;
 use super::survey::{Target, added};
-use crate::SampleCamera;
-use crate::camera::{Face, OmniLayout};
+use crate::camera::{Face, OmniLayout, cube_face_of};
+use crate::{FaceMask, SampleCamera};
 
 /// One sample camera, judged by the targets of a view. Bit i of a mask stands for target i.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +22,10 @@ pub(super) struct Judged {
     pub(super) seen: u64,
     /// Its worth for each target, if it shows it.
     worths: Vec<f64>,
+    /// The faces around the direction of each target.
+    around: Vec<FaceMask>,
+    /// The face that each target is looked up in; 0 for a single image.
+    face: Vec<usize>,
 }
 
 /// Results of a camera's rays.
@@ -43,8 +47,21 @@ impl Judged {
     ) -> Self {
         let at = camera.center();
         let faces = if sees_all_around(camera) { Vec::new() } else { camera.faces() };
-        let mut judged =
-            Self { index, at, framed: 0, near: 0, asked: 0, seen: 0, worths: vec![0.0; targets.len()] };
+        let directions = || targets.iter().map(|target| target.direction_from(at));
+        let mut judged = Self {
+            index,
+            at,
+            framed: 0,
+            near: 0,
+            asked: 0,
+            seen: 0,
+            worths: vec![0.0; targets.len()],
+            around: directions().map(|direction| FaceMask::around(camera, direction)).collect(),
+            face: match sees_all_around(camera) {
+                true => directions().map(cube_face_of).collect(),
+                false => vec![0; targets.len()],
+            },
+        };
         for (i, target) in targets.iter().enumerate() {
             let framed = match sees_all_around(camera) {
                 true => target.direction_from(at).abs().max_element() > 0.0,
@@ -71,6 +88,21 @@ impl Judged {
         self.seen & self.near
     }
 
+    /// The targets that lie in these faces.
+    pub(super) fn within(&self, faces: FaceMask) -> u64 {
+        if faces == FaceMask::ALL {
+            return u64::MAX;
+        }
+        let within = |(i, face): (usize, &usize)| u64::from(faces.has(*face)) << i;
+        self.face.iter().enumerate().map(within).fold(0, |all, target| all | target)
+    }
+
+    /// The faces in which it shows targets, with those whose borders are near one.
+    pub(super) fn faces(&self) -> FaceMask {
+        let shown = self.around.iter().enumerate().filter(|(i, _)| self.seen >> i & 1 == 1);
+        shown.fold(FaceMask::NONE, |all, (_, around)| all.union(*around))
+    }
+
     /// Share of the rays that met their targets, as an estimate for the other targets. By Laplace's rule of
     /// succession: two rays that miss do not prove that all will.
     fn share(&self) -> f64 {
@@ -92,9 +124,15 @@ impl Judged {
         })
     }
 
-    /// Its gain over cameras that show each target as well as `shown`.
-    pub(super) fn gain(&self, shown: &[f64]) -> f64 {
-        self.worths().zip(shown).map(|(worth, shown)| added(worth, *shown)).sum()
+    /// Its worth for each target, by these faces alone.
+    pub(super) fn worths_within(&self, faces: FaceMask) -> impl Iterator<Item = f64> {
+        let within = self.within(faces);
+        self.worths().enumerate().map(move |(i, worth)| if within >> i & 1 == 1 { worth } else { 0.0 })
+    }
+
+    /// Its gain over cameras that show each target as well as `shown`, by these faces alone.
+    pub(super) fn gain(&self, shown: &[f64], faces: FaceMask) -> f64 {
+        self.worths_within(faces).zip(shown).map(|(worth, shown)| added(worth, *shown)).sum()
     }
 
     /// Sends rays to `some` of the targets, unless that is done already; returns whether any was sent.

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3};
 
 use super::Sight;
 use super::judged::{Judged, Known};
-use crate::{Camera, Rig, SampleCamera};
+use crate::{Camera, FaceMask, Rig, SampleCamera};
 
 /// Columns and rows of a survey's rays: fewer rays than the bits of a [`u64`].
 pub(super) const GRID: [u32; 2] = [8, 6];
@@ -134,14 +134,15 @@ impl Survey {
         let attainable = self.judged[begin..].iter().fold(0, |all, judged| all | judged.near & judged.framed);
         let (mut shown, mut open) = (vec![0.0; self.targets.len()], u64::MAX);
         for _ in 0..count {
-            let mut gains: Vec<f64> = left.iter().map(|&at| self.judged[at].gain(&shown)).collect();
+            let mut gains: Vec<f64> =
+                left.iter().map(|&at| self.judged[at].gain(&shown, FaceMask::ALL)).collect();
             let chosen = loop {
                 let Some(most) = first_of_most(&gains) else { return };
                 let judged = &mut self.judged[left[most]];
                 if !judged.ask(open, &self.targets, sight, time_secs) {
                     break &self.judged[left.remove(most)];
                 }
-                gains[most] = judged.gain(&shown);
+                gains[most] = judged.gain(&shown, FaceMask::ALL);
             };
             shown.iter_mut().zip(chosen.worths()).for_each(|(shown, worth)| *shown = worth.max(*shown));
             open &= !(chosen.fine() | chosen.seen & !attainable);
@@ -178,23 +179,46 @@ impl Survey {
 
     /// The cameras, among those judged and allowed, that together show most of the view, best first.
     pub fn choose(&self, allowed: impl Fn(u64) -> bool, count: usize) -> Vec<u64> {
-        let mut left: Vec<&Judged> = self.judged.iter().filter(|judged| allowed(judged.index)).collect();
+        let faces = |index| if allowed(index) { FaceMask::ALL } else { FaceMask::NONE };
+        self.choose_by_faces(faces, count).into_iter().map(|(index, _)| index).collect()
+    }
+
+    /// The cameras, among those judged, that together show most of the view by these faces of theirs, best first, each with
+    /// its faces. A camera without faces is not chosen.
+    pub fn choose_by_faces(&self, faces: impl Fn(u64) -> FaceMask, count: usize) -> Vec<(u64, FaceMask)> {
+        let with_faces = self.judged.iter().map(|judged| (judged, faces(judged.index)));
+        let mut left: Vec<(&Judged, FaceMask)> = with_faces.filter(|(_, faces)| !faces.is_empty()).collect();
         let mut shown = vec![0.0; self.targets.len()];
         let mut best = Vec::new();
         while best.len() < count && !left.is_empty() {
-            let gains: Vec<f64> = left.iter().map(|judged| judged.gain(&shown)).collect();
-            let Some(chosen) = first_of_most(&gains).map(|most| left.remove(most)) else { break };
-            shown.iter_mut().zip(chosen.worths()).for_each(|(shown, worth)| *shown = worth.max(*shown));
-            best.push(chosen.index);
+            let gains: Vec<f64> = left.iter().map(|(judged, faces)| judged.gain(&shown, *faces)).collect();
+            let Some((chosen, faces)) = first_of_most(&gains).map(|most| left.remove(most)) else { break };
+            let worths = chosen.worths_within(faces);
+            shown.iter_mut().zip(worths).for_each(|(shown, worth)| *shown = worth.max(*shown));
+            best.push((chosen.index, faces));
         }
         best
     }
 
+    /// The faces of a judged camera in which it shows the view, with those whose borders are near: between two rays, the view
+    /// may cross a border. All faces for a camera that is not judged.
+    pub fn faces(&self, index: u64) -> FaceMask {
+        let judged = self.judged.iter().find(|judged| judged.index == index);
+        judged.map_or(FaceMask::ALL, Judged::faces)
+    }
+
     /// Coverage of the view by these cameras together; a camera that is not judged covers nothing.
     pub fn coverage(&self, indices: &[u64]) -> Coverage {
+        let whole: Vec<(u64, FaceMask)> = indices.iter().map(|index| (*index, FaceMask::ALL)).collect();
+        self.coverage_by_faces(&whole)
+    }
+
+    /// Coverage of the view by these faces of cameras together; a camera that is not judged covers nothing.
+    pub fn coverage_by_faces(&self, cameras: &[(u64, FaceMask)]) -> Coverage {
         let of = |mask: fn(&Judged) -> u64| {
-            let chosen = self.judged.iter().filter(|judged| indices.contains(&judged.index));
-            let together = chosen.fold(0, |all, judged| all | mask(judged));
+            let faces = |judged: &Judged| cameras.iter().find(|(index, _)| *index == judged.index);
+            let chosen = self.judged.iter().filter_map(|judged| Some((judged, faces(judged)?.1)));
+            let together = chosen.fold(0, |all, (judged, faces)| all | mask(judged) & judged.within(faces));
             // A view without targets misses nothing.
             f64::from(together.count_ones()) / (self.targets.len().max(1)) as f64
         };

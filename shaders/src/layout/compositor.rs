@@ -30,8 +30,8 @@ mirror! {
         pub layer: u32,
         /// Row of v × w. Perspective samples only.
         pub v_from_world: [f32; 3],
-        /// WGSL aligns vectors of three to 16 bytes.
-        pub _pad_v: f32,
+        /// Faces of a cube that the plan uses, one bit each.
+        pub faces: u32,
         /// Row of w, the depth along the sample camera's axis. Perspective samples only.
         pub w_from_world: [f32; 3],
         /// WGSL aligns vectors of three to 16 bytes.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use argus_compositor::GpuCompositor;
 use argus_scene::sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleSet};
-use argus_scene::{Camera, Compositor as _, OmniLayout, RenderError, Rig, SampleCamera};
+use argus_scene::{Camera, Compositor as _, FaceMask, OmniLayout, RenderError, Rig, SampleCamera};
 use glam::DVec3;
 
 use super::stage::{Limits, Pose, Stages};
@@ -58,7 +58,7 @@ fn paraboloid(stages: &mut Stages) -> Result<Row> {
         plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
     ];
     let id = argus_scene::SampleId { version: stage.info.version.number, camera: 0 };
-    let sample = Arc::new(Sample { id, camera, planes, stages: Vec::new() });
+    let sample = Arc::new(Sample { id, camera, faces: FaceMask::ALL, planes, stages: Vec::new() });
     let mut compositor = GpuCompositor::new(Arc::clone(stages.gpu()))?;
     let outcome = compositor.hold(&SampleSet { info: Arc::clone(&stage.info), samples: vec![sample] });
     let refused = matches!(outcome, Err(RenderError::Invalid(invalid)) if invalid.field == "sample.camera");

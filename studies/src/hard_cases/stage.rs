@@ -168,7 +168,7 @@ impl Stages {
         // One sub-sample per texel, so that the sample sees exactly what the oracle sees.
         let knobs = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
         let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&scene), knobs)?;
-        let job = SampleJob { info: Arc::clone(&info), ids, to_host: true };
+        let job = SampleJob::new(Arc::clone(&info), ids, true);
         let samples = sampler.render_samples(&job, &Cancel::new()).into_iter();
         let samples: Vec<Arc<Sample>> =
             samples.map(|s| s.map(Arc::new)).collect::<Result<_, RenderError>>()?;

@@ -1,6 +1,6 @@
 //! Settings: plans without their sample ids, among which the model chooses.
 
-use argus_scene::{Holes, Plan, PlanRequest, SampleId, Search, Warp};
+use argus_scene::{FaceMasks, Holes, Plan, PlanRequest, SampleId, Search, Warp};
 use serde::{Deserialize, Serialize};
 
 /// A plan without its sample ids.
@@ -49,7 +49,8 @@ impl Setting {
             Self::Warp { search, steps, supersampling, holes, .. } => {
                 // An unused number has the default's value.
                 let steps = if search.takes_steps() { steps } else { search.usual_steps() };
-                Plan::Warp(Warp { search, steps, supersampling, samples, holes })
+                let faces = FaceMasks::default();
+                Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes })
             }
         }
     }

@@ -10,7 +10,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
-use argus_scene::SampleId;
+use argus_scene::{FaceMask, SampleId};
 
 use super::distribution::DistributionTrees;
 use super::locations::SampleLocations;
@@ -84,7 +84,7 @@ impl Directory {
         samplers
             .map(|w| {
                 (
-                    !known.locations.has(id, w.id()),
+                    known.locations.faces(id, w.id()).is_empty(),
                     done_ms(w),
                     std::cmp::Reverse(weight(&w.hello().name, id)),
                     w.id(),
@@ -175,7 +175,7 @@ impl Directory {
                 addresses.push(worker.hello().address.clone());
             }
         }
-        (Source { id, addresses, dispensable: false }, to_render)
+        (Source { id, faces: FaceMask::ALL, addresses, dispensable: false }, to_render)
     }
 
     /// Where worker `reader` finds a dispensable sample: only at workers that hold it.
@@ -185,7 +185,7 @@ impl Directory {
         let holders = locations.near(id, reader).filter(holds).filter_map(|worker| workers.get(worker));
         let holders = holders.filter(|worker| !worker.is_suspected()).take(MOST_NAMED);
         let addresses = holders.map(|worker| worker.hello().address.clone()).collect();
-        Source { id, addresses, dispensable: true }
+        Source { id, faces: FaceMask::ALL, addresses, dispensable: true }
     }
 
     /// Whether a worker is the owner of a sample.
@@ -207,7 +207,9 @@ impl Directory {
 
     /// Forgets unused samples.
     pub(super) fn prune(&mut self, locations: &SampleLocations, now: Uptime) {
-        self.retain(|id, entry| now.since(entry.used) < FORGET_AFTER || locations.is_held(*id));
+        self.retain(|id, entry| {
+            now.since(entry.used) < FORGET_AFTER || !locations.faces_held(*id).is_empty()
+        });
         if self.owners.len() > MOST_REMEMBERED {
             let mut ages: Vec<(Uptime, SampleId)> = self.owners.iter().map(|(id, e)| (e.used, *id)).collect();
             ages.sort_unstable();

@@ -1,6 +1,6 @@
 //! Sources of the samples of a dispatched view.
 
-use argus_scene::SampleId;
+use argus_scene::{FaceMask, SampleId};
 
 use super::Samples;
 use super::directory::{Directory, Known};
@@ -32,7 +32,9 @@ impl Samples {
         let mut source = |&(id, access): &(SampleId, Access)| {
             let known = Known { workers, locations: &self.locations };
             match access {
-                Access::AtHand => Source { id, addresses: Vec::new(), dispensable: true },
+                Access::AtHand => {
+                    Source { id, faces: FaceMask::ALL, addresses: Vec::new(), dispensable: true }
+                }
                 Access::Dispensable => Directory::among_holders(id, reader, known),
                 Access::Needed => {
                     let (source, is_new) = self.directory.locate(id, reader, known, &mut self.trees, now);

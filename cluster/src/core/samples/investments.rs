@@ -1,11 +1,13 @@
 //! Samples as investments: a bundle is rendered when the views that it will serve save more than it costs.
 //!
-//! A *bundle* is a set of sample cameras that together bring a view within its error bound. Each view from triangles
-//! tells what its bundle would have saved: its time less the predicted time of a view from samples, in seconds of one
-//! process. Savings are averaged per bundle. A bundle is worth its price if its savings per tick, over the horizon
-//! for which interest is expected to last, exceed the time to render its missing samples.
+//! A *bundle* is a set of sample cameras that together bring a view within its error bound, each with the faces in which
+//! views look. Each view from triangles tells what its bundle would have saved: its time less the predicted time of a view
+//! from samples, in seconds of one process. Savings are averaged per bundle. A bundle is worth its price if its savings per
+//! tick, over the horizon for which interest is expected to last, exceed the time to render its missing faces.
 
 use std::collections::BTreeMap;
+
+use argus_scene::FaceMask;
 
 /// Expected duration of interest in a bundle, ticks, in a still scene.
 const HORIZON_TICKS: f64 = 60.0;
@@ -19,9 +21,14 @@ const MOST_BUNDLES: usize = 256;
 /// Savings in seconds per tick below which a bundle is forgotten.
 const NEGLIGIBLE_SECS: f64 = 1e-5;
 
+/// Cameras of a bundle, ascending, with their faces.
+pub(super) type Bundle = Vec<(u64, FaceMask)>;
+
 /// The savings of one bundle.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 struct Savings {
+    /// The faces of its cameras that views looked at.
+    bundle: Bundle,
     /// Seconds saved in the current tick.
     fresh_secs: f64,
     /// Average seconds saved per tick.
@@ -36,12 +43,21 @@ pub(super) struct Investments {
 
 impl Investments {
     /// Learns the seconds that a view would have saved with a bundle. Savings that are not positive are ignored.
-    pub(super) fn learn(&mut self, mut bundle: Vec<u64>, secs: f64) {
+    pub(super) fn learn(&mut self, mut bundle: Bundle, secs: f64) {
         if bundle.is_empty() || !(secs > 0.0 && secs.is_finite()) {
             return;
         }
         bundle.sort_unstable();
-        self.bundles.entry(bundle).or_default().fresh_secs += secs;
+        let cameras = bundle.iter().map(|(camera, _)| *camera).collect();
+        let savings = self.bundles.entry(cameras).or_default();
+        savings.fresh_secs += secs;
+        if savings.bundle.is_empty() {
+            savings.bundle = bundle;
+            return;
+        }
+        for ((_, faces), (_, wanted)) in savings.bundle.iter_mut().zip(bundle) {
+            *faces = faces.union(wanted);
+        }
     }
 
     /// Closes a tick.
@@ -64,9 +80,14 @@ impl Investments {
     /// The bundle that saves most for its price, and its savings per tick; `None` if no bundle is worth its price.
     /// `price` gives the seconds to render a bundle's missing samples. `most_ticks` limits the horizon if samples do
     /// not last.
-    pub(super) fn best(&self, price: impl Fn(&[u64]) -> f64, most_ticks: f64) -> Option<(&[u64], f64)> {
+    pub(super) fn best(
+        &self,
+        price: impl Fn(&[(u64, FaceMask)]) -> f64,
+        most_ticks: f64,
+    ) -> Option<(&[(u64, FaceMask)], f64)> {
         let horizon = HORIZON_TICKS.min(most_ticks);
-        let worth = self.bundles.iter().filter_map(|(bundle, savings)| {
+        let worth = self.bundles.values().filter_map(|savings| {
+            let bundle = &savings.bundle;
             let price = price(bundle);
             let gain = savings.secs_a_tick * horizon;
             // A bundle without a price is complete.
@@ -81,11 +102,15 @@ impl Investments {
 mod tests {
     use super::*;
 
+    fn whole(cameras: &[u64]) -> Bundle {
+        cameras.iter().map(|camera| (*camera, FaceMask::ALL)).collect()
+    }
+
     fn after(ticks: u32, secs_a_tick: f64) -> Investments {
         let mut investments = Investments::default();
         for _ in 0..ticks {
-            investments.learn(vec![3, 1], secs_a_tick / 2.0);
-            investments.learn(vec![1, 3], secs_a_tick / 2.0);
+            investments.learn(whole(&[3, 1]), secs_a_tick / 2.0);
+            investments.learn(whole(&[1, 3]), secs_a_tick / 2.0);
             investments.tick(1.0);
         }
         investments
@@ -93,10 +118,10 @@ mod tests {
 
     #[test]
     fn a_bundle_is_worth_its_price_once_steady_views_save_more_than_it_costs() {
-        let price = |bundle: &[u64]| 2.0 * bundle.len() as f64;
+        let price = |bundle: &[(u64, FaceMask)]| 2.0 * bundle.len() as f64;
         assert_eq!(after(1, 0.2).best(price, f64::INFINITY), None, "a moment is no reason");
         let (bundle, secs) = after(30, 0.2).best(price, f64::INFINITY).map(|(b, s)| (b.to_vec(), s)).unwrap();
-        assert_eq!(bundle, [1, 3]);
+        assert_eq!(bundle, whole(&[1, 3]));
         assert!((0.15..0.2).contains(&secs), "{secs}");
         assert_eq!(
             after(30, 0.05).best(price, f64::INFINITY),
@@ -107,7 +132,7 @@ mod tests {
 
     #[test]
     fn samples_that_last_a_short_time_must_pay_within_it() {
-        let price = |_: &[u64]| 1.0;
+        let price = |_: &[(u64, FaceMask)]| 1.0;
         assert!(after(40, 0.5).best(price, f64::INFINITY).is_some());
         assert!(after(40, 0.5).best(price, 0.1).is_none());
     }
@@ -116,11 +141,11 @@ mod tests {
     fn of_two_bundles_the_one_that_saves_more_for_its_price_comes_first() {
         let mut investments = Investments::default();
         for _ in 0..50 {
-            investments.learn(vec![1], 1.0);
-            investments.learn(vec![2], 2.0);
+            investments.learn(whole(&[1]), 1.0);
+            investments.learn(whole(&[2]), 2.0);
             investments.tick(1.0);
         }
-        let of = |prices: [f64; 3]| investments.best(|b| prices[b[0] as usize], 60.0).map(|(b, _)| b[0]);
+        let of = |prices: [f64; 3]| investments.best(|b| prices[b[0].0 as usize], 60.0).map(|(b, _)| b[0].0);
         assert_eq!(of([0.0, 1.0, 1.0]), Some(2));
         assert_eq!(of([0.0, 1.0, 3.0]), Some(1));
         assert_eq!(of([0.0, 0.0, 0.0]), None, "nothing is missing");
@@ -131,10 +156,10 @@ mod tests {
     fn only_the_bundles_with_the_greatest_savings_are_remembered() {
         let mut investments = Investments::default();
         for index in 0..3 * MOST_BUNDLES as u64 {
-            investments.learn(vec![index], 1.0 + index as f64);
+            investments.learn(whole(&[index]), 1.0 + index as f64);
         }
         for secs in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            investments.learn(vec![1 << 40], secs);
+            investments.learn(whole(&[1 << 40]), secs);
         }
         investments.learn(Vec::new(), 1.0);
         investments.tick(1.0);
@@ -142,5 +167,19 @@ mod tests {
         assert!(!investments.bundles.contains_key(&vec![1 << 40]));
         (0..400).for_each(|_| investments.tick(1.0));
         assert!(investments.bundles.is_empty(), "interest fades");
+    }
+
+    #[test]
+    fn a_bundle_has_the_faces_that_any_of_its_views_wanted() {
+        let [left, right] = [FaceMask::only(1), FaceMask::only(0)];
+        let mut investments = Investments::default();
+        for _ in 0..50 {
+            investments.learn(vec![(3, left), (1, left)], 1.0);
+            investments.learn(vec![(1, right), (3, left)], 1.0);
+            investments.tick(1.0);
+        }
+        let (bundle, secs) = investments.best(|_| 1.0, 60.0).unwrap();
+        assert_eq!(bundle, [(1, left.union(right)), (3, left)]);
+        assert!(secs > 1.5, "views that want other faces of the same cameras save together: {secs}");
     }
 }

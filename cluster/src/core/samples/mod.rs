@@ -29,17 +29,17 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use argus_scene::rig::Sight;
-use argus_scene::{Camera, SampleId, SampleSetInfo, Version, Visibility};
+use argus_scene::{Camera, FaceMask, SampleId, SampleSetInfo, Version, Visibility};
 
 pub(super) use cameras::MOST_SAMPLES;
 pub(super) use find::Access;
-pub(super) use locations::SampleLocations;
+pub(super) use locations::{Reported, SampleLocations};
 pub(super) use needed::NeededVersions;
 pub(super) use placement::Placement;
 pub use placement::Refinements;
 
 use super::config::Config;
-use super::event::WorkerId;
+use super::event::{Source, WorkerId};
 use super::time::Uptime;
 use super::workers::{Stake, Worker, Workers};
 use calibrated_error::CalibratedError;
@@ -162,8 +162,8 @@ impl Samples {
 
     /// Whether a worker still renders samples of its prefetch list, for which no view waits.
     pub(super) fn is_refining(&self, worker: &Worker) -> bool {
-        let lacks = |id: SampleId| !self.locations.has(id, worker.id());
-        worker.assigned().prefetch.iter().any(|source| source.addresses.is_empty() && lacks(source.id))
+        let lacks = |source: &Source| !self.locations.faces(source.id, worker.id()).contains(source.faces);
+        worker.assigned().prefetch.iter().any(|source| source.addresses.is_empty() && lacks(source))
     }
 
     /// Whether a plan could be made without a sample. Refinements are used if they are held, and are rendered when no
@@ -189,7 +189,7 @@ impl Samples {
 
     /// Processes the samples that a worker reports, and those that it reported before. Returns whether there are new
     /// ones.
-    pub(super) fn reported(&mut self, worker: WorkerId, held: &[SampleId], before: &[SampleId]) -> bool {
+    pub(super) fn reported(&mut self, worker: WorkerId, held: Reported<'_>, before: Reported<'_>) -> bool {
         let news = self.locations.reported(worker, held, before);
         self.changed |= news;
         news
@@ -201,7 +201,7 @@ impl Samples {
     }
 
     /// Records that a view left a worker. A worker that answered it holds its samples.
-    pub(super) fn end(&mut self, worker: WorkerId, samples: &[SampleId], answered: bool) {
+    pub(super) fn end(&mut self, worker: WorkerId, samples: &[(SampleId, FaceMask)], answered: bool) {
         self.locations.end(worker, samples, answered);
     }
 

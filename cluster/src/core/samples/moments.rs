@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{InvalidField, Plan, SampleId, SampleSetInfo, Version, View};
+use argus_scene::{FaceMask, FaceMasks, InvalidField, Plan, SampleId, SampleSetInfo, Version, View};
 
 use super::{NeededVersions, Samples};
 use crate::core::event::WorkerId;
@@ -47,31 +47,36 @@ impl Samples {
         if !self.versions.moves() {
             return Advanced::default();
         }
-        let (locations, laggards) = (&self.locations, &mut self.laggards);
         let served = self.versions.served().number;
+        let refined: Vec<u64> = self.placement.placed().collect();
+        let prepared = refined.iter().map(|&camera| (camera, self.faces_prepared(camera)));
+        let prepared: FaceMasks = prepared.collect();
+        let (locations, laggards) = (&self.locations, &mut self.laggards);
         let is_there = |version: Version, camera| {
             let next = SampleId { version: version.number, camera };
             let last = SampleId { version: served, ..next };
-            if !locations.is_held(next) {
+            let faces = prepared.of(camera);
+            if locations.holders_of(next, faces).next().is_none() {
                 return false;
             }
             // Workers that compose from the last version's sample got this one's.
             let waits = |worker: &WorkerId| {
                 workers.get(*worker).is_some_and(Worker::takes_views)
-                    && locations.has(last, *worker)
-                    && !locations.has(next, *worker)
+                    && !locations.faces(last, *worker).is_empty()
+                    && !locations.faces(next, *worker).contains(faces)
             };
             // Starts with the worker that waited the last time, since it probably still waits.
             if laggards.get(&camera).is_some_and(waits) {
                 return false;
             }
-            let waiting = locations.holders(last).find(waits);
+            let waiting = locations.holders_of(last, FaceMask::NONE).find(waits);
             waiting.map(|worker| laggards.insert(camera, worker));
             waiting.is_none()
         };
-        let refined: Vec<u64> = self.placement.placed().collect();
-        let is_rendered =
-            |version: Version, camera| locations.is_held(SampleId { version: version.number, camera });
+        let is_rendered = |version: Version, camera| {
+            let next = SampleId { version: version.number, camera };
+            locations.holders_of(next, prepared.of(camera)).next().is_some()
+        };
         let (changed, ordered) = self.versions.advance(now, refined, is_there, is_rendered);
         if changed {
             self.serve_version(needed);
@@ -111,7 +116,8 @@ impl Samples {
         let with_readers = |(version, camera): (Version, u64)| {
             let id = SampleId { version: version.number, camera };
             let last = SampleId { version: served, ..id };
-            let holders = self.locations.holders(id).chain(self.locations.holders(last));
+            let of = |id| self.locations.holders_of(id, FaceMask::NONE);
+            let holders = of(id).chain(of(last));
             let reads = |worker: &WorkerId| workers.get(*worker).is_some_and(Worker::takes_views);
             let readers: BTreeSet<WorkerId> = holders.filter(reads).chain(helpers.iter().copied()).collect();
             (id, readers.into_iter().collect())

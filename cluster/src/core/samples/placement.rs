@@ -15,7 +15,7 @@
 use std::collections::BTreeMap;
 
 use argus_scene::rig::{MAX_LEVEL, Sight};
-use argus_scene::{Camera, Rig};
+use argus_scene::{Camera, FaceMask, Rig};
 use serde::Serialize;
 
 /// Share of uncovered pixels below which a frame is good enough: half of the promised mean, so that views between
@@ -75,6 +75,8 @@ struct Site {
 struct Placed {
     /// Pixels that it saves per view.
     gain: f64,
+    /// The faces that are rendered.
+    faces: FaceMask,
     /// Whether compositors hold it.
     there: bool,
     /// Ticks since it was ordered, until it is held.
@@ -86,7 +88,7 @@ struct Placed {
 pub(in crate::core) struct Placement {
     sites: BTreeMap<u64, Site>,
     credit: f64,
-    /// Usable refinements, ascending.
+    /// Refinements with all faces, which any view may use, ascending.
     usable: Vec<u64>,
 }
 
@@ -104,6 +106,11 @@ impl Placement {
     /// Whether a refinement is placed.
     pub(in crate::core) fn is_placed(&self, index: u64) -> bool {
         self.sites.get(&index).is_some_and(|site| site.placed.is_some())
+    }
+
+    /// The faces of a refinement that shall be rendered and kept; `None` if it shall not.
+    pub(in crate::core) fn faces(&self, index: u64) -> Option<FaceMask> {
+        self.sites.get(&index).and_then(|site| site.placed).map(|placed| placed.faces)
     }
 
     /// Counts of wanted, placed and usable refinements.
@@ -144,7 +151,12 @@ impl Placement {
                 continue;
             }
             let site = self.sites.entry(index).or_default();
-            match site.placed {
+            match &mut site.placed {
+                // The view may look anywhere, and found none that shows all directions.
+                Some(placed) if placed.faces != FaceMask::ALL => {
+                    *placed = Placed { faces: FaceMask::ALL, there: false, waited: 0, ..*placed };
+                    return;
+                }
                 // It is held, but other samples served the view better.
                 Some(placed) if placed.there => {}
                 // It is being rendered or fetched.
@@ -160,24 +172,33 @@ impl Placement {
 
     /// Updates which placed samples are usable. A usable one stays so until no worker holds it, so that a compositor
     /// that joins removes none.
-    pub(super) fn update(&mut self, is_there: impl Fn(u64) -> bool, is_anywhere: impl Fn(u64) -> bool) {
+    pub(super) fn update(
+        &mut self,
+        is_there: impl Fn(u64, FaceMask) -> bool,
+        is_anywhere: impl Fn(u64, FaceMask) -> bool,
+    ) {
         self.usable.clear();
         for (index, site) in &mut self.sites {
             let Some(placed) = &mut site.placed else { continue };
-            placed.there = is_there(*index) || (placed.there && is_anywhere(*index));
+            let faces = placed.faces;
+            placed.there = is_there(*index, faces) || (placed.there && is_anywhere(*index, faces));
             if placed.there {
                 placed.waited = 0;
-                self.usable.push(*index);
+                // A view whose way is not open may look anywhere.
+                self.usable.extend((faces == FaceMask::ALL).then_some(*index));
             }
         }
     }
 
-    /// Places a camera of a bundle that is worth its price. `pixels` is its worth per view, in pixels of holes.
-    pub(super) fn invest(&mut self, index: u64, pixels: f64) {
+    /// Places these faces of a camera of a bundle that is worth its price. `pixels` is its worth per view, in pixels of holes.
+    pub(super) fn invest(&mut self, index: u64, faces: FaceMask, pixels: f64) {
         let site = self.sites.entry(index).or_default();
         site.pixels += pixels;
         site.views += 1.0;
-        site.placed.get_or_insert(Placed { gain: pixels, there: false, waited: 0 });
+        let placed = site.placed.get_or_insert(Placed { gain: pixels, faces, there: false, waited: 0 });
+        if !placed.faces.contains(faces) {
+            *placed = Placed { faces: placed.faces.union(faces), there: false, waited: 0, ..*placed };
+        }
     }
 
     /// Credits the cameras that a view used with the pixels of holes that its savings are worth.
@@ -233,7 +254,7 @@ impl Placement {
         }
         if let Some(site) = self.sites.get_mut(&best) {
             let gain = site.pixels / site.views.max(1.0);
-            site.placed = Some(Placed { gain, there: false, waited: 0 });
+            site.placed = Some(Placed { gain, faces: FaceMask::ALL, there: false, waited: 0 });
         }
         true
     }

@@ -24,6 +24,11 @@ impl RecentUse {
         self.used.extend(cameras.map(|camera| (camera, now)));
     }
 
+    /// Whether views asked for a camera's sample lately.
+    pub(super) fn is_used(&self, camera: u64) -> bool {
+        self.used.contains_key(&camera)
+    }
+
     /// The samples that get a second copy: as many recently used ones as fit. A sample keeps its copy while it is in
     /// recent use, since bringing another one may cost more than it is worth.
     pub(super) fn copied(&mut self, most: usize, now: Uptime) -> &BTreeSet<u64> {

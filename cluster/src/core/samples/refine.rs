@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use argus_scene::SampleId;
+use argus_scene::{FaceMask, SampleId};
 
 use super::directory::Known;
 use super::placement::Budget;
@@ -29,6 +29,14 @@ const TEXEL_BYTES: u64 = 8;
 
 /// The prefetch list of each worker.
 type Lists = BTreeMap<WorkerId, Vec<Source>>;
+
+/// A sample that workers shall have at hand.
+#[derive(Debug)]
+struct Wanted {
+    /// Its faces.
+    faces: FaceMask,
+    readers: Readers,
+}
 
 /// The workers that fetch a sample from its owner.
 #[derive(Debug)]
@@ -92,18 +100,19 @@ impl Samples {
         self.trees.retain(|id| wanted.contains_key(&id) || self.locations.is_on_its_way(id));
         let mut lists = Lists::new();
         let mut to_render = Vec::new();
-        for (id, readers) in wanted {
+        for (id, wanted) in wanted {
+            let faces = wanted.faces;
             let known = Known { workers, locations: &self.locations };
             let Some(owner) = self.directory.owner(id, known, now) else { continue };
             // A new owner also fetches it, from workers that got it from the old one.
-            let holder = match self.locations.has(id, owner) {
+            let holder = match self.locations.faces(id, owner).contains(faces) {
                 true => Some(owner),
-                false => self.locations.holders(id).find(|worker| responds(*worker, workers)),
+                false => self.locations.holders_of(id, faces).find(|worker| responds(*worker, workers)),
             };
             if holder.is_none() {
-                to_render.push(id);
+                to_render.push((id, faces));
             }
-            self.list(id, (owner, holder), readers, workers, &mut lists);
+            self.list(id, (owner, holder), wanted, workers, &mut lists);
         }
         self.locations.order(to_render.into_iter());
         self.see_what_is_there(workers);
@@ -114,13 +123,23 @@ impl Samples {
     }
 
     /// The samples to prefetch, each with the workers that fetch it from its owner.
-    fn wanted(&mut self, workers: &Workers, now: Uptime) -> BTreeMap<SampleId, Readers> {
+    fn wanted(&mut self, workers: &Workers, now: Uptime) -> BTreeMap<SampleId, Wanted> {
         let copies = self.copies(workers, now);
         let at_once = self.prepared(workers).into_iter().chain(copies);
-        let mut wanted: BTreeMap<SampleId, Readers> =
-            at_once.map(|(id, readers)| (id, Readers::AtOnce(readers))).collect();
-        wanted.extend(self.placement.placed().map(|index| (self.served(index), Readers::InTime)));
-        wanted
+        let at_once = at_once.map(|(id, readers)| (id, Readers::AtOnce(readers)));
+        let in_time = self.placement.placed().map(|index| (self.served(index), Readers::InTime));
+        let with_faces = |(id, readers): (SampleId, Readers)| {
+            (id, Wanted { faces: self.faces_prepared(id.camera), readers })
+        };
+        at_once.chain(in_time).map(with_faces).collect()
+    }
+
+    /// The faces of a camera's sample that workers shall have at hand: all of one that plans named whose request asks for
+    /// samples, and else those that it was placed for.
+    pub(super) fn faces_prepared(&self, camera: u64) -> FaceMask {
+        let is_named = self.versions.is_used(camera) || self.recent.is_used(camera);
+        let placed = self.placement.faces(camera).filter(|_| !is_named);
+        placed.unwrap_or(FaceMask::ALL)
     }
 
     /// Adds a sample to the lists of its owner and of its readers, each with the addresses where it finds it.
@@ -128,23 +147,22 @@ impl Samples {
         &mut self,
         id: SampleId,
         (owner, holder): (WorkerId, Option<WorkerId>),
-        readers: Readers,
+        Wanted { faces, readers }: Wanted,
         workers: &Workers,
         lists: &mut Lists,
     ) {
         let address = |worker: WorkerId| workers.get(worker).map(|w| w.hello().address.clone());
         let from = holder.filter(|holder| *holder != owner).and_then(address);
-        let source = Source { id, addresses: from.into_iter().collect(), dispensable: false };
+        let source = Source { id, faces, addresses: from.into_iter().collect(), dispensable: false };
         lists.entry(owner).or_default().push(source);
         let root = holder.unwrap_or(owner);
         let reads = |worker: &WorkerId| *worker != owner && *worker != root;
         let (readers, hurry): (Vec<WorkerId>, bool) = match readers {
             Readers::AtOnce(readers) => (readers.into_iter().filter(reads).collect(), true),
-            Readers::InTime if holder.is_some() => {
+            Readers::InTime => {
                 let compose = workers.iter().filter(|w| w.takes_views()).map(Worker::id);
                 (compose.filter(reads).collect(), false)
             }
-            Readers::InTime => return,
         };
         let Some(root_address) = address(root) else { return };
         // Trees of different samples have different roots and leaves, so that no worker sends all samples.
@@ -152,12 +170,15 @@ impl Samples {
         let first = id.camera.wrapping_mul(0x9e37_79b9_7f4a_7c15) % readers.len().max(1) as u64;
         for reader in readers.iter().cycle().skip(first as usize).take(readers.len()) {
             let parent = tree.parent(*reader).filter(|p| *p != root && responds(*p, workers));
-            let is_fed = parent.is_none_or(|p| hurry || self.locations.has(id, p));
-            if !(is_fed || self.locations.has(id, *reader)) {
+            let has = |worker| self.locations.faces(id, worker).contains(faces);
+            let is_fed = hurry || (holder.is_some() && parent.is_none_or(has));
+            // Until the missing faces are where it gets them from, a reader keeps those that it has.
+            let faces = if is_fed { faces } else { self.locations.faces(id, *reader) };
+            if faces.is_empty() {
                 continue;
             }
             let addresses = parent.and_then(address).into_iter().chain([root_address.clone()]).collect();
-            lists.entry(*reader).or_default().push(Source { id, addresses, dispensable: false });
+            lists.entry(*reader).or_default().push(Source { id, faces, addresses, dispensable: false });
         }
     }
 
@@ -166,16 +187,16 @@ impl Samples {
         let (locations, queues) = (&self.locations, workers.queues());
         let version = self.set.version.number;
         // Samplers are few; all other holders are compositors.
-        let held_by = |camera| {
+        let held_by = |camera, faces| {
             let id = SampleId { version, camera };
-            let only_samples =
-                |t: &&QueueEntry| locations.has(id, t.worker) && !queues.compositors().contains(t);
-            locations.count(id) - queues.samplers().iter().filter(only_samples).count()
+            let has = |worker| locations.faces(id, worker).contains(faces);
+            let only_samples = |t: &&QueueEntry| has(t.worker) && !queues.compositors().contains(t);
+            locations.holders_of(id, faces).count() - queues.samplers().iter().filter(only_samples).count()
         };
         let readers = queues.compositors().len();
         // A view at one of the few compositors that lack it fetches it like any other sample.
-        self.placement
-            .update(|index| readers > 0 && 2 * held_by(index) >= readers, |index| held_by(index) > 0);
+        let by_most = |index, faces| readers > 0 && 2 * held_by(index, faces) >= readers;
+        self.placement.update(by_most, |index, faces| held_by(index, faces) > 0);
     }
 }
 

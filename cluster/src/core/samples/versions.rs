@@ -187,6 +187,11 @@ impl Versions {
         }
     }
 
+    /// Whether plans named a camera lately.
+    pub(super) fn is_used(&self, camera: u64) -> bool {
+        self.used.contains_key(&camera)
+    }
+
     /// Serves the next version if its samples exist (`is_there` of version and camera). Issues another one when its
     /// time has come and the one before it is rendered (`is_rendered`), for the cameras in use and those of `beside`.
     /// Returns whether anything changed, and the number of ordered samples.

@@ -300,3 +300,51 @@ fn a_moving_session_changes_its_way_at_most_once_in_two_seconds() {
     assert!(changes.len() > 2, "{changes:?}");
     assert!(changes.windows(2).all(|pair| pair[1] - pair[0] >= Duration::from_secs(2)), "{changes:?}");
 }
+
+#[test]
+fn a_bundle_has_the_faces_that_views_look_at_and_is_extended_where_they_look_elsewhere() {
+    let mut sim = measured(40.0, 10.0);
+    let second = |sim: &mut Sim, view: &View| {
+        let mut warped = None;
+        for _ in 0..4 {
+            for _ in 0..5 {
+                let ticket = ask(sim, view);
+                if let Plan::Warp(warp) = &sim.orders[&ticket].plan {
+                    warped = Some(warp.clone());
+                }
+                sim.answer_taking(ticket, 40.0);
+            }
+            sim.now = sim.now.after(Duration::from_millis(250));
+            sim.report_all();
+            sim.step(Event::Tick);
+        }
+        warped
+    };
+    let until_warped = |sim: &mut Sim, view: &View| (0..30).find_map(|_| second(sim, view)).unwrap();
+    let shares = |warp: &argus_scene::Warp| -> Vec<f64> {
+        warp.samples.iter().map(|id| warp.faces.of(id.camera).share()).collect()
+    };
+    // Along +x, as in a corridor.
+    let along = until_warped(&mut sim, &view());
+    assert!(shares(&along).iter().all(|share| *share < 1.0), "{:?}", shares(&along));
+    assert!(along.samples.iter().all(|id| along.faces.of(id.camera).has(0)), "{along:?}");
+    let held = |sim: &Sim| -> Vec<Vec<(SampleId, argus_scene::FaceMask)>> {
+        sim.workers.values().map(|worker| worker.report.partial.clone()).collect()
+    };
+    let before = held(&sim);
+    assert!(before.iter().any(|partial| !partial.is_empty()));
+    // The viewer turns round: at first his views come from triangles.
+    let back = Camera { target: DVec3::new(-5.0, 1.0, 0.7), ..view().camera };
+    let turned = View { camera: back, ..view() };
+    let ticket = ask(&mut sim, &turned);
+    assert!(is_direct(&sim, ticket), "nobody has the faces behind him");
+    sim.answer_taking(ticket, 40.0);
+    let behind = until_warped(&mut sim, &turned);
+    assert!(behind.samples.iter().any(|id| behind.faces.of(id.camera).has(1)), "{behind:?}");
+    // What was there stays there.
+    for (before, after) in before.iter().zip(sim.workers.values()) {
+        for (id, faces) in before.iter().filter(|(id, _)| behind.samples.contains(id)) {
+            assert!(after.report.faces(*id).contains(*faces), "{id}");
+        }
+    }
+}

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::{
-    Camera, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo, View,
+    Camera, FaceMask, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo, View,
 };
 use glam::DVec3;
 
@@ -159,8 +159,21 @@ impl Sim {
             worker.report.samples_rendered += rendered as u64;
             let stays = |id: &SampleId| prefetch.contains(id) || rig.level(id.camera) == Some(0);
             worker.report.held.retain(|id| stays(id) || !worker.prefetch.contains(id));
-            worker.report.held.extend(prefetch.difference(&worker.prefetch));
-            worker.report.held.retain(|id| id.version >= told.kept_from);
+            let report = &mut worker.report;
+            for source in &told.prefetch {
+                let before = match report.held.contains(&source.id) {
+                    true => report.faces(source.id),
+                    false => FaceMask::NONE,
+                };
+                let is_new = !worker.prefetch.contains(&source.id) && before.is_empty();
+                if is_new || !before.is_empty() {
+                    report.partial.retain(|(id, _)| *id != source.id);
+                    let faces = before.union(source.faces);
+                    report.partial.extend((faces != FaceMask::ALL).then_some((source.id, faces)));
+                }
+            }
+            report.held.extend(prefetch.difference(&worker.prefetch));
+            report.held.retain(|id| id.version >= told.kept_from);
             worker.prefetch = prefetch;
         }
         worker.report.sample_ms = Some(self.direct_ms);

@@ -2,7 +2,7 @@
 //!
 //! Worker selection is in `choose`. For views that leave the way open it is in `open` and [`super::planner`].
 
-use argus_scene::{Plan, Prediction, SampleId};
+use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
 
 use super::pending::{BLOCKING_QUEUES, Pending};
 use super::session_memory::choose_after;
@@ -158,7 +158,7 @@ impl Views {
         let count = view.samples().iter().filter(|id| !id.is_surroundings()).count();
         let ids = samples.sample_ids_among(&view.camera, count, version, &usable);
         if let Plan::Warp(warp) = &mut view.plan {
-            warp.samples = ids;
+            (warp.samples, warp.faces) = (ids, FaceMasks::default());
         }
     }
 
@@ -177,6 +177,10 @@ impl Views {
         let decision = view.open.as_ref().and_then(|open| open.decision);
         let predicted_ms = decision.map_or(usual.unwrap_or(0.0) * 1e3, |decision| decision.render_ms);
         let queued = QueuedView { predicted_ms, direct: view.is_direct(), work: view.work() };
+        let mut sources = sources;
+        if let Plan::Warp(warp) = &view.plan {
+            sources.iter_mut().for_each(|source| source.faces = warp.faces.of(source.id.camera));
+        }
         view.attempt += 1;
         view.worker = Some(worker.id());
         view.tried.insert(worker.id());

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use argus_scene::rig::{Among, Survey};
-use argus_scene::{Camera, Holes, Plan, SampleId, Search, View, Warp};
+use argus_scene::{Camera, FaceMask, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
 use super::open_view::OpenView;
@@ -47,8 +47,11 @@ struct FromSamples {
     is_sound: bool,
 }
 
-/// Cached results for one view, by cameras: most workers hold the same samples.
-type Known = HashMap<Vec<u64>, Option<FromSamples>>;
+/// Cameras with faces of theirs.
+type Faces = Vec<(u64, FaceMask)>;
+
+/// Cached results for one view, by cameras and faces: most workers hold the same samples.
+type Known = HashMap<Faces, Option<FromSamples>>;
 
 impl Cluster<'_> {
     /// The survey that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
@@ -79,8 +82,8 @@ impl Cluster<'_> {
         let placed: Vec<u64> = self.samples.placement().placed().collect();
         let around =
             self.samples.set().rig.nearest_among(camera, AROUND, Among { refined: &placed, sight: None });
-        let held =
-            around.into_iter().filter(|index| self.samples.locations().is_held(self.samples.served(*index)));
+        let faces = |index: &u64| self.samples.locations().faces_held(self.samples.served(*index));
+        let held = around.into_iter().filter(|index| !faces(index).is_empty());
         held.take(MOST_HELD).collect()
     }
 
@@ -109,12 +112,16 @@ impl Cluster<'_> {
         self.workers.iter().find_map(ms).map(|ms| ms * 1e-3)
     }
 
-    /// The cameras whose samples would have kept the view's bound: only the rig's own if these are enough. `None` if
-    /// no cameras would.
-    pub(super) fn bundle(&self, survey: &Survey) -> Option<Vec<u64>> {
+    /// The cameras whose samples would have kept the view's bound, each with the faces in which it shows the view: only the
+    /// rig's own if these are enough. `None` if no cameras would.
+    pub(super) fn bundle(&self, survey: &Survey) -> Option<Faces> {
         let own = survey.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
         let is_sound = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
-        Some(own).filter(is_sound).or_else(|| Some(survey.choose(|_| true, MOST_SAMPLES)).filter(is_sound))
+        let any = || Some(survey.choose(|_| true, MOST_SAMPLES)).filter(is_sound);
+        let cameras = Some(own).filter(is_sound).or_else(any)?;
+        let with_faces = cameras.into_iter().map(|index| (index, survey.faces(index)));
+        // One that shows nothing of the view is no part of it.
+        Some(with_faces.filter(|(_, faces)| !faces.is_empty()).collect())
     }
 
     /// The offers of workers with room for a view.
@@ -157,7 +164,7 @@ impl Cluster<'_> {
             let from = ids.first().copied().unwrap_or(WorkerId(0));
             let holders = best
                 .into_iter()
-                .flat_map(|index| self.samples.locations().near(self.samples.served(index), from));
+                .flat_map(|index| self.samples.locations().any_near(self.samples.served(index), from));
             ids.extend(holders.take(MOST_ASKED));
         }
         let able = |ids: &[WorkerId]| -> Vec<&Worker> {
@@ -196,16 +203,21 @@ impl Cluster<'_> {
         worker.queued_ms() + samples + slices + measuring
     }
 
-    /// The surveyed cameras whose samples a worker holds. Without a survey: the nearest cameras, if the worker holds
-    /// all of them.
-    fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Vec<u64> {
-        let has = |index: u64| self.samples.locations().has(self.samples.served(index), worker.id());
+    /// The surveyed cameras whose samples a worker holds, with the faces that it holds. Without a survey: the nearest
+    /// cameras, if the worker holds all of them.
+    fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Faces {
+        let faces = |index: u64| self.samples.locations().faces(self.samples.served(index), worker.id());
         match &open.survey {
-            Some(survey) => survey.cameras().filter(|index| has(*index)).collect(),
+            Some(survey) => {
+                let held = survey.cameras().map(|index| (index, faces(index)));
+                held.filter(|(_, faces)| !faces.is_empty()).collect()
+            }
             None => {
                 let near = Among { refined: self.samples.placement().usable(), sight: None };
                 let nearest = self.samples.set().rig.nearest_among(&view.camera, MOST_SAMPLES, near);
-                if nearest.iter().all(|index| has(*index)) { nearest } else { Vec::new() }
+                let whole = nearest.into_iter().map(|index| (index, FaceMask::ALL));
+                let has = |&(index, whole): &(u64, FaceMask)| faces(index) == whole;
+                if whole.clone().all(|camera| has(&camera)) { whole.collect() } else { Vec::new() }
             }
         }
     }
@@ -222,8 +234,12 @@ impl Cluster<'_> {
         if worker.report().warp_cost.is_none() {
             return Vec::new();
         }
-        let best_of = |held: &Vec<u64>| match &open.survey {
-            Some(survey) => self.warp_from(&survey.choose(|index| held.contains(&index), MOST_SAMPLES), open),
+        let best_of = |held: &Faces| match &open.survey {
+            Some(survey) => {
+                let held_of = |index| held.iter().find(|(held, _)| *held == index);
+                let faces = |index| held_of(index).map_or(FaceMask::NONE, |(_, faces)| *faces);
+                self.warp_from(&survey.choose_by_faces(faces, MOST_SAMPLES), open)
+            }
             None => self.warp_from(held, open),
         };
         let best = known.entry(self.held_for(worker, view, open)).or_insert_with_key(best_of).clone();
@@ -233,12 +249,15 @@ impl Cluster<'_> {
         best.into_iter().chain(again).collect()
     }
 
-    /// The cameras of the frame to be repeated, if a worker holds all of their samples.
-    fn held_again(&self, worker: &Worker, open: &OpenView) -> Option<Vec<u64>> {
-        let again: Vec<SampleId> = open.memory.as_ref()?.samples().collect();
-        let has = |id: &SampleId| self.samples.locations().has(*id, worker.id());
+    /// The cameras of the frame to be repeated and the faces that it uses, if a worker holds all of them.
+    fn held_again(&self, worker: &Worker, open: &OpenView) -> Option<Faces> {
+        let memory = open.memory.as_ref()?;
+        let again: Vec<SampleId> = memory.samples().collect();
+        let has = |id: &SampleId| {
+            self.samples.locations().faces(*id, worker.id()).contains(memory.faces(id.camera))
+        };
         let has_all = again.iter().all(|id| has(id) && *id == self.samples.served(id.camera));
-        has_all.then(|| again.iter().map(|id| id.camera).collect())
+        has_all.then(|| again.iter().map(|id| (id.camera, memory.faces(id.camera))).collect())
     }
 
     /// Whether a plan at a worker repeats the session's last frame.
@@ -247,19 +266,20 @@ impl Cluster<'_> {
         open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, epoch, device))
     }
 
-    /// The plan of a view from the samples of these cameras; `None` without cameras.
-    fn warp_from(&self, cameras: &[u64], open: &OpenView) -> Option<FromSamples> {
+    /// The plan of a view from these faces of cameras' samples; `None` without cameras.
+    fn warp_from(&self, cameras: &[(u64, FaceMask)], open: &OpenView) -> Option<FromSamples> {
         if cameras.is_empty() {
             return None;
         }
-        let ids = cameras.iter().map(|index| self.samples.served(*index)).collect();
+        let ids = cameras.iter().map(|(index, _)| self.samples.served(*index)).collect();
         let samples = self.samples.set().with_surroundings(ids);
-        let coverage = open.survey.as_ref().map(|survey| survey.coverage(cameras));
+        let coverage = open.survey.as_ref().map(|survey| survey.coverage_by_faces(cameras));
         let (excess, is_sound) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();
         let supersampling = open.samples_per_pixel.isqrt();
         let steps = self.config.steps_of(search);
-        let plan = Plan::Warp(Warp { search, steps, supersampling, samples, holes: Holes::Trace });
+        let faces = cameras.iter().copied().collect();
+        let plan = Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes: Holes::Trace });
         let uncovered = coverage.map_or(0.0, |coverage| 1.0 - coverage.covered);
         Some(FromSamples { plan, uncovered, excess, is_sound })
     }

@@ -172,7 +172,7 @@ impl Views {
     /// Removes a view from its worker's queue.
     pub(super) fn take_back(&self, view_id: ViewId, answered: bool) -> Option<Output> {
         let view = self.views.get(&view_id)?;
-        let samples = view.samples().to_vec();
+        let samples = view.faces();
         Some(Output::TakenBack { worker: view.worker?, view_id, samples, answered })
     }
 }

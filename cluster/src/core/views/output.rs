@@ -1,6 +1,6 @@
 //! Outputs of views for the other parts. They are returned here, and applied by the machine.
 
-use argus_scene::{Camera, SampleId};
+use argus_scene::{Camera, FaceMask, SampleId};
 
 use crate::core::event::{Action, ViewId, WorkerId};
 use crate::core::workers::WorkKind;
@@ -39,8 +39,8 @@ pub(in crate::core) enum Output {
         worker: WorkerId,
         /// The view.
         view_id: ViewId,
-        /// The samples of the view's plan.
-        samples: Vec<SampleId>,
+        /// The samples of the view's plan, with the faces that it used.
+        samples: Vec<(SampleId, FaceMask)>,
         /// Whether it was answered, so that the worker holds its samples.
         answered: bool,
     },
@@ -64,8 +64,8 @@ pub(in crate::core) enum Output {
     },
     /// Samples would have saved rendering time.
     WouldSave {
-        /// The cameras of the bundle.
-        cameras: Vec<u64>,
+        /// The cameras of the bundle, with their faces.
+        cameras: Vec<(u64, FaceMask)>,
         /// Seconds of one process that would have been saved.
         secs: f64,
     },

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::{Camera, Holes, Plan, Prediction, SampleId, Version};
+use argus_scene::{Camera, FaceMask, Holes, Plan, Prediction, SampleId, Version};
 
 use super::open_view::OpenView;
 use super::target_search::TargetSearch;
@@ -171,6 +171,14 @@ impl Pending {
     /// The version of its samples, if it needs samples.
     pub(super) fn sampled_version(&self) -> Option<u64> {
         self.samples().first().map(|id| id.version)
+    }
+
+    /// The samples that its plan names, with the faces that it uses.
+    pub(super) fn faces(&self) -> Vec<(SampleId, FaceMask)> {
+        match &self.plan {
+            Plan::Direct { .. } => Vec::new(),
+            Plan::Warp(warp) => warp.samples.iter().map(|id| (*id, warp.faces.of(id.camera))).collect(),
+        }
     }
 
     pub(super) fn samples(&self) -> &[SampleId] {

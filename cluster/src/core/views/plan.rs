@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Difference, Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, SampleId, SampleSetInfo, View,
-    Warp,
+    Difference, FaceMasks, Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, SampleId,
+    SampleSetInfo, View, Warp,
 };
 
 use crate::core::config::Config;
@@ -59,6 +59,7 @@ pub fn plan(
         supersampling: side,
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
         samples: nearest(count),
+        faces: FaceMasks::default(),
     }))
 }
 

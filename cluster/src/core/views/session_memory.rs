@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use argus_scene::frame::{Decision, Provenance, Reason};
-use argus_scene::{Plan, SampleId, View};
+use argus_scene::{FaceMask, Plan, SampleId, View};
 
 use super::planner::{Aim, Offer, choose};
 use crate::core::event::LastView;
@@ -61,6 +61,14 @@ impl Memory {
             Some(Plan::Direct { .. }) | None => &[],
         };
         ids.iter().copied().filter(|id| !id.is_surroundings())
+    }
+
+    /// The faces that the frame which is to be repeated uses of each sample.
+    pub(super) fn faces(&self, camera: u64) -> FaceMask {
+        match self.repeated.as_ref().map(|last| &last.plan) {
+            Some(Plan::Warp(warp)) => warp.faces.of(camera),
+            Some(Plan::Direct { .. }) | None => FaceMask::ALL,
+        }
     }
 
     /// Whether an offer keeps the way of the last frame.

@@ -149,8 +149,11 @@ impl Renderer {
             self.held.retain(|id, _| !gone.contains(id));
         }
         let is_held = |sample: &Arc<Sample>| {
-            let held = self.held.get(&sample.id);
-            held.is_some_and(|held| std::ptr::eq(held.sample.as_ptr(), Arc::as_ptr(sample)))
+            let Some(held) = self.held.get(&sample.id) else { return false };
+            // One with more faces serves every view that this one serves.
+            let has_more = |held: &Sample| held.faces != sample.faces && held.faces.contains(sample.faces);
+            std::ptr::eq(held.sample.as_ptr(), Arc::as_ptr(sample))
+                || held.sample.upgrade().is_some_and(|held| has_more(&held))
         };
         let used = self.batches;
         let samples: Vec<Arc<Sample>> = needed.iter().filter(|s| !is_held(s)).cloned().collect();

@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use argus_cluster::RoleFactory;
 use argus_scene::{
-    Cancel, Compositor, Frame, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError,
-    Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Served, Specification, Stage,
-    ViewJob, Warp,
+    Cancel, Compositor, FaceMask, Frame, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance,
+    RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Served,
+    Specification, Stage, ViewJob, Warp,
 };
 use bytes::Bytes;
 
@@ -223,7 +223,8 @@ impl FakeSampler {
         };
         let radiance = plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, seed);
         let range = plane(PlaneKind::InverseRange, PlaneFormat::R32Float, seed ^ 1);
-        Ok(Sample { id, camera, planes: vec![radiance, range], stages: vec![Stage::new("sample", 1.0)] })
+        let (faces, planes) = (FaceMask::ALL, vec![radiance, range]);
+        Ok(Sample { id, camera, faces, planes, stages: vec![Stage::new("sample", 1.0)] })
     }
 }
 

@@ -10,9 +10,10 @@ use argus_scene::reference::Tracer;
 use argus_scene::shading::{Surface, diffuse_radiance, sky_radiance, specular_radiance};
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Bounds, Camera, Cancel, Compositor as _, Frame, Indirect, Light, Lighting, OmniLayout, Outputs, Plan,
-    Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, Sampling, SceneHash, Search, Sky, Specification, Version, ViewJob, Visibility, Warp,
+    Bounds, Camera, Cancel, Compositor as _, FaceMask, Frame, Indirect, Light, Lighting, OmniLayout, Outputs,
+    Plan, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId,
+    SampleSet, SampleSetInfo, Sampling, SceneHash, Search, Sky, Specification, Version, ViewJob, Visibility,
+    Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -238,7 +239,7 @@ pub(crate) fn take(
         planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm, bytemuck::cast_slice(&normal)));
         planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm, bytemuck::cast_slice(&specular)));
     }
-    Arc::new(Sample { id, camera, planes, stages: Vec::new() })
+    Arc::new(Sample { id, camera, faces: FaceMask::ALL, planes, stages: Vec::new() })
 }
 
 /// EXT_texture_shared_exponent, the specification's own steps.

@@ -83,7 +83,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         indirect: Indirect::Off,
         reflections: None,
     };
-    SampleJob { info: Arc::new(info), ids: vec![SampleId { version: 0, camera: index }], to_host }
+    SampleJob::new(Arc::new(info), vec![SampleId { version: 0, camera: index }], to_host)
 }
 
 /// The same samples, of a set that is specified as that sampler was made.
