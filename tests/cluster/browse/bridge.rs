@@ -65,7 +65,8 @@ fn an_image_states_its_plan_and_cost() {
     let begin = Instant::now();
     assert!(page.process.stop().success());
     assert!(begin.elapsed() < Duration::from_secs(4), "it took {:?}", begin.elapsed());
-    assert!(matches!(socket.next(), Said::Closed(1001, _)));
+    // On a busy machine the process may end before the page has read that it goes away.
+    assert!(matches!(socket.next(), Said::Closed(1001 | 1006, _)));
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use tungstenite::client::IntoClientRequest;
+use tungstenite::error::ProtocolError;
 use tungstenite::handshake::HandshakeError;
 use tungstenite::{Error, Message, WebSocket};
 
@@ -93,6 +94,13 @@ impl Socket {
                     if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) =>
                 {
                     return Said::Nothing;
+                }
+                // The process ended before its last words were read. 1006 is the standard's code for that.
+                Err(Error::Protocol(ProtocolError::ResetWithoutClosingHandshake)) => {
+                    return Said::Closed(1006, String::new());
+                }
+                Err(Error::Io(error)) if error.kind() == ErrorKind::ConnectionReset => {
+                    return Said::Closed(1006, String::new());
                 }
                 Err(error) => panic!("{error}"),
             }
