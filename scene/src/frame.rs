@@ -50,7 +50,7 @@ pub struct Provenance {
     /// Adapter, driver and version. Empty in a pin means any.
     pub device: String,
     /// Whether its search began from an earlier frame ([`crate::History`]): its bytes are then a function of that one, too,
-    /// and nobody can repeat it.
+    /// and it cannot be repeated.
     pub history: bool,
 }
 

@@ -96,7 +96,7 @@ const CULL: u32 = 0u;
 const RENDER: u32 = 1u;
 const DIVIDE: u32 = 2u;
 const HIDE: u32 = 3u;
-// The next shell's, and nobody's in this one.
+// It belongs to the next shell, not to this one.
 const LATER: u32 = 4u;
 
 // Whether the pairs of this step have leaves of the view octree, whose maps are theirs alone.

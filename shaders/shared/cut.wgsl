@@ -1,7 +1,7 @@
 // What decides where a view's cut through a tree of balls lies (ManyLoDs, section 3).
 //
 // A node is right for a view where it appears small enough or is not seen. How far from that verdict a node is is told
-// as a length that changes by at most as much as the view or the ball moves: until then nobody need look again.
+// as a length that changes by at most as much as the view or the ball moves: until then it need not be tested again.
 // Coordinates are in edges of the scene's root cube.
 
 // A view as cuts see it: three vec4f, position and generation (u32 bits); axis of what it sees, cosine of half the

@@ -46,7 +46,7 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<Told>, versions: &[Version], t
 }
 
 async fn bring(node: Arc<Node>, info: Arc<SampleSetInfo>, newest: watch::Receiver<Told>, to_host: bool) {
-    // Until it is there, or nobody wants it any more: then this task ends.
+    // The task ends when the sample is there or is no longer wanted.
     loop {
         let told = newest.borrow().clone();
         match at_hand(&node, &info, &told, to_host).await {
@@ -113,7 +113,7 @@ async fn fetched(
     info: &SampleSetInfo,
     &Told { id, faces, ref addresses }: &Told,
 ) -> Result<Arc<Sample>, Fault> {
-    let mut last = Fault::NotFound("nobody is said to have it".to_owned());
+    let mut last = Fault::NotFound("no worker is known to hold it".to_owned());
     if addresses.is_empty() {
         return Err(last);
     }

@@ -1,4 +1,4 @@
-//! Who waits for a result: a batch is cancelled when nobody waits for any of it.
+//! Waiting callers of a result: a batch is cancelled when no caller waits for any of it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -19,7 +19,7 @@ struct State {
     batch: Option<Arc<Batch>>,
 }
 
-/// The waiting side. Dropping it says that nobody waits any more.
+/// The waiting side. Dropping it says that the caller no longer waits.
 #[derive(Debug)]
 pub(super) struct Claim(Arc<Mutex<State>>);
 
@@ -34,7 +34,7 @@ pub(super) fn claim() -> (Claim, Claimed) {
 }
 
 impl Claimed {
-    /// Joins a batch; false if nobody waits, and then it is not part of it.
+    /// Joins a batch. Returns false, and does not join, if no caller waits.
     pub(super) fn join(&self, batch: &Arc<Batch>) -> bool {
         let mut state = self.0.lock();
         if state.gone {
@@ -45,7 +45,7 @@ impl Claimed {
         true
     }
 
-    /// Whether nobody waits.
+    /// Whether no caller waits.
     pub(super) fn is_gone(&self) -> bool {
         self.0.lock().gone
     }

@@ -63,7 +63,7 @@ pub struct Config {
     pub history_bytes: u64,
     /// A chunk of a frame, a MiB at most, is dropped with the rest of it if it is not read for so long.
     pub read_within: Duration,
-    /// What a role needs, and the other one does not, is given up after nobody has used it for so long.
+    /// Resources that only one role needs are released after they were unused for this long.
     pub rest_after: Duration,
     /// Requests in work, those included that wait for samples: what the coordinator sends, and what other workers fetch.
     pub max_requests: usize,
@@ -124,7 +124,7 @@ impl Config {
 /// Why a worker stopped.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// Nobody answers at the coordinator's address.
+    /// No process answers at the coordinator's address.
     #[error(
         "no coordinator answers at {url} ({reason}); start one with `argus coordinator --scene SCENE`, \
          or give its address with --coordinator"

@@ -35,7 +35,7 @@ const COMING: Duration = Duration::from_secs(20);
 /// The sample for this process's own views.
 ///
 /// # Errors
-/// [`Fault::NotFound`] for one that is dispensable, if nobody who is named has it; else what rendering it ends with.
+/// [`Fault::NotFound`] for one that is dispensable, if no named worker holds it; else what rendering it ends with.
 pub(super) async fn at_hand(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
@@ -65,7 +65,7 @@ async fn fetched_or_rendered(
     needed: Source,
 ) -> Result<Arc<Sample>, Fault> {
     let Source { id, faces, addresses, dispensable } = needed;
-    // Another fetch may have ended since somebody looked.
+    // Another fetch may have ended since the last look.
     if let Some(sample) = node.store.get_with(id, faces) {
         return Ok(sample);
     }

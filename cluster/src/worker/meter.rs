@@ -87,7 +87,7 @@ struct Sums {
     direct: Work,
     views: Work,
     rays: Work,
-    /// Parts of samples that nobody waits for.
+    /// Slices of samples.
     parts: Work,
     /// Share of the samples in work that is rendered.
     sample_progress: Option<f64>,
@@ -156,7 +156,7 @@ impl Meter {
         }
     }
 
-    /// Samples that nobody waits for took so long, in so many parts.
+    /// Samples were rendered in `count` slices, which took this long together.
     pub(super) fn add_parts(&self, count: usize, rendering: Duration) {
         self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
     }

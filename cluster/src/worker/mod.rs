@@ -229,7 +229,7 @@ async fn start_rendering(
     let thread = std::thread::Builder::new().name("render".to_owned()).spawn(move || {
         // Dropped last, after all that the thread owns.
         let _running = running;
-        // Nobody waits for the answer any more if the worker was stopped meanwhile.
+        // The receiver is gone if the worker was stopped meanwhile.
         match make() {
             Err(error) => drop(made.send(Err(error))),
             Ok((renderer, device)) => {

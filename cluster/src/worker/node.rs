@@ -447,7 +447,7 @@ impl Node {
         let id = sample.id;
         let (reply, done) = oneshot::channel();
         self.queue.push_background(Background::TakeUp { info, sample, reply: Some(reply) });
-        // A thread that stops takes nothing up, and nobody asks any more.
+        // A thread that stops takes nothing up; no view will ask for it.
         let _ = done.await;
         self.store.announce(id);
         self.news.notify_one();
@@ -485,7 +485,7 @@ impl Node {
         self.render_sample_in(sample, info, to_host, false).await
     }
 
-    /// Renders a sample with these faces that nobody waits for, when nothing else is left to do, and keeps it.
+    /// Renders a sample with these faces ahead of demand, when nothing else is left to do, and keeps it.
     pub(super) async fn render_sample_ahead(
         &self,
         sample: (SampleId, FaceMask),
@@ -502,7 +502,7 @@ impl Node {
         to_host: bool,
         ahead: bool,
     ) -> Result<Arc<Sample>, Fault> {
-        // Of the view that waits for it. One that nobody waits for is part of no trace.
+        // The trace of the view that waits for it. A sample ahead of demand is part of no trace.
         let span = match Span::current().is_disabled() {
             true => Span::none(),
             false => debug_span!(target: TARGET, "render sample", %id),
@@ -569,7 +569,7 @@ impl Node {
         Fault::Overloaded { what, retry_after: RETRY }
     }
 
-    /// Ends the render thread once it has done what it is doing; nobody waits for the rest.
+    /// Ends the render thread after its present work. The rest is dropped.
     pub(super) fn stop(&self) {
         self.queue.order(Work::Stop);
     }

@@ -10,12 +10,12 @@
 //!
 //! 1. *Orders* of the coordinator, such as another scene: what follows them must be done their way.
 //! 2. *Postponed* work: it was taken earlier and found no sampler.
-//! 3. *Samples that somebody waits for*. Only requests that insist on samples wait for them, and other workers' fetches.
+//! 3. *Awaited samples*. Only requests that insist on samples wait for them, and fetches of other workers.
 //! 4. A *round*: pixels that no sample saw, since all else of their view is done; views from triangles; views from
 //!    samples; one *slice* of background work. Each kind gets one batch a round, if any of it waits.
 //! 5. *Samples ahead of demand*, one at a time, if nothing else waits.
 //!
-//! Nobody waits for background work: samples that the compositor takes up before a view asks for them. It is done in slices of
+//! No view waits for background work: samples that the compositor takes up before a view asks for them. It is done in slices of
 //! [`SLICE_MS`] at most, so a view that arrives waits for one slice at most. After a slice, views that wait have
 //! as long, so that a busy worker gives background work half of its time at most, and that work still ends. With views strictly
 //! first, a worker that is too busy would never hold the samples that make its views cheaper.
@@ -38,7 +38,7 @@ use std::time::Duration;
 
 use crate::core::Role;
 
-/// Longest slice of work that nobody waits for, milliseconds. A view that arrives in the midst of one waits for its end: at
+/// Longest slice of background work, milliseconds. A view that arrives in the midst of one waits for its end: at
 /// 20 views a second that adds a fifth of a frame's time on the mean.
 pub const SLICE_MS: f64 = 20.0;
 
@@ -56,7 +56,7 @@ pub enum Kind {
     Order,
     /// Work that was taken before it turned out that there is no sampler yet.
     Postponed,
-    /// Samples that somebody waits for.
+    /// Awaited samples.
     Sample,
     /// Pixels of views that no sample saw.
     Pixels,
@@ -64,9 +64,9 @@ pub enum Kind {
     Direct,
     /// Views from samples.
     Warped,
-    /// A slice of work that nobody waits for.
+    /// A slice of background work.
     Background,
-    /// Samples that nobody waits for.
+    /// Samples ahead of demand.
     Ahead,
 }
 
@@ -181,7 +181,7 @@ pub struct Policy {
     limits: Limits,
     /// Kinds that had their turn in this round.
     had: Vec<Kind>,
-    /// Time that views have before the next slice of work that nobody waits for.
+    /// Time that views have before the next slice of background work.
     owed: Duration,
 }
 
@@ -202,12 +202,12 @@ impl Policy {
         turn.map(|kind| self.turn(kind))
     }
 
-    /// A slice of work that nobody waits for took so long: views that wait are owed time.
+    /// A slice of background work took this long: waiting views are owed as much time.
     pub fn had_slice(&mut self, took: Duration) {
         self.owed = took;
     }
 
-    /// A batch of views took so long.
+    /// A batch of views took this long.
     pub fn had_views(&mut self, took: Duration) {
         self.owed = self.owed.saturating_sub(took);
     }
@@ -442,7 +442,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_slice_that_nobody_waits_for_busy_workers_render_views_for_as_long() {
+    fn after_a_background_slice_a_busy_worker_renders_views_for_as_long() {
         let ms = Duration::from_millis;
         let mut policy = Policy::default();
         let busy = Waiting { direct: 9, background: 9, ..Waiting::default() };

@@ -49,7 +49,7 @@ pub(super) struct SampleTask {
     pub(super) info: Arc<SampleSetInfo>,
     /// Another process needs it.
     pub(super) to_host: bool,
-    /// Nobody waits for it yet: it may wait for everything else.
+    /// It is ahead of demand: it may wait for everything else.
     pub(super) ahead: bool,
     pub(super) claimed: Claimed,
     pub(super) reply: oneshot::Sender<Result<Sample, RenderError>>,
@@ -84,7 +84,7 @@ pub(super) enum Work {
         backends: bool,
         reply: oneshot::Sender<Result<Ways, RenderError>>,
     },
-    /// A slice of what nobody waits for.
+    /// A slice of background work.
     Background(Background),
     Samples(Vec<SampleTask>),
     Pixels(Vec<PixelTask>),
@@ -95,7 +95,7 @@ pub(super) enum Work {
     Stop,
 }
 
-/// Work that nobody waits for, done in slices.
+/// Background work, done in slices: no view waits for it.
 pub(super) enum Background {
     /// Have the compositor hold a sample before a view asks for it. `reply` hears that it is done, or that it came to nothing.
     TakeUp { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
@@ -120,7 +120,7 @@ impl Work {
         }
     }
 
-    /// What of it somebody waits for.
+    /// The awaited part of the work.
     fn in_work(&self) -> Waiting {
         let none = Waiting::default();
         match self {
@@ -187,7 +187,7 @@ impl Queue {
         self.filled.notify_one();
     }
 
-    /// Queues work that nobody waits for.
+    /// Queues background work.
     pub(super) fn push_background(&self, work: Background) {
         let mut state = self.state.lock();
         // After the end it is dropped, and its reply with it.
@@ -300,7 +300,7 @@ impl Queue {
     pub(super) fn give_way(&self, slice: Duration, composes: bool, mut answer: impl FnMut(Work)) {
         let kind = {
             let mut state = self.state.lock();
-            // A sample that somebody waits for has every second turn.
+            // An awaited sample has every second turn.
             if state.in_work.samples == 0 || state.kind == Some(Kind::Ahead) {
                 state.policy.had_slice(slice);
             }
@@ -404,7 +404,7 @@ impl State {
         })
     }
 
-    /// Views that nobody waits for any more make room for others.
+    /// Drops work whose callers no longer wait.
     fn forget_the_gone(&mut self) {
         self.samples.retain(|task| !task.claimed.is_gone());
         self.pixels.retain(|task| !task.claimed.is_gone());

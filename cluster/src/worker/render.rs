@@ -160,7 +160,7 @@ impl Renderer {
                     self.retire_standby();
                 }
                 Work::Prepare { role, reply, .. } => {
-                    // Nobody waits for it once the assignment is overtaken.
+                    // The receiver is gone once the assignment is overtaken.
                     let _ = reply.send(self.prepare(role));
                 }
                 Work::Measure { info, backends, reply } => self.measure(&info, backends, reply),
@@ -511,7 +511,7 @@ fn ms_since(began: Instant) -> f64 {
     began.elapsed().as_secs_f64() * 1e3
 }
 
-/// The batch of the views that somebody still waits for.
+/// The batch of the views whose callers still wait.
 fn begin(tasks: Vec<ViewTask>) -> (Arc<Batch>, Vec<ViewTask>) {
     let batch = Arc::new(Batch::default());
     let tasks = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
@@ -528,7 +528,7 @@ fn deliver<T>(
         Err(error) => (Vec::new().into_iter(), error),
     };
     for reply in replies {
-        // Whoever gave up waiting meanwhile misses nothing.
+        // A caller that gave up misses nothing.
         let _ = reply.send(results.next().unwrap_or_else(|| Err(error.clone())));
     }
 }

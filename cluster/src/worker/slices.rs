@@ -1,4 +1,4 @@
-//! How long the slices of some work took that nobody waits for: views that came in the midst of one waited for its end.
+//! Durations of the slices of longer work. A view that arrives during a slice waits for its end.
 
 use std::fmt;
 use std::time::{Duration, Instant};

@@ -57,7 +57,7 @@ pub(super) async fn fill(
     let of = TracedFrame { scene: frame.provenance.scene, specification };
     let himself = [node.hello.address.clone()];
     let tracers = if tracers.is_empty() { &himself[..] } else { tracers };
-    let mut last = Fault::Unavailable("nobody traces".to_owned());
+    let mut last = Fault::Unavailable("no worker traces".to_owned());
     for address in tracers {
         let left = until.map_or(Duration::MAX, |until| until.saturating_duration_since(Instant::now()));
         let attempt = async {

@@ -341,7 +341,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     })
 }
 
-/// The frame without images that nobody asked for.
+/// The frame with only the outputs that were requested.
 fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
     for output in Output::ALL.into_iter().filter(|&output| !outputs.has(output)) {
         *frame.image_mut(output) = None;

@@ -1,7 +1,7 @@
 //! What a role is put through before views wait for it, and what views then cost there.
 //!
 //! Drivers make a program's machine code where it is first used, and the software driver takes a second and more for all
-//! that a frame needs. So a role renders small views that nobody asked for, whose result is thrown away. Rendered again, at
+//! that a frame needs. So a role renders small views, whose result is thrown away. Rendered again, at
 //! two sizes, they say what a view costs before the first one is asked for: the planner never has to guess.
 
 use std::sync::Arc;
@@ -144,7 +144,7 @@ fn view(
     visibility: Visibility,
 ) -> ViewJob {
     let (epoch, time_secs) = (info.version.state.epoch, info.time_secs());
-    // Reflection maps are made when somebody looks: they take what samples take.
+    // Reflection maps are made for the first view that needs them: they cost as much as samples.
     let (outputs, reflections, history) = (Outputs::COLOR, None, None);
     ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
 }

@@ -1,15 +1,11 @@
 //! What goes to the device comes back the same.
 
-use std::sync::Arc;
-
+use argus_gpu::plane;
 use argus_gpu::wgpu::{BufferUsages, TextureFormat};
-use argus_gpu::{Gpu, GpuOptions, plane};
 use argus_scene::{Plane, PlaneData, PlaneFormat, PlaneKind};
 use bytes::Bytes;
 
-fn gpu() -> Arc<Gpu> {
-    Gpu::new(&GpuOptions::default()).expect("these tests need a Vulkan driver; scripts/setup installs one")
-}
+use crate::gpu;
 
 #[test]
 fn buffers_come_back_whole_and_in_part_and_of_odd_length() {

@@ -119,7 +119,7 @@ fn what_a_client_leaves_out_of_a_view_has_its_documented_default() {
 }
 
 #[test]
-fn a_pinned_plan_that_nobody_could_render_is_rejected_below_pin() {
+fn a_pinned_plan_that_cannot_be_rendered_is_rejected_below_pin() {
     let pinned = |plan| {
         let provenance = v1::Provenance { scene_hash: vec![7; 32].into(), plan, ..Default::default() };
         rejected(|v| v.pin = Some(provenance))

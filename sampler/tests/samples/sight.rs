@@ -116,7 +116,8 @@ fn processor_time() -> Duration {
     Duration::from_nanos(stat.split_whitespace().next().unwrap().parse().unwrap())
 }
 
-/// Run in an optimised build: `ARGUS_SCENE=FILE cargo test --release -p argus-sampler --test sight -- --ignored --nocapture`.
+/// A measurement, in an optimised build:
+/// `ARGUS_SCENE=FILE cargo test --release -p argus-sampler --test samples how_long -- --ignored --nocapture`.
 #[test]
 #[ignore = "a measurement"]
 fn how_long_a_survey_of_eight_cameras_takes() {
@@ -133,7 +134,7 @@ fn how_long_a_survey_of_eight_cameras_takes() {
         |camera: &Camera, k: i32| Camera { eye: camera.eye + DVec3::X * step * f64::from(k), ..*camera };
     let named: Vec<Camera> =
         suggested.iter().flat_map(|camera| (-4..=4).map(move |k| aside(camera, k))).collect();
-    // Views of somebody who walks at a metre a second and turns by 30° in that time, ten a second.
+    // Views of a viewer who walks at a metre a second and turns by 30° in that time, ten a second.
     let walk: Vec<Camera> = (0..100)
         .map(|k| {
             let (turned, start) = (DQuat::from_rotation_y(f64::from(3 * k).to_radians()), &suggested[0]);

@@ -54,14 +54,14 @@ impl Samples {
         missing
     }
 
-    /// The faces of a bundle that nobody has, camera by camera.
+    /// The faces of a bundle that no worker holds, by camera.
     fn missing(&self, bundle: &[(u64, FaceMask)]) -> impl Iterator<Item = FaceMask> {
         let lacked =
             |(index, faces): &(u64, FaceMask)| faces.without(self.locations.faces_held(self.served(*index)));
         bundle.iter().map(lacked).filter(|faces| !faces.is_empty())
     }
 
-    /// What rendering a bundle takes, in whole samples: it costs the faces that nobody has.
+    /// Cost of rendering a bundle, in whole samples: that of the faces that no worker holds.
     fn whole_samples(&self, bundle: &[(u64, FaceMask)]) -> f64 {
         self.missing(bundle).map(FaceMask::share).sum()
     }

@@ -358,7 +358,7 @@ mod tests {
         assert!(places.reported(A, (&[id(1)], &[(id(1), left)]), (&[], &[])));
         assert_eq!((places.faces(id(1), A), places.faces(id(1), B)), (left, FaceMask::NONE));
         assert!(!places.has(id(1), A) && !places.is_held(id(1)) && places.missing(&[id(1)], A) == 1);
-        // An order for more faces stands until somebody has them.
+        // An order for more faces stands until a worker holds them.
         places.order([(id(1), both)].into_iter());
         assert_eq!(places.to_render().collect::<Vec<_>>(), [id(1)]);
         assert!(places.reported(A, (&[id(1)], &[(id(1), both)]), (&[id(1)], &[(id(1), left)])), "more faces");

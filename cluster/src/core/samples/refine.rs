@@ -208,8 +208,8 @@ fn responds(worker: WorkerId, workers: &Workers) -> bool {
 /// The lists that are sent. A worker drops what its list omits, so a suspected worker gets no list until it is heard
 /// again. All workers keep their samples while there is no sampler, which is temporary.
 fn told(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
-    let nobody_samples = workers.queues().samplers().is_empty();
-    let mut list_of = |worker: &Worker| match nobody_samples {
+    let no_worker_samples = workers.queues().samplers().is_empty();
+    let mut list_of = |worker: &Worker| match no_worker_samples {
         true => {
             let prefetch = worker.assigned().prefetch.iter();
             prefetch.filter(|source| source.id.version >= kept_from).cloned().collect()

@@ -337,7 +337,7 @@ fn a_bundle_has_the_faces_that_views_look_at_and_is_extended_where_they_look_els
     let back = Camera { target: DVec3::new(-5.0, 1.0, 0.7), ..view().camera };
     let turned = View { camera: back, ..view() };
     let ticket = ask(&mut sim, &turned);
-    assert!(is_direct(&sim, ticket), "nobody has the faces behind him");
+    assert!(is_direct(&sim, ticket), "no worker holds the faces behind the viewer");
     sim.answer_taking(ticket, 40.0);
     let behind = until_warped(&mut sim, &turned);
     assert!(behind.samples.iter().any(|id| behind.faces.of(id.camera).has(1)), "{behind:?}");

@@ -109,7 +109,7 @@ pub struct Load {
 #[serde(rename_all = "kebab-case")]
 pub enum Split {
     /// There is no process.
-    Nobody,
+    NoWorkers,
     /// The only process plays both roles.
     Alone,
     /// All render directly; no process composites.
@@ -188,7 +188,7 @@ pub fn split(demand: &Demand, costs: &Costs, processes: u32) -> Split {
     let others = [demand.samples, demand.rays, demand.views, demand.direct_anywhere];
     let only_direct = others.iter().all(|&n| measured(n) == 0.0);
     match processes {
-        0 => Split::Nobody,
+        0 => Split::NoWorkers,
         1 => Split::Alone,
         _ if only_direct && measured(demand.direct) > 0.0 => Split::AllDirect,
         _ => Split::Divided(samplers(Load::of(demand, costs), processes)),
@@ -204,7 +204,7 @@ pub fn tick_secs(load: Load, processes: u32, split: Split) -> f64 {
         (true, n) => work / f64::from(n),
     };
     match split {
-        Split::Nobody => stage(a + b, 0),
+        Split::NoWorkers => stage(a + b, 0),
         Split::Alone => a + b,
         Split::AllDirect => stage(a, processes).max(stage(b, 0)),
         Split::Divided(k) => stage(a, k.min(processes)).max(stage(b, processes.saturating_sub(k))),
@@ -338,9 +338,9 @@ mod tests {
     fn a_single_process_plays_both_roles() {
         let demand = Demand { samples: 4.0, views: 10.0, ..Demand::default() };
         assert_eq!(split(&demand, &costs(), 1), Split::Alone);
-        assert_eq!(split(&demand, &costs(), 0), Split::Nobody);
+        assert_eq!(split(&demand, &costs(), 0), Split::NoWorkers);
         assert!((tick_secs(Load::of(&demand, &costs()), 1, Split::Alone) - 0.42).abs() < 1e-12);
-        assert_eq!(tick_secs(load(1.0, 0.0), 0, Split::Nobody), f64::INFINITY);
+        assert_eq!(tick_secs(load(1.0, 0.0), 0, Split::NoWorkers), f64::INFINITY);
     }
 
     #[test]

@@ -69,7 +69,7 @@ enum Direction {
 /// Number of samplers under a split, to compare two splits of the same number of processes.
 fn samplers_of(split: Split, processes: u32) -> u32 {
     match split {
-        Split::Nobody => 0,
+        Split::NoWorkers => 0,
         Split::Alone => 1,
         Split::AllDirect => processes,
         Split::Divided(k) => k,

@@ -82,7 +82,7 @@ impl Workers {
             queues: WorkerQueues::default(),
             rates: Rates::new(config.smoothing),
             costs: MeasuredCosts::new(config.smoothing),
-            split: Split::Nobody,
+            split: Split::NoWorkers,
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
             awake: Awake::default(),
             expected: 0,

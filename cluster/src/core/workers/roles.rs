@@ -46,7 +46,7 @@ impl Workers {
         let processes = u32::try_from(processes).unwrap_or(u32::MAX);
         let samplers = self.workers.values().filter(|w| w.assigned().role.samples()).count();
         match self.wanted(processes) {
-            Split::Nobody | Split::Alone => Role::Both,
+            Split::NoWorkers | Split::Alone => Role::Both,
             Split::AllDirect => Role::Sampler,
             Split::Divided(k) if (samplers as u32) < k => Role::Sampler,
             Split::Divided(_) => Role::Compositor,
@@ -60,7 +60,7 @@ impl Workers {
         self.hysteresis.reset();
         let wanted = self.wanted(processes);
         match (processes, wanted, self.split) {
-            (0, ..) => Split::Nobody,
+            (0, ..) => Split::NoWorkers,
             (1, ..) => Split::Alone,
             (_, Split::AllDirect, Split::AllDirect) => Split::AllDirect,
             (p, wanted, before) => {
@@ -112,7 +112,7 @@ impl Workers {
         ranked.sort_unstable();
         for (place, (_, _, id)) in ranked.into_iter().enumerate() {
             let role = match split {
-                Split::Nobody | Split::Alone => Role::Both,
+                Split::NoWorkers | Split::Alone => Role::Both,
                 Split::AllDirect => Role::Sampler,
                 Split::Divided(k) if place < k as usize => Role::Sampler,
                 Split::Divided(_) => Role::Compositor,

@@ -89,12 +89,12 @@ impl Renderer {
         Some([small?, large?])
     }
 
-    /// Does a slice of work that nobody waits for, and puts the rest back.
+    /// Does a slice of background work, and puts the rest back.
     pub(super) fn background(&mut self, work: Background) {
         match work {
             Background::Measured { warp_cost, ways, reply } => {
                 self.meter.set_cost(Kind::View, warp_cost);
-                // Nobody waits for it once the assignment is overtaken.
+                // The receiver is gone once the assignment is overtaken.
                 let _ = reply.send(ways);
             }
             Background::TakeUp { info, sample, reply } => {
@@ -110,7 +110,7 @@ impl Renderer {
                     compositor.release(&[sample.id]);
                 }
                 if let Some(reply) = reply {
-                    // Whoever gave up waiting misses nothing.
+                    // A caller that gave up misses nothing.
                     let _ = reply.send(());
                 }
             }

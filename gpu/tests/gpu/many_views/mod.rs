@@ -8,33 +8,15 @@ mod oracle;
 mod sharing;
 mod texels;
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use argus_gpu::hierarchy::{Octree, OctreeBuilder, RootCube, Triangle, stream};
 use argus_gpu::many_views::{FrameStats, Knobs, ManyViews, Texel, ViewList, ViewPoint};
-use argus_gpu::wgpu::Buffer;
-use argus_gpu::{Gpu, GpuOptions};
 use glam::{DVec3, Vec3};
 use rand::rngs::SmallRng;
 use rand::{Rng as _, SeedableRng as _};
 
-/// One device for all tests.
-fn gpu() -> Arc<Gpu> {
-    static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
-    let open = || {
-        Gpu::new(&GpuOptions::default())
-            .expect("these tests need a Vulkan driver; scripts/setup installs one")
-    };
-    Arc::clone(GPU.get_or_init(open))
-}
-
-/// What a buffer holds.
-fn read<T: bytemuck::Pod>(buffer: &Buffer, count: usize) -> Vec<T> {
-    let mut commands = gpu().commands("read back");
-    let pending = commands.read_buffer(buffer, 0..(count * size_of::<T>()) as u64);
-    let bytes = commands.submit().wait().unwrap().take(pending);
-    bytemuck::pod_collect_to_vec(&bytes[..count * size_of::<T>()])
-}
+use crate::{gpu, read};
 
 fn quad(corner: DVec3, u: DVec3, v: DVec3) -> [Triangle; 2] {
     let color = Vec3::splat(0.5);
