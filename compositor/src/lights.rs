@@ -29,17 +29,17 @@ pub(crate) fn light_about(light: &Light, eye: DVec3) -> shared::Light {
         _pad: [0.0; 3],
     };
     match *light {
-        Light::Directional { direction, irradiance } => {
+        Light::Directional { direction, irradiance, .. } => {
             data.direction = direction.as_vec3().to_array();
             data.color = irradiance.to_array();
         }
-        Light::Point { position, intensity, range } => {
+        Light::Point { position, intensity, range, .. } => {
             data.kind = 1;
             data.position = (position - eye).as_vec3().to_array();
             data.range = cut_off(range);
             data.color = intensity.to_array();
         }
-        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone } => {
+        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, .. } => {
             data.kind = 2;
             data.position = (position - eye).as_vec3().to_array();
             data.direction = direction.as_vec3().to_array();

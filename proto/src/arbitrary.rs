@@ -50,20 +50,24 @@ fn box_with_volume() -> impl Strategy<Value = Bounds> {
 pub(crate) fn light() -> impl Strategy<Value = Light> {
     let range = || option::of(0.001..1e6f64);
     prop_oneof![
-        (direction(), rgb()).prop_map(|(direction, irradiance)| Light::Directional { direction, irradiance }),
-        (point(), rgb(), range()).prop_map(|(position, intensity, range)| Light::Point {
+        (direction(), rgb(), 0.0..1.5f64).prop_map(|(direction, irradiance, angular_radius)| {
+            Light::Directional { direction, irradiance, angular_radius }
+        }),
+        (point(), rgb(), range(), 0.0..9f64).prop_map(|(position, intensity, range, radius)| Light::Point {
             position,
             intensity,
-            range
+            range,
+            radius
         }),
-        (point(), direction(), rgb(), range(), 0.0..0.7f64, 0.001..0.7f64).prop_map(
-            |(position, direction, intensity, range, inner_cone, more)| Light::Spot {
+        (point(), direction(), rgb(), range(), 0.0..0.7f64, 0.001..0.7f64, 0.0..9f64).prop_map(
+            |(position, direction, intensity, range, inner_cone, more, radius)| Light::Spot {
                 position,
                 direction,
                 intensity,
                 range,
                 inner_cone,
-                outer_cone: inner_cone + more
+                outer_cone: inner_cone + more,
+                radius
             }
         ),
     ]

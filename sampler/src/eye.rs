@@ -74,20 +74,20 @@ fn light_about(light: &Light, eye: DVec3) -> shared::Light {
     let cut_off = |range: Option<f64>| range.map_or(0.0, |r| r.max(f64::from(f32::MIN_POSITIVE)) as f32);
     let color = |c: Vec3| c.to_array();
     match *light {
-        Light::Directional { direction, irradiance } => shared::Light {
+        Light::Directional { direction, irradiance, .. } => shared::Light {
             kind: 0,
             direction: direction.as_vec3().to_array(),
             color: color(irradiance),
             ..none
         },
-        Light::Point { position, intensity, range } => shared::Light {
+        Light::Point { position, intensity, range, .. } => shared::Light {
             kind: 1,
             position: about(position),
             range: cut_off(range),
             color: color(intensity),
             ..none
         },
-        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone } => shared::Light {
+        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, .. } => shared::Light {
             kind: 2,
             position: about(position),
             direction: direction.as_vec3().to_array(),

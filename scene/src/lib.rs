@@ -12,12 +12,15 @@
 
 pub mod animation;
 pub mod camera;
+pub mod emitters;
 pub mod error;
 mod faces;
 pub mod frame;
 pub mod history;
 pub mod indirect;
 pub mod light;
+mod light_effects;
+pub mod light_sampling;
 pub mod material;
 pub mod paraboloid;
 pub mod particles;
@@ -54,6 +57,7 @@ pub use frame::{Frame, Prediction, Provenance, Served, Stage};
 pub use history::History;
 pub use indirect::{Indirect, MapSource, PointKnobs, VplKnobs};
 pub use light::{Light, Lighting, Sky};
+pub use light_effects::LightEffects;
 #[cfg(feature = "loaders")]
 pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};

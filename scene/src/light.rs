@@ -3,7 +3,8 @@
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// A light without extent. Positions are world space, metres; colours are linear Rec. 709.
+/// A light that is no triangle. Positions are world space, metres; colours are linear Rec. 709. What a light's extent changes
+/// is its shadows alone: irradiance is that of a point or a direction ([`crate::shading::incident`]).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Light {
     /// Light from infinitely far away, such as the sun.
@@ -12,6 +13,8 @@ pub enum Light {
         direction: DVec3,
         /// Irradiance on a surface that faces the light (glTF: lux).
         irradiance: Vec3,
+        /// Half angle of the disc in the sky, radians, below π/2; 0 casts hard shadows.
+        angular_radius: f64,
     },
     /// Light from a point in every direction.
     Point {
@@ -21,6 +24,8 @@ pub enum Light {
         intensity: Vec3,
         /// Distance at which it is cut off smoothly (KHR_lights_punctual), or infinity as `None`.
         range: Option<f64>,
+        /// Radius of the sphere that shines, metres; 0 casts hard shadows.
+        radius: f64,
     },
     /// Light from a point into a cone.
     Spot {
@@ -36,6 +41,8 @@ pub enum Light {
         inner_cone: f64,
         /// Half angle beyond which it is zero, radians; greater than `inner_cone`.
         outer_cone: f64,
+        /// Radius of the sphere that shines, metres; 0 casts hard shadows.
+        radius: f64,
     },
 }
 
@@ -68,8 +75,15 @@ impl Light {
         Self::Directional {
             direction: DVec3::new(-0.45, -0.8, -0.4).normalize(),
             irradiance: Vec3::new(2.6, 2.45, 2.2),
+            angular_radius: Self::SUN_RADIUS,
         }
     }
+
+    /// Half the angle that the sun has in the sky of the earth, radians (0.265°).
+    pub const SUN_RADIUS: f64 = 0.004_625;
+
+    /// Radius of a light bulb, metres: of a file's point and spot lights, whose extent no format tells.
+    pub const BULB_RADIUS: f64 = 0.03;
 }
 
 /// Everything that shading needs besides the surface. It travels with every sample set, so that a compositor can add the

@@ -69,12 +69,12 @@ pub fn dielectric_f0(ior: f32) -> f32 {
 /// direction, at the light itself.
 pub fn incident(light: &Light, position: DVec3) -> (Vec3, Vec3) {
     match *light {
-        Light::Directional { direction, irradiance } => (-direction.as_vec3(), irradiance),
-        Light::Point { position: p, intensity, range } => {
+        Light::Directional { direction, irradiance, .. } => (-direction.as_vec3(), irradiance),
+        Light::Point { position: p, intensity, range, .. } => {
             let (l, falloff) = towards(p, position, range);
             (l, intensity * falloff)
         }
-        Light::Spot { position: p, direction, intensity, range, inner_cone, outer_cone } => {
+        Light::Spot { position: p, direction, intensity, range, inner_cone, outer_cone, .. } => {
             let (l, falloff) = towards(p, position, range);
             // KHR_lights_punctual, reference code: squared ramp between the cones' cosines.
             let (inner, outer) = (inner_cone.cos() as f32, outer_cone.cos() as f32);
@@ -131,24 +131,24 @@ pub fn reflected_around(surface: &Surface, to_eye: Vec3, around: Vec3) -> Vec3 {
 
 /// The lights' part of [`specular_radiance`].
 pub fn reflected_lights(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
+    lighting.lights.iter().map(|light| reflected_light(surface, to_eye, light)).sum()
+}
+
+/// One light's part of [`specular_radiance`].
+pub fn reflected_light(surface: &Surface, to_eye: Vec3, light: &Light) -> Vec3 {
     let n = surface.normal;
     let n_v = n.dot(to_eye).max(1e-3);
     // Rougher than a perfect mirror, so that a point light's reflection has an extent.
     let alpha = (surface.roughness * surface.roughness).max(2e-3);
-    let mut radiance = Vec3::ZERO;
-    for light in &lighting.lights {
-        let (l, irradiance) = incident(light, surface.position);
-        let n_l = n.dot(l);
-        if !(n_l > 0.0) {
-            continue;
-        }
-        // Opposite directions have no half vector; they also have n·l or n·v ≤ 0.
-        let h = (l + to_eye).normalize_or(n);
-        let fresnel = schlick(surface.f0, l.dot(h).clamp(0.0, 1.0));
-        radiance +=
-            irradiance * n_l * ggx(alpha, n.dot(h).clamp(0.0, 1.0)) * smith(alpha, n_v, n_l) * fresnel;
+    let (l, irradiance) = incident(light, surface.position);
+    let n_l = n.dot(l);
+    if !(n_l > 0.0) {
+        return Vec3::ZERO;
     }
-    radiance
+    // Opposite directions have no half vector; they also have n·l or n·v ≤ 0.
+    let h = (l + to_eye).normalize_or(n);
+    let fresnel = schlick(surface.f0, l.dot(h).clamp(0.0, 1.0));
+    irradiance * n_l * ggx(alpha, n.dot(h).clamp(0.0, 1.0)) * smith(alpha, n_v, n_l) * fresnel
 }
 
 /// Schlick's Fresnel.
@@ -209,7 +209,8 @@ mod tests {
 
     #[test]
     fn a_white_surface_that_faces_irradiance_pi_has_radiance_one() {
-        let light = Light::Directional { direction: DVec3::NEG_Y, irradiance: Vec3::splat(PI) };
+        let light =
+            Light::Directional { direction: DVec3::NEG_Y, irradiance: Vec3::splat(PI), angular_radius: 0.0 };
         let lighting = Lighting { lights: vec![light], sky: Sky::BLACK, exposure: 1.0 };
         assert!((diffuse_radiance(&grey(Vec3::Y), &lighting) - Vec3::ONE).length() < 1e-6);
         assert_eq!(diffuse_radiance(&grey(Vec3::NEG_Y), &lighting), Vec3::ZERO);
@@ -217,7 +218,7 @@ mod tests {
 
     #[test]
     fn degenerate_geometry_never_makes_a_radiance_that_is_not_finite() {
-        let at = |position| Light::Point { position, intensity: Vec3::ONE, range: Some(2.0) };
+        let at = |position| Light::Point { position, intensity: Vec3::ONE, range: Some(2.0), radius: 0.0 };
         let lights = vec![at(DVec3::ZERO), at(DVec3::Y * 1e-9), at(DVec3::splat(1e6)), Light::sun()];
         let lighting = Lighting { lights, sky: Sky::DAYLIGHT, exposure: 1.0 };
         let mirror = Surface { f0: Vec3::ONE, roughness: 0.0, ..grey(Vec3::Y) };

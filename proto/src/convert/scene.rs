@@ -47,16 +47,20 @@ impl From<&Light> for v1::Light {
     fn from(light: &Light) -> Self {
         use v1::light::Kind;
         let kind = match *light {
-            Light::Directional { direction, irradiance } => Kind::Directional(v1::DirectionalLight {
-                direction: Some(direction.into()),
-                irradiance: Some(irradiance.into()),
-            }),
-            Light::Point { position, intensity, range } => Kind::Point(v1::PointLight {
+            Light::Directional { direction, irradiance, angular_radius } => {
+                Kind::Directional(v1::DirectionalLight {
+                    direction: Some(direction.into()),
+                    irradiance: Some(irradiance.into()),
+                    angular_radius,
+                })
+            }
+            Light::Point { position, intensity, range, radius } => Kind::Point(v1::PointLight {
                 position: Some(position.into()),
                 intensity: Some(intensity.into()),
                 range,
+                radius,
             }),
-            Light::Spot { position, direction, intensity, range, inner_cone, outer_cone } => {
+            Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius } => {
                 Kind::Spot(v1::SpotLight {
                     position: Some(position.into()),
                     direction: Some(direction.into()),
@@ -64,6 +68,7 @@ impl From<&Light> for v1::Light {
                     range,
                     inner_cone,
                     outer_cone,
+                    radius,
                 })
             }
         };
@@ -80,11 +85,13 @@ impl TryFrom<v1::Light> for Light {
             Kind::Directional(light) => Self::Directional {
                 direction: unit(light.direction, "lights.directional.direction")?,
                 irradiance: rgb(light.irradiance, "lights.directional.irradiance")?,
+                angular_radius: extent(light.angular_radius, 1.57, "lights.directional.angular_radius")?,
             },
             Kind::Point(light) => Self::Point {
                 position: point(light.position, "lights.point.position")?,
                 intensity: rgb(light.intensity, "lights.point.intensity")?,
                 range: cut_off(light.range, "lights.point.range")?,
+                radius: extent(light.radius, f64::MAX, "lights.point.radius")?,
             },
             Kind::Spot(light) => {
                 let (inner_cone, outer_cone) = (light.inner_cone, light.outer_cone);
@@ -100,6 +107,7 @@ impl TryFrom<v1::Light> for Light {
                     range: cut_off(light.range, "lights.spot.range")?,
                     inner_cone,
                     outer_cone,
+                    radius: extent(light.radius, f64::MAX, "lights.spot.radius")?,
                 }
             }
         })
@@ -113,6 +121,14 @@ fn unit(value: Option<v1::Vec3>, field: &'static str) -> Result<DVec3, InvalidFi
         Ok(v)
     } else {
         Err(InvalidField::new(field, format!("must be a unit vector, not {v}")))
+    }
+}
+
+/// A light's radius, 0 to `most`.
+fn extent(radius: f64, most: f64, field: &'static str) -> Result<f64, InvalidField> {
+    match (0.0..=most).contains(&radius) {
+        true => Ok(radius),
+        false => Err(InvalidField::new(field, format!("must be 0 to {most}, not {radius}"))),
     }
 }
 

@@ -105,7 +105,7 @@ fn brightness(color: Vec3) -> f64 {
 /// Approximate power of a light towards the scene's bounds.
 fn power(light: &Light, bounds: Bounds) -> f64 {
     match *light {
-        Light::Directional { direction, irradiance } => {
+        Light::Directional { direction, irradiance, .. } => {
             let (.., area) = window(direction, bounds);
             brightness(irradiance) * area
         }
@@ -130,20 +130,20 @@ fn window(direction: DVec3, bounds: Bounds) -> (DVec3, DVec3, DVec3, f64) {
 
 fn from_light(light: &Light, bounds: Bounds, [u, v, s, t]: [f64; 4]) -> Option<Emission> {
     match *light {
-        Light::Directional { direction, irradiance } => {
+        Light::Directional { direction, irradiance, .. } => {
             let (corner, x, y, area) = window(direction, bounds);
             let flux = irradiance * area as f32;
             let origin = corner + x * u + y * v;
             Some(Emission { origin, direction, flux, surface: None, thins: None })
         }
-        Light::Point { position, intensity, range } => {
+        Light::Point { position, intensity, range, .. } => {
             let (z, turn) = (1.0 - 2.0 * s, std::f64::consts::TAU * t);
             let radius = (1.0 - z * z).max(0.0).sqrt();
             let direction = DVec3::new(radius * turn.cos(), radius * turn.sin(), z);
             let flux = intensity * (4.0 * std::f32::consts::PI);
             Some(Emission { origin: position, direction, flux, surface: None, thins: Some(range) })
         }
-        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone } => {
+        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, .. } => {
             let (inner, outer) = (inner_cone.cos(), outer_cone.cos());
             let (z, turn) = (1.0 - s * (1.0 - outer), std::f64::consts::TAU * t);
             let radius = (1.0 - z * z).max(0.0).sqrt();

@@ -81,7 +81,7 @@ fn floor(half: f32) -> Mesh {
 }
 
 fn bulb(position: DVec3) -> Light {
-    Light::Point { position, intensity: Vec3::new(1.0, 2.0, 0.5), range: None }
+    Light::Point { position, intensity: Vec3::new(1.0, 2.0, 0.5), range: None, radius: 0.0 }
 }
 
 fn assert_near(found: Vec3, wanted: Vec3, share: f32) {
@@ -113,7 +113,7 @@ fn a_closed_room_reflects_its_albedo_of_the_flux_at_each_bounce_wherever_it_stan
 #[test]
 fn parallel_light_brings_a_floor_its_irradiance_by_the_cosine() {
     let direction = DVec3::new(0.6, -0.8, 0.0);
-    let sun = Light::Directional { direction, irradiance: Vec3::splat(3.0) };
+    let sun = Light::Directional { direction, irradiance: Vec3::splat(3.0), angular_radius: 0.0 };
     let world = World::new(vec![(floor(2.0), DAffine3::IDENTITY)], grey(0.25), vec![sun]);
     let wanted = Vec3::splat(3.0 * 16.0 * 0.8 * 0.25);
     assert_near(paths::total_flux(&world.vpls(knobs(8000, 1))), wanted, 0.01);
@@ -129,6 +129,7 @@ fn a_spot_brings_what_its_ramp_integrates_to() {
         range: None,
         inner_cone: inner,
         outer_cone: outer,
+        radius: 0.0,
     };
     let world = World::new(vec![(floor(4.0), DAffine3::IDENTITY)], grey(0.5), vec![spot]);
     let solid = std::f64::consts::TAU * ((1.0 - inner.cos()) + (inner.cos() - outer.cos()) / 3.0);
@@ -138,7 +139,7 @@ fn a_spot_brings_what_its_ramp_integrates_to() {
 #[test]
 fn a_range_cuts_the_flux_off_as_shading_does() {
     let lit = |range| {
-        let light = Light::Point { position: DVec3::Y, intensity: Vec3::ONE, range };
+        let light = Light::Point { position: DVec3::Y, intensity: Vec3::ONE, range, radius: 0.0 };
         let world = World::new(vec![(floor(50.0), DAffine3::IDENTITY)], grey(0.5), vec![light]);
         paths::total_flux(&world.vpls(knobs(4000, 1))).x
     };
@@ -173,13 +174,14 @@ fn light_that_meets_nothing_leaves_no_vpl_and_ends() {
         range: None,
         inner_cone: 0.1,
         outer_cone: 0.2,
+        radius: 0.0,
     };
     let floor_of = |lights| World::new(vec![(floor(1.0), DAffine3::IDENTITY)], grey(0.5), lights);
     assert!(floor_of(vec![away]).vpls(knobs(100, 4)).is_empty());
     assert!(floor_of(Vec::new()).vpls(knobs(100, 4)).is_empty());
-    let dark = Light::Point { position: DVec3::Y, intensity: Vec3::ZERO, range: None };
+    let dark = Light::Point { position: DVec3::Y, intensity: Vec3::ZERO, range: None, radius: 0.0 };
     assert!(floor_of(vec![dark]).vpls(knobs(100, 4)).is_empty());
-    let nowhere = Light::Point { position: DVec3::NAN, intensity: Vec3::ONE, range: None };
+    let nowhere = Light::Point { position: DVec3::NAN, intensity: Vec3::ONE, range: None, radius: 0.0 };
     assert!(floor_of(vec![nowhere]).vpls(knobs(100, 4)).is_empty());
     let nothing = World::new(Vec::new(), grey(0.5), vec![bulb(DVec3::ZERO)]);
     assert!(nothing.vpls(knobs(100, 4)).is_empty());

@@ -161,7 +161,12 @@ fn faces_of_an_omni_sample_show_what_direct_views_in_their_directions_show() {
             place(&mut scene, mesh, DAffine3::IDENTITY);
         }
     }
-    scene.lighting.lights.push(Light::Point { position: DVec3::ONE, intensity: Vec3::ONE, range: None });
+    scene.lighting.lights.push(Light::Point {
+        position: DVec3::ONE,
+        intensity: Vec3::ONE,
+        range: None,
+        radius: 0.0,
+    });
     let scene = Arc::new(scene);
     let mut sampler = sampler_with(&scene, SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() });
     const FACE: u32 = 48;

@@ -219,6 +219,7 @@ fn particles_without_shadows_light_as_point_lights_do_wherever_the_room_stands()
             position: p.position,
             intensity: p.flux / (4.0 * std::f32::consts::PI),
             range: None,
+            radius: 0.0,
         };
         lit.lighting.lights = all.iter().map(light).collect();
         let job = ViewJob { time_secs: 2.5, ..view_job(view_of_room(offset), [48, 48], 1) };

@@ -37,6 +37,7 @@ fn scene() -> Scene {
         position: DVec3::ZERO,
         intensity: Vec3::splat(3.0),
         range: None,
+        radius: 0.0,
     });
     scene.nodes = vec![
         node(None, DVec3::ZERO, vec![]),

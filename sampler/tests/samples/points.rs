@@ -129,7 +129,8 @@ fn lights_do_not_shine_through_walls_onto_what_reflects() {
     scene.materials = vec![grey(0.7)];
     add_room(&mut scene, DVec3::ZERO, [0; 6]);
     add_room(&mut scene, DVec3::new(4.5, 0.0, 0.0), [0; 6]);
-    let light = Light::Point { position: DVec3::ZERO, intensity: Vec3::splat(4.0), range: Some(3.0) };
+    let light =
+        Light::Point { position: DVec3::ZERO, intensity: Vec3::splat(4.0), range: Some(3.0), radius: 0.0 };
     scene.lighting = lit_by(vec![light]);
     let scene = Arc::new(scene);
     let there = DVec3::new(4.5, 0.0, 0.0);

@@ -58,6 +58,7 @@ fn room_with_a_ball(center: DVec3, material: Material) -> Arc<Scene> {
         position: center + DVec3::new(0.3, 1.5, 0.8),
         intensity: Vec3::splat(5.0),
         range: None,
+        radius: 0.0,
     }]);
     add_room(&mut scene, center, [0, 1, 2, 2, 2, 2]);
     let placed = DAffine3::from_translation(center) * DAffine3::from_scale(DVec3::splat(0.7));

@@ -59,8 +59,12 @@ pub(crate) fn box_of_cornell(center: DVec3) -> Arc<Scene> {
         place(&mut scene, mesh, block);
     }
     let intensity = Vec3::splat(4.0);
-    scene.lighting =
-        lit_by(vec![Light::Point { position: center + DVec3::new(0.0, 1.0, 0.2), intensity, range: None }]);
+    scene.lighting = lit_by(vec![Light::Point {
+        position: center + DVec3::new(0.0, 1.0, 0.2),
+        intensity,
+        range: None,
+        radius: 0.0,
+    }]);
     Arc::new(scene)
 }
 

@@ -77,6 +77,7 @@ pub(crate) fn scene() -> Scene {
         position: DVec3::new(-1.0, 2.0, 1.5),
         intensity: Vec3::new(2.0, 1.5, 1.0),
         range: Some(9.0),
+        radius: 0.0,
     });
     scene.lighting.lights.push(Light::Spot {
         position: DVec3::new(2.0, 3.0, 2.0),
@@ -85,6 +86,7 @@ pub(crate) fn scene() -> Scene {
         range: None,
         inner_cone: 0.2,
         outer_cone: 0.5,
+        radius: 0.0,
     });
     let at = DAffine3::from_translation;
     place(&mut scene, quad(Vec3::ZERO, Vec3::X * 6.0, Vec3::NEG_Z * 6.0, 3.0, 0), DAffine3::IDENTITY);

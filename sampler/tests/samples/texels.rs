@@ -70,6 +70,7 @@ fn patterned(texels: u32, tiles: f32) -> Arc<Scene> {
         position: DVec3::new(1.0, 2.0, -1.0),
         intensity: Vec3::splat(20.0),
         range: None,
+        radius: 0.0,
     });
     let wall = quad(Vec3::new(0.2, 0.1, -4.0), Vec3::X * 40.0, Vec3::new(0.0, 40.0, 8.0), tiles, 0);
     place(&mut scene, wall, DAffine3::IDENTITY);

@@ -234,13 +234,16 @@ fn lights_move_with_their_nodes() {
     let mut scene = scene(vec![lamp], vec![animation(channels)]);
     let (position, direction) = (DVec3::ZERO, DVec3::NEG_Z);
     scene.lighting.lights = vec![
-        Light::Point { position, intensity: Vec3::ONE, range: None },
-        Light::Directional { direction, irradiance: Vec3::ONE },
+        Light::Point { position, intensity: Vec3::ONE, range: None, radius: 0.0 },
+        Light::Directional { direction, irradiance: Vec3::ONE, angular_radius: 0.0 },
     ];
     scene.instances.clear();
     assert!(scene.is_animated());
     let lighting = scene.at(1.0).lighting;
-    assert_eq!(lighting.lights[0], Light::Point { position: DVec3::X, intensity: Vec3::ONE, range: None });
+    assert_eq!(
+        lighting.lights[0],
+        Light::Point { position: DVec3::X, intensity: Vec3::ONE, range: None, radius: 0.0 }
+    );
     let Light::Directional { direction, .. } = lighting.lights[1] else { panic!() };
     assert!((direction - DVec3::new(-FRAC_1_SQRT_2, 0.0, -FRAC_1_SQRT_2)).length() < 1e-6, "{direction}");
 }

@@ -133,7 +133,7 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     if parts.instances.is_empty() {
         warnings.add("there are no triangles in it");
     }
-    let lighting = if parts.lights.is_empty() {
+    let lighting = if parts.lights.is_empty() && !has_lamps(&parts) {
         Lighting::default()
     } else {
         Lighting { lights: parts.lights, sky: Sky::BLACK, exposure: 1.0 }
@@ -158,6 +158,16 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     scene.rig = rig_of(&scene);
     scene.warnings = warnings.into_lines();
     Ok(scene)
+}
+
+/// Whether surfaces of a file emit as lamps do, so that it needs no sun and no sky: more than white, which is the most
+/// that a display shows. Emission up to white is a screen or a glowing dial, which does not light its surroundings.
+fn has_lamps(parts: &Parts) -> bool {
+    let is_lamp = |instance: &Instance| {
+        let mesh = &parts.meshes[instance.mesh as usize];
+        parts.materials.get(mesh.material as usize).is_some_and(|m| m.emissive.max_element() > 1.0)
+    };
+    parts.instances.iter().any(is_lamp)
 }
 
 /// The rig for a scene. A scene without cameras that is eight times as long and wide as it is high counts as a height

@@ -122,6 +122,7 @@ fn lighting() -> Lighting {
         position: DVec3::new(x, ROOM.y - 0.4, z),
         intensity: Vec3::new(8.0, 7.6, 7.0),
         range: None,
+        radius: 0.0,
     };
     let dim = Vec3::splat(0.25);
     Lighting {

@@ -8,13 +8,12 @@
 //! Every estimate is unbiased; its noise falls with the root of [`Indirect::paths`]. Random numbers follow from pixel
 //! and path, so an image is the same at every rendering.
 
-use std::f64::consts::TAU;
-
 use glam::{DVec2, DVec3, Vec3};
 
 use super::tracer::Corners;
 use super::{Hit, Tracer};
-use crate::shading::{Surface, incident};
+use crate::light_sampling::{cosine_direction, r2};
+use crate::shading::{Surface, incident, sky_radiance};
 use crate::{InvalidField, Light};
 
 /// Settings of the path tracer for indirect light.
@@ -71,14 +70,22 @@ impl Tracer {
         let (mut radiance, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let (mut from, mut square) = (start, first);
         for bounce in 0..=bounces {
-            let direction = by_cosine(from.normal, square);
+            let direction = cosine_direction(from.normal, square);
             // Interpolated normals allow directions below the triangle, from which no light comes.
             if !(direction.dot(from.side) > 0.0) {
                 break;
             }
-            let Some(hit) = self.trace(from.position, direction) else { break };
+            let Some(hit) = self.trace(from.position, direction) else {
+                // What the sky sends to the visible point itself is direct light.
+                if bounce > 0 && self.blocks_sky() {
+                    radiance += throughput * sky_radiance(&self.pose.lighting.sky, direction.as_vec3());
+                }
+                break;
+            };
             let surface = self.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
-            radiance += throughput * surface.emissive;
+            if bounce > 0 || !self.lights_by_emitters() {
+                radiance += throughput * surface.emissive;
+            }
             if bounce == bounces {
                 break;
             }
@@ -144,19 +151,6 @@ impl Start {
     }
 }
 
-/// A direction about a unit normal, with a probability proportional to its cosine.
-fn by_cosine(normal: DVec3, square: DVec2) -> DVec3 {
-    let (tangent, bitangent) = normal.any_orthonormal_pair();
-    let (radius, turn) = (square.x.sqrt(), TAU * square.y);
-    let up = (1.0 - square.x).max(0.0).sqrt();
-    tangent * (radius * turn.cos()) + bitangent * (radius * turn.sin()) + normal * up
-}
-
-/// A point of the R2 sequence (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
-fn r2(index: u32) -> DVec2 {
-    (DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3) * f64::from(index)).fract()
-}
-
 /// SplitMix64 (Steele, Lea, Flood: "Fast Splittable Pseudorandom Number Generators", 2014).
 struct Random(u64);
 
@@ -176,6 +170,7 @@ impl Random {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
     use std::sync::Arc;
 
     use glam::{DAffine3, Vec4};
@@ -254,8 +249,12 @@ mod tests {
 
     #[test]
     fn light_from_a_balls_middle_is_scaled_by_the_albedo_at_each_reflection() {
-        let lit =
-            Light::Point { position: DVec3::ZERO, intensity: Vec3::splat(std::f32::consts::PI), range: None };
+        let lit = Light::Point {
+            position: DVec3::ZERO,
+            intensity: Vec3::splat(std::f32::consts::PI),
+            range: None,
+            radius: 0.0,
+        };
         let scene = scene(hollow_ball(48), grey(0.6), vec![lit], DVec3::ZERO);
         for (bounces, whole) in [(1, 0.6), (3, 0.6 + 0.36 + 0.216)] {
             let found =
@@ -278,7 +277,7 @@ mod tests {
         };
         let found = |x: f64| {
             let position = DVec3::new(x, 1.0, 0.0);
-            let lit = Light::Point { position, intensity: Vec3::ONE, range: None };
+            let lit = Light::Point { position, intensity: Vec3::ONE, range: None, radius: 0.0 };
             let scene = scene(mesh.clone(), grey(0.5), vec![lit], DVec3::ZERO);
             indirect_at(&scene, DVec3::new(1.0, 3.0, 0.0), DVec3::NEG_Y, Indirect { paths: 64, bounces: 1 })
         };

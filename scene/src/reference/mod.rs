@@ -21,6 +21,7 @@ mod boxes;
 pub mod cache;
 mod image;
 mod indirect;
+mod light;
 mod reflection;
 mod sight;
 mod surface;
@@ -29,10 +30,11 @@ mod triangle;
 
 pub use self::image::ReferenceImage;
 pub use indirect::Indirect;
+pub use light::DirectLight;
 pub use reflection::Reflecting;
 pub use sight::SceneSight;
 pub use tracer::{Hit, Tracer};
 
 /// Version of the tracer's images. Raise it when the same scene and camera give another image: stored images of an
 /// older version are not used.
-pub const REFERENCE_VERSION: u32 = 1;
+pub const REFERENCE_VERSION: u32 = 2;

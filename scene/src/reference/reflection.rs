@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use glam::{DVec3, Vec3};
 
 use super::{Hit, Tracer};
-use crate::shading::{Surface, dielectric_f0, diffuse_radiance, reflected_around, sky_radiance};
+use crate::shading::{Surface, dielectric_f0, reflected_around, sky_radiance};
 
 /// Instances that reflect and refract the scene, and the number of rays.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -97,7 +97,7 @@ impl Tracer {
                 continue;
             }
             let surface = self.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
-            return diffuse_radiance(&surface, lighting);
+            return self.diffuse(&hit, &surface, direction);
         }
         sky_radiance(&lighting.sky, direction.as_vec3())
     }

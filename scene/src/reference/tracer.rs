@@ -6,6 +6,7 @@ use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::boxes::BoxTree;
+use super::light::Lit;
 use super::reflection::Reflecting;
 use super::triangle::{Crossing, ShearedRay};
 use crate::shading::{diffuse_radiance, reflected_lights, reflected_sky, sky_radiance};
@@ -47,6 +48,8 @@ pub struct Tracer {
     pub(super) content_hash: OnceLock<blake3::Hash>,
     /// Instances that reflect and refract the scene.
     pub(super) reflecting: Option<Reflecting>,
+    /// Effects of direct light.
+    pub(super) lit: Option<Lit>,
 }
 
 /// Triangles of one mesh in the order of their tree, so that a leaf's triangles are adjacent.
@@ -63,6 +66,8 @@ struct Search {
     reach: f64,
     /// A hit nearer than this ends the search.
     enough: f64,
+    /// Whether single-sided triangles are there from behind, too: they block light.
+    both_sides: bool,
 }
 
 impl Search {
@@ -104,7 +109,7 @@ impl Tracer {
         let (placed, top) = place(&scene, &pose, &boxes);
         let (meshes, boxes, textures) = (Arc::new(meshes), Arc::new(boxes), Arc::new(textures));
         let content_hash = OnceLock::new();
-        Self { scene, pose, textures, meshes, boxes, placed, top, content_hash, reflecting: None }
+        Self { scene, pose, textures, meshes, boxes, placed, top, content_hash, reflecting: None, lit: None }
     }
 
     /// The scene's triangles at time zero, without textures and without cut-outs.
@@ -149,7 +154,9 @@ impl Tracer {
             top,
             content_hash,
             reflecting: self.reflecting.clone(),
+            lit: None,
         }
+        .lit_as(self)
     }
 
     /// The traced scene.
@@ -160,14 +167,21 @@ impl Tracer {
     /// The nearest surface at a range above 0 along a ray, whose direction need not be a unit vector. Cut-outs are open
     /// where their alpha is below the cutoff, and single-sided triangles from behind.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
-        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0 };
+        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0, both_sides: false };
         let unit = self.search(origin, direction, &mut search)?;
         search.nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
     }
 
     /// Whether a ray meets nothing.
     pub(super) fn is_clear(&self, origin: DVec3, direction: DVec3) -> bool {
-        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: f64::INFINITY };
+        let mut search =
+            Search { nearest: None, reach: f64::INFINITY, enough: f64::INFINITY, both_sides: false };
+        self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
+    }
+
+    /// Whether light passes along a ray up to a range. Single-sided triangles block it both ways.
+    pub(super) fn is_unblocked(&self, origin: DVec3, direction: DVec3, reach: f64) -> bool {
+        let mut search = Search { nearest: None, reach, enough: f64::INFINITY, both_sides: true };
         self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
     }
 
@@ -176,8 +190,12 @@ impl Tracer {
     pub(super) fn range_towards(&self, from: DVec3, to: DVec3, slack: f64) -> Option<f64> {
         let way = to - from;
         let length = way.length();
-        let mut search =
-            Search { nearest: None, reach: (1.0 + slack) * length, enough: (1.0 - slack) * length };
+        let mut search = Search {
+            nearest: None,
+            reach: (1.0 + slack) * length,
+            enough: (1.0 - slack) * length,
+            both_sides: false,
+        };
         self.search(from, way, &mut search)?;
         search.nearest.map(|hit| hit.range)
     }
@@ -216,7 +234,7 @@ impl Tracer {
                 };
                 let closer =
                     hit.range <= search.reach && search.nearest.is_none_or(|best| precedes(&hit, &best));
-                if closer && self.exists(placed, hit.triangle, &crossing) {
+                if closer && self.exists(placed, hit.triangle, &crossing, search.both_sides) {
                     search.nearest = Some(hit);
                 }
             }
@@ -225,8 +243,8 @@ impl Tracer {
     }
 
     /// Whether there is a surface where a ray crosses a triangle.
-    fn exists(&self, placed: &Placed, triangle: u32, crossing: &Crossing) -> bool {
-        if placed.culled && !crossing.front {
+    fn exists(&self, placed: &Placed, triangle: u32, crossing: &Crossing, both_sides: bool) -> bool {
+        if placed.culled && !crossing.front && !both_sides {
             return false;
         }
         let Some(cutoff) = placed.cutoff else { return true };
@@ -261,14 +279,23 @@ impl Tracer {
         let surface = self.surface(hit, direction, dx, dy);
         let to_eye = -direction.as_vec3();
         let (surface, transmitted) = self.without_transmitted(hit, &surface);
+        let arriving = self.arriving(hit, &surface, direction);
+        let diffuse = match &arriving {
+            Some(arriving) => surface.emissive + surface.albedo * arriving.by_pi,
+            None => diffuse_radiance(&surface, lighting),
+        };
+        if surface.f0 == Vec3::ZERO {
+            return diffuse;
+        }
+        let open_sky = arriving.as_ref().map_or(1.0, |arriving| arriving.sky);
         let around = self
             .sent_of_around(hit, &surface, transmitted, direction)
-            .unwrap_or_else(|| reflected_sky(&surface, to_eye, lighting));
-        let shining = match surface.f0 == Vec3::ZERO {
-            true => Vec3::ZERO,
-            false => around + reflected_lights(&surface, to_eye, lighting),
+            .unwrap_or_else(|| reflected_sky(&surface, to_eye, lighting) * open_sky);
+        let lights = match &arriving {
+            Some(arriving) => self.reflected_lights_seen(&surface, to_eye, arriving),
+            None => reflected_lights(&surface, to_eye, lighting),
         };
-        diffuse_radiance(&surface, lighting) + shining
+        diffuse + around + lights
     }
 
     /// The material at a hit.

@@ -4,5 +4,6 @@ mod common;
 mod loaders;
 mod loaders_gltf;
 mod reference_images;
+mod reference_light;
 mod reference_ranges;
 mod sight;

@@ -173,6 +173,7 @@ pub(super) fn lights(root: &json::Root, hierarchy: &mut Hierarchy, warnings: &mu
     lights
 }
 
+/// glTF's lights have no extent: a directional one is taken for the sun, others for light bulbs.
 fn read_light(
     light: &json::extensions::scene::khr_lights_punctual::Light,
     world_from_node: &DAffine3,
@@ -186,13 +187,20 @@ fn read_light(
         return None;
     }
     match light.type_ {
-        Checked::Valid(Type::Directional) => Some(Light::Directional { direction, irradiance: radiant }),
-        Checked::Valid(Type::Point) => Some(Light::Point { position, intensity: radiant, range }),
+        Checked::Valid(Type::Directional) => {
+            let angular_radius = Light::SUN_RADIUS;
+            Some(Light::Directional { direction, irradiance: radiant, angular_radius })
+        }
+        Checked::Valid(Type::Point) => {
+            Some(Light::Point { position, intensity: radiant, range, radius: Light::BULB_RADIUS })
+        }
         Checked::Valid(Type::Spot) => {
             let spot = light.spot.as_ref()?;
             let outer_cone = f64::from(spot.outer_cone_angle).clamp(1e-3, std::f64::consts::FRAC_PI_2);
             let inner_cone = f64::from(spot.inner_cone_angle).clamp(0.0, outer_cone - 1e-4);
-            Some(Light::Spot { position, direction, intensity: radiant, range, inner_cone, outer_cone })
+            let radius = Light::BULB_RADIUS;
+            let intensity = radiant;
+            Some(Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius })
         }
         Checked::Invalid => None,
     }

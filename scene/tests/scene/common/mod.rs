@@ -16,7 +16,11 @@ pub(crate) fn furnace() -> Lighting {
 /// A black sky and one sun along `direction` of irradiance π: a white surface that faces it has radiance 1.
 pub(crate) fn sun(direction: DVec3) -> Lighting {
     let irradiance = Vec3::splat(std::f32::consts::PI);
-    Lighting { lights: vec![Light::Directional { direction, irradiance }], sky: Sky::BLACK, exposure: 1.0 }
+    Lighting {
+        lights: vec![Light::Directional { direction, irradiance, angular_radius: 0.0 }],
+        sky: Sky::BLACK,
+        exposure: 1.0,
+    }
 }
 
 pub(crate) fn white() -> Material {

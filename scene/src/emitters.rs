@@ -1,0 +1,107 @@
+//! Emitting triangles as lights.
+//!
+//! A triangle shines evenly, with the mean of its emission over its surface: the reference and all renderers light other
+//! surfaces by this mean, whatever the texture. The triangle itself shows its texture.
+
+use glam::{DVec3, Vec2, Vec3};
+
+use crate::texture::{MipChain, transform_uv};
+use crate::{Instance, Scene, TextureRef};
+
+/// A triangle that emits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Emitter {
+    /// World space, metres. Counter-clockwise, seen from the front.
+    pub corners: [DVec3; 3],
+    /// Mean radiance.
+    pub radiance: Vec3,
+    /// Whether the back emits, too: of double-sided materials.
+    pub both_sides: bool,
+    /// Index into [`Scene::instances`].
+    pub instance: u32,
+    /// Index of the triangle in its mesh.
+    pub primitive: u32,
+}
+
+impl Emitter {
+    /// Front normal, times twice the area in square metres.
+    pub fn area_vector(&self) -> DVec3 {
+        let [a, b, c] = self.corners;
+        (b - a).cross(c - a)
+    }
+
+    /// Mean of the channels of its flux, watts.
+    pub fn power(&self) -> f64 {
+        let sides = if self.both_sides { 2.0 } else { 1.0 };
+        let area = self.area_vector().length() * 0.5;
+        f64::from(self.radiance.element_sum()) / 3.0 * area * sides * std::f64::consts::PI
+    }
+
+    /// A point by two numbers in 0..1, uniform over the area (Turk, "Generating Random Points in Triangles", 1990).
+    pub fn point(&self, u: f64, v: f64) -> DVec3 {
+        let [a, b, c] = self.corners;
+        let root = u.sqrt();
+        a + (b - a) * (root * (1.0 - v)) + (c - a) * (root * v)
+    }
+}
+
+/// The smallest radiance that counts as emission: less is below the last bit of a display at exposure 1.
+const LEAST: f32 = 1.0 / 4096.0;
+
+/// The triangles that emit, where instances stand as in `placed`. `textures` are the scene's, or empty for a scene whose
+/// emission has no textures. Degenerate triangles are left out.
+pub fn emitters(scene: &Scene, placed: &[Instance], textures: &[MipChain]) -> Vec<Emitter> {
+    let mut found = Vec::new();
+    for (index, instance) in (0u32..).zip(placed) {
+        let mesh = &scene.meshes[instance.mesh as usize];
+        let material = &scene.materials[mesh.material as usize];
+        if !(material.emissive.max_element() > LEAST) {
+            continue;
+        }
+        let mirrored = instance.world_from_mesh.matrix3.determinant() < 0.0;
+        for (primitive, indices) in (0u32..).zip(mesh.indices.as_chunks::<3>().0) {
+            let corner = |i: u32| {
+                let position = mesh.positions.get(i as usize).copied().unwrap_or(Vec3::NAN);
+                instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3())
+            };
+            let [a, b, c] = indices.map(corner);
+            let uvs = indices.map(|i| mesh.uvs.get(i as usize).copied().unwrap_or(Vec2::ZERO));
+            let emitter = Emitter {
+                corners: if mirrored { [a, c, b] } else { [a, b, c] },
+                radiance: material.emissive * mean_texel(material.emissive_texture, textures, uvs),
+                both_sides: material.double_sided,
+                instance: index,
+                primitive,
+            };
+            let power = emitter.power();
+            if power > 0.0 && power.is_finite() && emitter.radiance.max_element() > LEAST {
+                found.push(emitter);
+            }
+        }
+    }
+    found
+}
+
+/// Points along a side of the grid of a triangle at which its texture is read.
+const GRID: u32 = 6;
+
+/// Mean of a texture over a triangle.
+fn mean_texel(reference: Option<TextureRef>, textures: &[MipChain], uvs: [Vec2; 3]) -> Vec3 {
+    let found = reference.and_then(|r| Some((r, textures.get(r.texture as usize)?)));
+    let Some((reference, chain)) = found else { return Vec3::ONE };
+    let edges = [uvs[1] - uvs[0], uvs[2] - uvs[0]];
+    // One texel of the level is as wide as the distance of two points of the grid.
+    let texels = edges[0].abs().max(edges[1].abs()) * reference.scale.abs() * chain.size();
+    let level = (texels.max_element() / GRID as f32).max(1.0).log2();
+    let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+    for row in 0..GRID {
+        for column in 0..GRID - row {
+            let weight = |i: u32| (i as f32 + 1.0 / 3.0) / GRID as f32;
+            let uv = uvs[0] + edges[0] * weight(column) + edges[1] * weight(row);
+            sum += chain.sample(transform_uv(&reference, uv), level).truncate();
+            count += 1.0;
+        }
+    }
+    let mean = sum / count;
+    if mean.is_finite() { mean.max(Vec3::ZERO) } else { Vec3::ZERO }
+}
