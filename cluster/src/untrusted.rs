@@ -33,6 +33,7 @@ fn set() -> Arc<SampleSetInfo> {
         visibility: Visibility::default(),
         sampling: Sampling::default(),
         sub_samples: Specification::USUAL_SUB_SAMPLES,
+        effects: argus_scene::LightEffects::NONE,
         indirect: Indirect::Off,
         reflections: None,
     })

@@ -26,7 +26,8 @@ pub(crate) fn light_about(light: &Light, eye: DVec3) -> shared::Light {
         color: [0.0; 3],
         cos_inner: 1.0,
         cos_outer: 0.0,
-        _pad: [0.0; 3],
+        visibility_byte: 0,
+        _pad: [0.0; 2],
     };
     match *light {
         Light::Directional { direction, irradiance, .. } => {

@@ -3,11 +3,11 @@
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, FaceMask, Frame, Holes, Indirect, Light, Lighting, Limits, MapSource, MegaViews,
-    OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs,
-    Prediction, Preset, Provenance, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo,
-    Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, Version, View, Visibility,
-    VplKnobs, Warp,
+    Bounds, Camera, Effect, FaceMask, Frame, Holes, Indirect, Light, LightEffects, Lighting, Limits,
+    MapSource, MegaViews, OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat,
+    PlaneKind, PointKnobs, Prediction, Preset, Provenance, Reflections, Rig, Sample, SampleCamera, SampleId,
+    SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, Version,
+    View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -125,7 +125,8 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
-    let ways = (visibility, sampling(), sub_samples(), indirect(), prop::option::of(surroundings()));
+    let effects = (0..16u32).prop_map(|bits| LightEffects::from_bits(bits).unwrap_or_default());
+    let ways = (visibility, sampling(), sub_samples(), effects, indirect(), prop::option::of(surroundings()));
     (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), ways).prop_map(
         |(
             scene,
@@ -134,7 +135,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
             (number, epoch),
             epoch_secs,
             lighting,
-            (visibility, sampling, sub_samples, indirect, reflections),
+            (visibility, sampling, sub_samples, effects, indirect, reflections),
         )| {
             // Omni cameras alone are taken in every way.
             let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
@@ -148,6 +149,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
                 visibility,
                 sampling,
                 sub_samples,
+                effects,
                 indirect,
                 reflections,
             }

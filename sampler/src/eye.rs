@@ -33,7 +33,10 @@ impl Eye {
         for placement in &resident.instances {
             placed[placement.instance as usize] = placed_about(placement, position);
         }
-        let lights: Vec<_> = lighting.lights.iter().map(|light| light_about(light, position)).collect();
+        let lights = lighting.lights.iter().zip(lighting.visibility_bytes());
+        let lights: Vec<_> = lights
+            .map(|(light, visibility_byte)| shared::Light { visibility_byte, ..light_about(light, position) })
+            .collect();
         let data = LightingData {
             sky_zenith: lighting.sky.zenith.to_array(),
             light_count: lights.len() as u32,

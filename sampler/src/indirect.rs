@@ -5,6 +5,7 @@ use std::sync::Arc;
 use argus_gpu::{Commands, Gpu};
 use argus_scene::{Indirect, Lighting, RenderError, Scene, Stage};
 
+use crate::light::Neighbours;
 use crate::packets::PacketTracer;
 use crate::passes::TileContext;
 use crate::point_based::PointBased;
@@ -45,6 +46,14 @@ pub(crate) enum LightSharing {
 }
 
 impl LightSharing {
+    /// The texels of a tile that know one another, for direct light.
+    pub(crate) fn neighbours(self, tile: &crate::tile::Tile) -> Neighbours {
+        match self {
+            Self::Image | Self::Texels { .. } => Neighbours::Image(tile.begin.map(|texel| texel * tile.side)),
+            Self::Pixels | Self::Leaves | Self::Each => Neighbours::None,
+        }
+    }
+
     /// Size of the blocks that share receivers, in sub-samples, and the reach of a receiver, in blocks. `block` is the
     /// block side in an image; `side` is the number of sub-samples along a pixel's side.
     pub(crate) fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {

@@ -1,6 +1,8 @@
 //! Settings of samples, except their cameras.
 
-use argus_scene::{Indirect, InvalidField, PlaneFormat, SampleSetInfo, Specification, check_sub_samples};
+use argus_scene::{
+    Indirect, InvalidField, LightEffects, PlaneFormat, SampleSetInfo, Specification, check_sub_samples,
+};
 
 /// How a sample stores radiance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,6 +24,8 @@ pub struct SamplerKnobs {
     pub range_bits: u32,
     /// How radiance is stored.
     pub radiance: RadianceFormat,
+    /// Effects of direct light.
+    pub effects: LightEffects,
     /// Indirect light.
     pub indirect: Indirect,
 }
@@ -32,6 +36,7 @@ impl Default for SamplerKnobs {
             sub_samples: Specification::USUAL_SUB_SAMPLES,
             range_bits: 16,
             radiance: RadianceFormat::default(),
+            effects: LightEffects::NONE,
             indirect: Indirect::default(),
         }
     }
@@ -53,7 +58,7 @@ impl SamplerKnobs {
 
     /// Those of a sample set.
     pub fn of(set: &SampleSetInfo) -> Self {
-        Self { sub_samples: set.sub_samples, indirect: set.indirect, ..Self::default() }
+        Self { sub_samples: set.sub_samples, effects: set.effects, indirect: set.indirect, ..Self::default() }
     }
 
     /// Rejects a sample set that was specified otherwise: its samples would not be what their set says.
@@ -67,6 +72,9 @@ impl SamplerKnobs {
         };
         if set.sub_samples != self.sub_samples {
             return differs("sub_samples", set.sub_samples.to_string(), self.sub_samples.to_string());
+        }
+        if set.effects != self.effects {
+            return differs("effects", set.effects.to_string(), self.effects.to_string());
         }
         if set.indirect != self.indirect {
             return differs("indirect", set.indirect.to_string(), self.indirect.to_string());

@@ -13,6 +13,8 @@ mod draws;
 mod eye;
 mod indirect;
 mod knobs;
+mod light;
+mod light_rays;
 mod lit_octree;
 mod omni_maps;
 mod packets;

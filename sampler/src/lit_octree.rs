@@ -17,7 +17,7 @@ use bytemuck::Zeroable;
 use glam::{DMat3, DVec2, Vec3};
 
 use crate::passes::{Leaves, NodeSurfaces, OwnNodes, ShadeLeaves, Surfels, TileContext};
-use crate::resident::{Cull, Placement, Resident, upload};
+use crate::resident::{Cull, GuideUse, Placement, Resident, upload};
 use crate::tile::Tile;
 
 /// Columns and most rows of the image that leaves are shaded in: half a million leaves at a time.
@@ -69,11 +69,11 @@ pub(crate) struct LitNodes<'a> {
 }
 
 impl LitOctree {
-    /// The lit octree of a scene on a device. `keeps_guides` if indirect light is added to leaves.
-    pub(crate) fn new(gpu: &Gpu, resident: &Resident, keeps_guides: bool, levels: u32) -> Self {
+    /// The lit octree of a scene on a device.
+    pub(crate) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, levels: u32) -> Self {
         Self {
             levels,
-            shade: ShadeLeaves::new(gpu, resident.features, keeps_guides),
+            shade: ShadeLeaves::new(gpu, resident.features, guides),
             surfels: Surfels::new(gpu),
             builder: None,
             faced: None,

@@ -42,8 +42,8 @@ use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
 use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
 use crate::passes::{MapLookup, NodeMaps, ResolveSample, TileContext};
-use crate::resident::Resident;
-use crate::{Indirect, SamplerKnobs};
+use crate::resident::{GuideUse, Resident};
+use crate::SamplerKnobs;
 
 /// Most bytes of maps in one traversal without sharing: 32 maps of 1024² texels a hemisphere.
 const MOST_MAP_BYTES: u64 = 512 << 20;
@@ -75,10 +75,10 @@ pub(crate) struct Group {
 impl OmniMaps {
     /// The maps of a scene on a device.
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, sampler: &SamplerKnobs, knobs: MegaViews) -> Self {
-        let keeps_guides = sampler.indirect != Indirect::Off;
+        let guides = GuideUse::of(sampler);
         Self {
             knobs,
-            octree: LitOctree::new(gpu, resident, keeps_guides, knobs.levels),
+            octree: LitOctree::new(gpu, resident, guides, knobs.levels),
             look_up: MapLookup::new(gpu, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side(), false),
             views: None,

@@ -34,7 +34,7 @@ use crate::SamplerKnobs;
 use crate::eye::Eye;
 use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
 use crate::passes::{NodeMaps, OwnNodes, ProbePlanes, ResampleProbes, ResolveSample, Shade, ShadeSample};
-use crate::resident::{Resident, upload};
+use crate::resident::{GuideUse, Resident, upload};
 
 /// Most bytes of probes that are rendered at once: a few thousand small ones, or sixteen of the largest.
 const MOST_BYTES: u64 = 64 << 20;
@@ -92,7 +92,7 @@ impl ProbeRenderer {
         sampler: &SamplerKnobs,
         of: Surroundings,
     ) -> Result<Self, RenderError> {
-        let keeps_guides = sampler.indirect != crate::Indirect::Off;
+        let guides = GuideUse::of(sampler);
         let reflectors = scene.reflectors(of.knobs.most);
         if reflectors.len() != of.count as usize {
             let reason = format!("the scene has {} reflectors, not {}", reflectors.len(), of.count);
@@ -101,12 +101,12 @@ impl ProbeRenderer {
         Ok(Self {
             of,
             reflectors,
-            octree: LitOctree::new(gpu, resident, keeps_guides, of.knobs.levels),
+            octree: LitOctree::new(gpu, resident, guides, of.knobs.levels),
             own_nodes: OwnNodes::new(gpu),
             resample: ResampleProbes::new(gpu, 1),
             views: None,
-            shade: Shade::new(gpu, resident.features, keeps_guides, true),
-            shade_sample: ShadeSample::new(gpu, resident.features, keeps_guides, true, sampler.side()),
+            shade: Shade::new(gpu, resident.features, guides, true),
+            shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
             resolve: ResolveSample::new(gpu, resident.features.specular, 1, true),
             made: None,
         })

@@ -34,7 +34,8 @@ use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::visibility::VisibilityBackends;
-use crate::{Indirect, SamplerKnobs};
+use crate::light::DirectLight;
+use crate::{Indirect, SamplerKnobs, timing};
 
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
@@ -61,6 +62,8 @@ pub struct GpuSampler {
     surface_programs: SurfacePrograms,
     resolve_view: ResolveView,
     scratch: Scratch,
+    /// Direct light by rays, made when it is first needed; `None` without effects of light.
+    direct: Option<DirectLight>,
     /// Indirect light, made when it is first needed.
     indirect: Option<IndirectLight>,
     /// Maps of the octree, made when a sample is first rendered from them.
@@ -92,6 +95,7 @@ impl GpuSampler {
         Ok(Self {
             visibility: VisibilityBackends::new(&gpu, &scene, &resident),
             surface_programs: SurfacePrograms::new(&gpu, &resident, &knobs),
+            direct: None,
             indirect: None,
             maps: None,
             resolve_view: ResolveView::new(&gpu),
@@ -270,6 +274,7 @@ impl GpuSampler {
             visibility: scene.backend,
             sampling: Sampling::Triangles,
             sub_samples: self.knobs.sub_samples,
+            effects: self.knobs.effects,
             indirect: self.knobs.indirect,
             reflections: view.reflections,
             exposure: scene.lighting.exposure,
@@ -312,9 +317,12 @@ impl GpuSampler {
     }
 
     /// Poses the scene at a time. Returns the cost, if it was posed at another time. A static scene is never posed again.
-    fn pose(&mut self, time_secs: f64) -> Vec<Stage> {
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] if light cannot be traced in the scene.
+    fn pose(&mut self, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
         if !self.animated || time_secs == self.posed_secs {
-            return Vec::new();
+            return Ok(Vec::new());
         }
         let begin = Instant::now();
         let pose = self.scene.at(time_secs);
@@ -322,6 +330,9 @@ impl GpuSampler {
         self.visibility.pose(&self.resident);
         if let Some(indirect) = &mut self.indirect {
             indirect.place(&self.resident.instances);
+        }
+        if let Some(direct) = &mut self.direct {
+            direct.pose(&self.scene, self.visibility.prepare_packets(&self.resident), time_secs)?;
         }
         if let Some(maps) = &mut self.maps {
             maps.forget_pose();
@@ -331,7 +342,7 @@ impl GpuSampler {
         }
         self.lighting = pose.lighting;
         self.posed_secs = time_secs;
-        vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)]
+        Ok(vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)])
     }
 
     /// Prepares a visibility backend. Returns the rasteriser if the device does not support it.
@@ -345,15 +356,31 @@ impl GpuSampler {
         }
     }
 
-    /// Prepares indirect light, if the knobs ask for it. Returns the cost.
+    /// Prepares direct light by rays and indirect light, as far as the knobs ask for them. Returns the cost.
     fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
+        let effects = self.knobs.effects;
+        let mut stages = Vec::new();
+        match &mut self.direct {
+            Some(direct) => direct.relight(lighting),
+            None if effects.any() => {
+                let begin = Instant::now();
+                let tracer = self.visibility.prepare_packets(resident);
+                let at = (lighting, time_secs);
+                let direct = DirectLight::new(gpu, scene, resident.features, tracer, effects, at)?;
+                self.direct = Some(direct);
+                timing::add_since(&mut stages, "build trees for light", begin);
+            }
+            None => {}
+        }
         if self.indirect.is_none() {
             self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect);
         }
-        let Some(indirect) = &mut self.indirect else { return Ok(Vec::new()) };
+        let Some(indirect) = &mut self.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
-        indirect.ready(&LightInputs { gpu, scene, resident, tracer, lighting, time_secs }, &mut self.scratch)
+        let inputs = LightInputs { gpu, scene, resident, tracer, lighting, time_secs };
+        timing::add(&mut stages, indirect.ready(&inputs, &mut self.scratch)?);
+        Ok(stages)
     }
 
     /// Report on indirect light by VPLs, with the culling since the last call. `None` before it was first needed.
@@ -435,6 +462,11 @@ impl GpuSampler {
         let bytes = commands.submit().wait()?.take(pending);
         let ids = bytes.as_chunks::<8>().0.iter().map(|b| bytemuck::pod_read_unaligned(b)).collect();
         Ok((ids, took))
+    }
+
+    /// Whether later passes add light to what is shaded.
+    fn keeps_guides(&self) -> bool {
+        self.direct.is_some() || self.indirect.is_some()
     }
 
     fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {

@@ -31,13 +31,13 @@ pub(crate) struct Targets {
 pub(crate) struct Guides {
     /// Position and normal, four words a sub-sample.
     pub(crate) surfaces: wgpu::Buffer,
-    /// Albedo, a word a sub-sample.
-    pub(crate) albedos: wgpu::Buffer,
+    /// Albedo, the triangle's normal, the start of rays to lights, and the specular lobe: four words a sub-sample.
+    pub(crate) materials: wgpu::Buffer,
 }
 
 impl Guides {
     pub(crate) fn both(&self) -> (&wgpu::Buffer, &wgpu::Buffer) {
-        (&self.surfaces, &self.albedos)
+        (&self.surfaces, &self.materials)
     }
 }
 
@@ -71,8 +71,8 @@ impl Scratch {
         }
         if extras.guides && targets.guides.is_none() {
             targets.guides = Some(Guides {
-                surfaces: gpu.buffer("guides", all * 16, storage | wgpu::BufferUsages::COPY_DST),
-                albedos: gpu.buffer("guide albedos", all * 4, storage),
+                surfaces: gpu.buffer("guides", all * 16, storage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC),
+                materials: gpu.buffer("guide materials", all * 16, storage | wgpu::BufferUsages::COPY_SRC),
             });
         }
         self.0.insert(0, targets.clone());

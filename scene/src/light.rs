@@ -98,6 +98,28 @@ pub struct Lighting {
     pub exposure: f32,
 }
 
+/// Lights whose visibility has a byte of its own in a sample's [`crate::PlaneKind::LightVisibility`]; the rest share one.
+pub const SEPARATE_LIGHTS: usize = 2;
+
+impl Lighting {
+    /// For each light, the byte of a [`crate::PlaneKind::LightVisibility`] texel that says which share of it is seen: the
+    /// strongest two lights have bytes 0 and 1, the rest share byte 2. Byte 3 is the sky's.
+    pub fn visibility_bytes(&self) -> Vec<u32> {
+        let strength = |light: &Light| match *light {
+            // As strong as a lamp of 1 cd at a distance of 1 m is where it shines.
+            Light::Directional { irradiance, .. } => irradiance.element_sum(),
+            Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity.element_sum(),
+        };
+        let mut order: Vec<usize> = (0..self.lights.len()).collect();
+        order.sort_by(|&a, &b| strength(&self.lights[b]).total_cmp(&strength(&self.lights[a])));
+        let mut bytes = vec![SEPARATE_LIGHTS as u32; self.lights.len()];
+        for (byte, &light) in (0..SEPARATE_LIGHTS as u32).zip(&order) {
+            bytes[light] = byte;
+        }
+        bytes
+    }
+}
+
 impl Default for Lighting {
     /// Sun and sky, for a scene without lights of its own.
     fn default() -> Self {

@@ -1,7 +1,7 @@
 //! Points on lights: where a shadow ray goes. The reference and the samplers share this definition.
 //!
 //! The share of a light that a point sees is the share of a disc: the sun's in the sky, or the great circle of a shining
-//! sphere that faces the point. Numbers in the unit square choose the place on the disc, uniformly by area.
+//! sphere that faces the point. A point of the unit disc chooses the place on it, uniformly by area.
 
 use std::f64::consts::TAU;
 
@@ -21,15 +21,14 @@ pub struct ShadowRay {
 /// Largest share of its distance that a sphere's radius has: a point inside of a light still sees it in front of itself.
 const LARGEST: f64 = 0.99;
 
-/// The ray from a position to a point of a light, by numbers in the unit square. `soft` is false for the light's centre.
-pub fn shadow_ray(light: &Light, from: DVec3, square: DVec2, soft: bool) -> ShadowRay {
+/// The ray from a position to a point of a light, by a point of the unit disc; zero for the light's centre.
+pub fn shadow_ray(light: &Light, from: DVec3, disc: DVec2) -> ShadowRay {
     let on_disc = |center: DVec3, radius: f64| {
-        if !soft || radius == 0.0 {
+        if radius == 0.0 || disc == DVec2::ZERO {
             return center;
         }
         let (x, y) = center.normalize_or(DVec3::Y).any_orthonormal_pair();
-        let (length, turn) = (radius * square.x.max(0.0).sqrt(), TAU * square.y);
-        center + x * (length * turn.cos()) + y * (length * turn.sin())
+        center + (x * disc.x + y * disc.y) * radius
     };
     match *light {
         Light::Directional { direction, angular_radius, .. } => {
@@ -42,12 +41,18 @@ pub fn shadow_ray(light: &Light, from: DVec3, square: DVec2, soft: bool) -> Shad
     }
 }
 
-/// A direction about a unit normal, with a probability proportional to its cosine (Malley's method).
-pub fn cosine_direction(normal: DVec3, square: DVec2) -> DVec3 {
+/// A point of the unit disc by numbers in the unit square, uniform by area.
+pub fn disc_point(square: DVec2) -> DVec2 {
+    let (sin, cos) = (TAU * square.y).sin_cos();
+    DVec2::new(cos, sin) * square.x.max(0.0).sqrt()
+}
+
+/// A direction about a unit normal, with a probability proportional to its cosine (Malley's method): the point of the
+/// hemisphere above a point of the unit disc.
+pub fn cosine_direction(normal: DVec3, disc: DVec2) -> DVec3 {
     let (tangent, bitangent) = normal.any_orthonormal_pair();
-    let (radius, turn) = (square.x.max(0.0).sqrt(), TAU * square.y);
-    let up = (1.0 - square.x).max(0.0).sqrt();
-    tangent * (radius * turn.cos()) + bitangent * (radius * turn.sin()) + normal * up
+    let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
+    tangent * disc.x + bitangent * disc.y + normal * up
 }
 
 /// A point of the R2 sequence (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
@@ -81,19 +86,19 @@ mod tests {
         let light = Light::Point { position, intensity: Vec3::ONE, range: None, radius: 0.5 };
         for i in 0..64 {
             let from = position + DVec3::new(3.0, -1.0, 2.0);
-            let ray = shadow_ray(&light, from, r2(i), true);
+            let ray = shadow_ray(&light, from, disc_point(r2(i)));
             assert!((from + ray.direction * ray.most - position).length() <= 0.5 + 1e-9);
-            assert_eq!(shadow_ray(&light, from, r2(i), false).direction, position - from);
+            assert_eq!(shadow_ray(&light, from, DVec2::ZERO).direction, position - from);
             // Inside of the light, a point looks at what is in front of it.
-            let inside = shadow_ray(&light, position + DVec3::X * 0.1, r2(i), true);
+            let inside = shadow_ray(&light, position + DVec3::X * 0.1, disc_point(r2(i)));
             assert!(inside.direction.is_finite() && inside.direction.length() > 0.0);
-            let at = shadow_ray(&light, position, r2(i), true);
+            let at = shadow_ray(&light, position, disc_point(r2(i)));
             assert_eq!(at.direction, DVec3::ZERO);
         }
         let sun = Light::sun();
         let Light::Directional { direction, angular_radius, .. } = sun else { unreachable!() };
         for i in 0..64 {
-            let ray = shadow_ray(&sun, DVec3::ZERO, r2(i), true);
+            let ray = shadow_ray(&sun, DVec3::ZERO, disc_point(r2(i)));
             assert!(ray.direction.normalize().angle_between(-direction) <= angular_radius * 1.001);
         }
     }

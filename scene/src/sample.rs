@@ -8,8 +8,8 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, FaceMask, Indirect, InvalidField, Lighting, OmniLayout, Rig, SampleCamera, Sampling, Scene,
-    SceneHash, Specification, Stage, Surroundings, Visibility,
+    Bounds, FaceMask, Indirect, InvalidField, LightEffects, Lighting, OmniLayout, Rig, SampleCamera,
+    Sampling, Scene, SceneHash, Specification, Stage, Surroundings, Visibility,
 };
 
 /// Names one sample.
@@ -197,6 +197,8 @@ pub struct SampleSetInfo {
     pub sampling: Sampling,
     /// Sub-samples of a texel: 1, 4 or 16.
     pub sub_samples: u32,
+    /// Effects of direct light, in samples and in direct views.
+    pub effects: LightEffects,
     /// Indirect light, in samples and in direct views.
     pub indirect: Indirect,
     /// The maps for glossy and transparent surfaces; `None` if these reflect only lights and the sky.
@@ -215,6 +217,7 @@ impl SampleSetInfo {
             visibility: self.visibility,
             sampling: self.sampling,
             sub_samples: self.sub_samples,
+            effects: self.effects,
             indirect: self.indirect,
             reflections: self.reflections,
             exposure: self.lighting.exposure,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Indirect, InvalidField, Plan, Sampling, Surroundings, Visibility};
+use crate::{Indirect, InvalidField, LightEffects, Plan, Sampling, Surroundings, Visibility};
 
 /// How a sample set is rendered. All samples of a set have one specification, whichever worker renders them. The
 /// specification of a frame is that of its samples, or how it was rendered from triangles.
@@ -16,6 +16,8 @@ pub struct Specification {
     pub sampling: Sampling,
     /// Sub-samples of each texel of a sample: 1, 4 or 16. A direct view does not depend on them.
     pub sub_samples: u32,
+    /// Effects of direct light: shadows, and what else blocks or adds to it.
+    pub effects: LightEffects,
     /// Light that surfaces reflect onto one another, and glowing particles.
     pub indirect: Indirect,
     /// The maps that glossy and transparent surfaces look up; `None` where they reflect lights and the sky alone.
@@ -86,8 +88,8 @@ impl Specification {
     }
 
     /// Its fields by name, each in words that say all of it.
-    fn fields(&self) -> [(&'static str, String); 6] {
-        let Self { visibility, sampling, sub_samples, indirect, reflections, exposure } = self;
+    fn fields(&self) -> [(&'static str, String); 7] {
+        let Self { visibility, sampling, sub_samples, effects, indirect, reflections, exposure } = self;
         let sampling = match sampling {
             Sampling::Triangles => sampling.name().to_owned(),
             Sampling::MegaViews(knobs) => format!("{} {knobs}", sampling.name()),
@@ -98,6 +100,7 @@ impl Specification {
             ("visibility", visibility.name().to_owned()),
             ("sampling", sampling),
             ("sub_samples", sub_samples.to_string()),
+            ("effects", effects.to_string()),
             ("indirect", indirect.to_string()),
             ("reflections", reflections),
             ("exposure", exposure.to_string()),
@@ -111,6 +114,7 @@ impl Default for Specification {
             visibility: Visibility::default(),
             sampling: Sampling::default(),
             sub_samples: Self::USUAL_SUB_SAMPLES,
+            effects: LightEffects::NONE,
             indirect: Indirect::default(),
             reflections: None,
             exposure: 1.0,
@@ -143,13 +147,14 @@ mod tests {
     use crate::{MegaViews, PointKnobs, Reflections, VplKnobs, Warp};
 
     /// Specifications that differ from the default in one field each.
-    fn others() -> [(&'static str, Specification); 6] {
+    fn others() -> [(&'static str, Specification); 7] {
         let usual = Specification::default();
         let maps = Surroundings { knobs: Reflections::default(), count: 3 };
         [
             ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
             ("sampling", Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual }),
             ("sub_samples", Specification { sub_samples: 16, ..usual }),
+            ("effects", Specification { effects: LightEffects::ALL, ..usual }),
             ("indirect", Specification { indirect: Indirect::Points(PointKnobs::default()), ..usual }),
             ("reflections", Specification { reflections: Some(maps), ..usual }),
             ("exposure", Specification { exposure: 0.5, ..usual }),
@@ -159,8 +164,7 @@ mod tests {
     #[test]
     fn the_hash_of_a_specification_is_the_same_in_every_release() {
         let usual = Specification::default();
-        let text =
-            "visibility raster; sampling triangles; sub_samples 4; indirect off; reflections off; exposure 1";
+        let text = "visibility raster; sampling triangles; sub_samples 4; effects none; indirect off; reflections off; exposure 1";
         assert_eq!(usual.to_string(), text);
         assert_eq!(usual.hash().0, *blake3::hash(text.as_bytes()).as_bytes());
     }

@@ -9,7 +9,7 @@ import package::shared::vpl::{Gathering};
 @group(0) @binding(1) var<storage, read> guides: array<vec4u>;
 @group(0) @binding(2) var<storage, read> gathered: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> filtered: array<vec4f>;
-@group(0) @binding(4) var<storage, read> guide_albedos: array<u32>;
+@group(0) @binding(4) var<storage, read> guide_materials: array<vec4u>;
 @group(0) @binding(5) var<storage, read_write> shaded: array<vec4f>;
 
 // Distance from the plane, as a share of the range, at which a neighbour's weight is 1/e.
@@ -65,7 +65,7 @@ fn add_filtered_columns(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * gathering.size.x + id.x;
-    let albedo = albedo_of(guide_albedos[at]);
+    let albedo = albedo_of(guide_materials[at].x);
     let light = smoothed(id.xy, vec2i(0, 1));
     let exists = any(guides[at].xyz != vec3u(0u));
     shaded[at] += vec4f(select(vec3f(0.0), albedo * light, exists), 0.0);

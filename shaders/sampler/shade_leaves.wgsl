@@ -82,7 +82,7 @@ fn shade_leaves(@builtin(global_invocation_id) id: vec3u) {
     let seen = front || (ids.y & SINGLE_SIDED) == 0u;
     let found = found_at(vec2u(ids.x, ids.y & ~SINGLE_SIDED), position, front);
     let surface = surface_at(found.hit);
-    keep_guide(at, surface);
+    keep_guide(at, surface, 0u);
     shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), select(0.0, 1.0, seen));
     if !is_back {
         surfels[leaf].axis = pack2x16snorm(octahedral_from_unit(found.normal));

@@ -9,7 +9,8 @@ import package::shared::dominant::{MOST_SUB_SAMPLES, dominant, same_surface};
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
 import package::shared::geometry::{instances, mesh_from_world, meshes, triangle_about_eye};
-import package::shared::guide::{keep_guide};
+import package::shared::guide::{keep_guide, keeps_guides};
+import package::shared::shading::{Surface};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{ray_through};
 import package::shared::surface::{radiance, reflects};
@@ -54,14 +55,19 @@ struct Texel {
     lobes: f32,
     // A surface has one probe; at edges of objects the greatest word is taken.
     word: u32,
+    // What the guide shows: the surface that was added last, and albedo times sub-samples.
+    surface: Surface,
+    albedo: vec3f,
+    exists: bool,
 }
 
 fn nothing() -> Texel {
-    return Texel(vec3f(0.0), vec3f(0.0), vec4f(0.0), 0.0, 0u);
+    var texel: Texel;
+    return texel;
 }
 
 // Shades a point of the tile and adds it for `count` sub-samples. Returns its range; 0 for sky.
-fn add(texel: ptr<function, Texel>, at: u32, ids: vec2u, place: vec2f, width: f32, members: f32) -> f32 {
+fn add(texel: ptr<function, Texel>, ids: vec2u, place: vec2f, width: f32, members: f32) -> f32 {
     if ids.x == 0u {
         (*texel).radiance += sky_along(place) * members;
         return 0.0;
@@ -69,7 +75,11 @@ fn add(texel: ptr<function, Texel>, at: u32, ids: vec2u, place: vec2f, width: f3
     let hit = hit_at(ids, place, width);
     let map = map_of(ids.x);
     let surface = surface_of(hit, map);
-    keep_guide(at, surface);
+    if keeps_guides {
+        (*texel).surface = surface;
+        (*texel).albedo += surface.albedo * members;
+        (*texel).exists = true;
+    }
     (*texel).radiance += finite_or_zero(radiance(surface, false)) * members;
     if glossy {
         let rougher = surface.roughness - (*texel).lobe.a / max((*texel).lobes, 1.0);
@@ -88,6 +98,11 @@ fn add(texel: ptr<function, Texel>, at: u32, ids: vec2u, place: vec2f, width: f3
 
 fn keep(texel: Texel, at: u32, members: f32, inverse_range: f32) {
     shaded[at] = vec4f(texel.radiance / members, inverse_range);
+    if keeps_guides && texel.exists {
+        var surface = texel.surface;
+        surface.albedo = texel.albedo / members;
+        keep_guide(at, surface, 0u);
+    }
     if glossy {
         let normal = texel.normal / max(length(texel.normal), 1e-12);
         let lobe = pack4x8unorm(texel.lobe / max(texel.lobes, 1.0));
@@ -130,7 +145,7 @@ fn shade_whole(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     var texel = nothing();
-    let range = add(&texel, at, ids, vec2f(id.xy) + 0.5, select(FILTER, 1.0, side == 1u), 1.0);
+    let range = add(&texel, ids, vec2f(id.xy) + 0.5, select(FILTER, 1.0, side == 1u), 1.0);
     keep(texel, at, 1.0, select(1.0 / range, 0.0, ids.x == 0u));
 }
 
@@ -178,7 +193,7 @@ fn shade_parts(id: vec2u, at: u32) {
             of_triangle += select(0.0, 1.0, is_seen);
             left &= ~select(0u, 1u << i, is_seen);
         }
-        _ = add(&texel, at, ids, middle / max(of_triangle, 1.0), 1.0 / f32(side), of_triangle);
+        _ = add(&texel, ids, middle / max(of_triangle, 1.0), 1.0 / f32(side), of_triangle);
     }
     keep(texel, at, members, sum / members);
 }

@@ -131,7 +131,8 @@ fn with_specular(pixel: Pixel) -> Pixel {
             word = textureLoad(reflector_plane, vec2i(pixel.uv * size), pixel.layer, 0).x;
         }
         let through = transmitted_in_word(word);
-        let surface = Surface(pixel.position, normal, vec3f(0.0), vec3f(0.0), stored.rgb, stored.a, through);
+        let black = vec3f(0.0);
+        let surface = Surface(pixel.position, normal, black, black, stored.rgb, stored.a, through, normal, 0.0);
         var sum = vec3f(0.0);
         if reflects {
             sum = reflected_radiance(surface, to_eye, view.lighting, view.probes, probe_in_word(word));

@@ -11,6 +11,8 @@ struct Light {
     color: vec3f,
     cos_inner: f32,
     cos_outer: f32,
+    // Byte of a light visibility word that says which share of this light is seen.
+    visibility_byte: u32,
 }
 
 struct Lighting {
@@ -30,6 +32,10 @@ struct Surface {
     roughness: f32,
     // Share of light that is transmitted; 0 without reflection probes.
     transmitted: vec3f,
+    // Unit normal of the triangle on the visible side, and the height above it at which rays to lights begin, metres. Zero
+    // where surfaces are not lit by rays.
+    side: vec3f,
+    lift: f32,
 }
 
 // Radiance of the sky in direction d (unit).

@@ -23,6 +23,8 @@ override has_vertex_colors: bool = true;
 override has_specular: bool = true;
 // Glossy and transparent surfaces look up reflection probes.
 override reflects: bool = false;
+// Lights and sky are added by a later pass, as far as nothing blocks them: `add_direct.wgsl`.
+override lit_by_rays: bool = false;
 
 // A hit of a ray on a triangle.
 struct Hit {
@@ -154,8 +156,32 @@ fn surface_at(hit: Hit) -> Surface {
     }
     surface.roughness = saturate(material.factors.x * looked.metallic_roughness.g);
     let normal = normal_from_mesh(hit.instance, normal_at(hit, material, looked));
-    surface.normal = unit_or(normal, -hit.direction) * select(-1.0, 1.0, hit.front);
+    let facing = select(-1.0, 1.0, hit.front);
+    surface.normal = unit_or(normal, -hit.direction) * facing;
+    surface.side = vec3f(0.0);
+    surface.lift = 0.0;
+    if lit_by_rays {
+        surface.side = unit_or(normal_from_mesh(hit.instance, hit.geometric), -hit.direction) * facing;
+        surface.lift = terminator_lift(hit, surface.side);
+    }
     return surface;
+}
+
+// Height above a triangle at which rays to lights begin: as in `scene/src/light_sampling.rs`.
+fn terminator_lift(hit: Hit, side: vec3f) -> f32 {
+    let at = hit.triangle.e1 * hit.weights.y + hit.triangle.e2 * hit.weights.z;
+    var corners = array<vec3f, 3>(vec3f(0.0), hit.triangle.e1, hit.triangle.e2);
+    var lift = 0.0;
+    for (var i = 0u; i < 3u; i++) {
+        let in_mesh = normal_from_word(hit.triangle.normals[i]);
+        // A product of a normal and an offset is the same in mesh space and in the world.
+        let in_world = normal_from_mesh(hit.instance, in_mesh);
+        let size = length(in_world);
+        let facing = dot(in_world, side);
+        let above = max(dot(in_mesh, corners[i] - at) * sign(facing), 0.0);
+        lift += select(0.0, hit.weights[i] * above * abs(facing) / (size * size), size > 1e-18);
+    }
+    return select(0.0, lift, lift < 1e18);
 }
 
 // Shading normal in mesh space, not normalised.
@@ -193,8 +219,12 @@ fn unit_or(v: vec3f, other: vec3f) -> vec3f {
     return select(other, normalize(v / select(1.0, most, some)), some);
 }
 
-// Diffuse radiance of a surface and, if `seen`, specular reflection of lights towards the eye.
+// Diffuse radiance of a surface and, if `seen`, specular reflection of lights towards the eye. Emission alone where a later
+// pass adds the rest.
 fn radiance(surface: Surface, seen: bool) -> vec3f {
+    if lit_by_rays {
+        return surface.emissive;
+    }
     let shines = has_specular && seen;
     let to_eye = -normalize(surface.position);
     var irradiance_by_pi = sky_ambient(lighting, surface.normal);

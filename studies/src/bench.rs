@@ -85,6 +85,7 @@ impl Bench {
             visibility: Visibility::default(),
             sampling: Sampling::default(),
             sub_samples: sampler.sub_samples,
+            effects: sampler.effects,
             indirect: sampler.indirect,
             reflections: None,
         });

@@ -141,6 +141,7 @@ impl Bench {
             visibility: backend,
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
+            effects: argus_scene::LightEffects::NONE,
             indirect: Indirect::Off,
             reflections: None,
         };

@@ -98,6 +98,7 @@ pub async fn serve(
         visibility: Visibility::default(),
         sampling: config.sampling,
         sub_samples: config.sub_samples,
+        effects: config.effects,
         indirect: config.indirect,
         reflections: match config.reflections {
             Some(_) if config.sampling != Sampling::Triangles => {

@@ -70,6 +70,7 @@ mod tests {
             visibility: Visibility::default(),
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
+            effects: argus_scene::LightEffects::NONE,
             indirect: Indirect::Off,
             reflections: None,
         }

@@ -267,7 +267,7 @@ impl Node {
         let mut told = self.told.lock();
         let set = Arc::new(set);
         // A sampler is made for one scene and one way to light it.
-        let as_sampler = |set: &SampleSetInfo| (set.sub_samples, set.indirect);
+        let as_sampler = |set: &SampleSetInfo| (set.sub_samples, set.effects, set.indirect);
         let same_sampler = told.set.as_deref().is_some_and(|old| as_sampler(old) == as_sampler(&set));
         let same_scene = told.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
         let new_sampler = !(same_scene && same_sampler);
@@ -296,7 +296,15 @@ impl Node {
         let (served, _) = self.set()?;
         // All of the specification but the exposure, which lights have at each moment.
         let rendered_by = |set: &SampleSetInfo| {
-            (set.scene, set.visibility, set.sampling, set.sub_samples, set.indirect, set.reflections)
+            (
+                set.scene,
+                set.visibility,
+                set.sampling,
+                set.sub_samples,
+                set.effects,
+                set.indirect,
+                set.reflections,
+            )
         };
         match rendered_by(&served) == rendered_by(info) {
             true => Ok(()),

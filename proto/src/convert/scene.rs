@@ -1,9 +1,9 @@
 //! Light, rigs, and what a sample set's samples have in common.
 
 use argus_scene::{
-    Bounds, Effect, Indirect, InvalidField, Light, Lighting, MapSource, MegaViews, PointKnobs, Reflections,
-    Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Surroundings, Version,
-    Visibility, VplKnobs,
+    Bounds, Effect, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, MegaViews, PointKnobs,
+    Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Surroundings,
+    Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -243,7 +243,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
         let rig: Rig = required(wire.rig, "set.rig")?.try_into()?;
         let lighting: Lighting = required(wire.lighting, "set.lighting")?.try_into()?;
         let specification: Specification = required(wire.specification, "set.specification")?.try_into()?;
-        let Specification { visibility, sampling, sub_samples, indirect, reflections, exposure } =
+        let Specification { visibility, sampling, sub_samples, effects, indirect, reflections, exposure } =
             specification;
         sampling.validate(&rig)?;
         if exposure != lighting.exposure {
@@ -260,6 +260,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
             visibility,
             sampling,
             sub_samples,
+            effects,
             indirect,
             reflections,
         })
@@ -272,6 +273,7 @@ impl From<&Specification> for v1::Specification {
             visibility: v1::Visibility::from(specification.visibility) as i32,
             sampling: sampling_to_wire(specification.sampling),
             sub_samples: specification.sub_samples,
+            light_effects: specification.effects.bits(),
             indirect: indirect_to_wire(specification.indirect),
             reflections: specification.reflections.map(|Surroundings { knobs, count }| v1::Surroundings {
                 side: knobs.side,
@@ -296,6 +298,7 @@ impl TryFrom<v1::Specification> for Specification {
             visibility: visibility(wire.visibility, "specification.visibility")?,
             sampling: sampling(wire.sampling),
             sub_samples: wire.sub_samples,
+            effects: LightEffects::from_bits(wire.light_effects)?,
             indirect: indirect(wire.indirect)?,
             reflections,
             exposure: wire.exposure,

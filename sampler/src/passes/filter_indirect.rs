@@ -34,7 +34,7 @@ impl FilterIndirect {
             .compute("add indirect light", &self.columns)
             .read("gathering", &gathered.gathering)
             .read("guides", &gathered.guides.surfaces)
-            .read("guide_albedos", &gathered.guides.albedos)
+            .read("guide_materials", &gathered.guides.materials)
             .read("gathered", &scratch.light[1])
             .write("shaded", shaded)
             .dispatch_threads([width, height, 1]);

@@ -1,5 +1,6 @@
 //! The passes, one file each. The program of `x.rs` is `shaders/sampler/x.wgsl`.
 
+mod add_direct;
 mod adopt_maps;
 mod choose_receivers;
 mod cull_vpls;
@@ -31,6 +32,7 @@ use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch, Targets};
 use crate::tile::Tile;
 
+pub(crate) use add_direct::AddDirect;
 pub(crate) use adopt_maps::AdoptMaps;
 pub(crate) use choose_receivers::{BlockUniform, ChooseReceivers, OF_BLOCK};
 pub(crate) use cull_vpls::CullVpls;

@@ -84,6 +84,7 @@ impl ResolveSample {
         context: &TileContext<'_>,
         knobs: &SamplerKnobs,
         planes: &PlaneBuffers,
+        arriving: Option<&wgpu::Buffer>,
     ) {
         let TileContext { gpu, targets, tile, .. } = context;
         let parameters = Parameters {

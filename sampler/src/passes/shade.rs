@@ -5,7 +5,7 @@ use argus_shaders::sampler::SHADE;
 
 use super::TileContext;
 use crate::probe_renderer::ProbeBindings;
-use crate::resident::Features;
+use crate::resident::{Features, GuideUse};
 use crate::scratch::Guides;
 
 /// Shades visible surfaces.
@@ -17,10 +17,10 @@ pub(crate) struct Shade {
 }
 
 impl Shade {
-    /// The pipelines for a scene's features. `keeps_guides` writes guides for indirect light; `reflects` looks up
+    /// The pipelines for a scene's features. `reflects` looks up
     /// reflection probes.
-    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool, reflects: bool) -> Self {
-        let mut constants = features.constants(keeps_guides).to_vec();
+    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse, reflects: bool) -> Self {
+        let mut constants = features.constants(guides).to_vec();
         constants.push(("reflects", f64::from(u8::from(reflects))));
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
         Self {
@@ -38,7 +38,7 @@ impl Shade {
         probe_bindings: &ProbeBindings,
     ) {
         let TileContext { gpu, eye, targets, tile, rays, .. } = context;
-        let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
             // Sky has no guides.
             commands.clear(guides);
@@ -54,7 +54,7 @@ impl Shade {
             .read("rays", rays)
             .read("visibility", &targets.visibility)
             .write("guides", guides)
-            .write("guide_albedos", albedos)
+            .write("guide_materials", materials)
             .write("shaded", &targets.shaded)
             .read("probe_of_instance", &probe_bindings.probe_of_instance)
             .read("probes", &around);

@@ -5,7 +5,7 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE_LEAVES;
 
 use super::TileContext;
-use crate::resident::Features;
+use crate::resident::{Features, GuideUse};
 use crate::scratch::Guides;
 
 /// Shades leaves with the functions that shade surfaces.
@@ -29,13 +29,13 @@ pub(crate) struct Leaves<'a> {
 }
 
 impl ShadeLeaves {
-    /// The pipeline for a scene's features. `keeps_guides` writes guides for indirect light.
-    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool) -> Self {
+    /// The pipeline for a scene's features.
+    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
         Self {
             pipeline: gpu.compute_pipeline_with(
                 &SHADE_LEAVES,
                 "shade_leaves",
-                &features.constants(keeps_guides),
+                &features.constants(guides),
             ),
             unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
         }
@@ -44,7 +44,7 @@ impl ShadeLeaves {
     /// Shades the chunk's image, which is the context's tile, and writes the planes of its leaves.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, leaves: &Leaves<'_>) {
         let TileContext { targets, tile, .. } = context;
-        let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
             // Texels beyond the last leaf have no guides.
             commands.clear(guides);
@@ -57,7 +57,7 @@ impl ShadeLeaves {
             .read("triangle_ids", leaves.triangle_ids)
             .read("nodes", &leaves.octree.nodes)
             .write("guides", guides)
-            .write("guide_albedos", albedos)
+            .write("guide_materials", materials)
             .write("shaded", &targets.shaded)
             .write("surfels", leaves.surfels)
             .dispatch_threads([width, height, 1]);

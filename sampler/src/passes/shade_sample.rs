@@ -6,7 +6,7 @@ use argus_shaders::sampler::SHADE_SAMPLE;
 
 use super::TileContext;
 use crate::probe_renderer::ProbeBindings;
-use crate::resident::Features;
+use crate::resident::{Features, GuideUse};
 use crate::scratch::Guides;
 
 /// Texels that an invocation searches for split texels, as in the program.
@@ -25,11 +25,10 @@ pub(crate) struct ShadeSample {
 }
 
 impl ShadeSample {
-    /// The pipelines for a scene's features and `side` sub-samples along a texel's side. `keeps_guides` writes guides for
-    /// indirect light; `reflects` writes the Reflector plane.
-    pub(crate) fn new(gpu: &Gpu, features: Features, keeps_guides: bool, reflects: bool, side: u32) -> Self {
+    /// The pipelines for a scene's features and `side` sub-samples along a texel's side. `reflects` writes the Reflector plane.
+    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse, reflects: bool, side: u32) -> Self {
         let glossy = features.specular;
-        let mut constants = features.constants(keeps_guides).to_vec();
+        let mut constants = features.constants(guides).to_vec();
         constants.push(("reflects", f64::from(u8::from(reflects && glossy))));
         constants.push(("glossy", f64::from(u8::from(glossy))));
         constants.push(("side", f64::from(side)));
@@ -51,7 +50,7 @@ impl ShadeSample {
         probe_bindings: &ProbeBindings,
     ) {
         let TileContext { targets, tile, rays, .. } = context;
-        let (guides, albedos) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
         if targets.guides.is_some() {
             // Sky has no guides.
             commands.clear(guides);
@@ -70,7 +69,7 @@ impl ShadeSample {
                 .read("visibility", &targets.visibility)
                 .read("probe_of_instance", &probe_bindings.probe_of_instance)
                 .write("guides", guides)
-                .write("guide_albedos", albedos)
+                .write("guide_materials", materials)
                 .write("shaded", &targets.shaded)
                 .write("gloss", gloss)
                 .write("reflectors", reflectors)

@@ -34,7 +34,7 @@ impl Spread {
             .compute("spread light", &self.pipeline)
             .read("blocks", &from.layout.uniform)
             .read("guides", &from.guides.surfaces)
-            .read("guide_albedos", &from.guides.albedos)
+            .read("guide_materials", &from.guides.materials)
             .read("of_blocks", from.of_blocks)
             .read("receivers", from.receivers)
             .read("received", from.received)

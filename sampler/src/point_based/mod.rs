@@ -36,7 +36,7 @@ use crate::passes::{
     Batch, BlockUniform, ChooseReceivers, OF_BLOCK, Receive, Spread, SpreadFrom, TileContext,
 };
 use crate::radiosity::paths::off_surface;
-use crate::resident::{Resident, upload};
+use crate::resident::{GuideUse, Resident, upload};
 use crate::scratch::{Extras, Scratch};
 use crate::timing;
 
@@ -92,7 +92,7 @@ impl PointBased {
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, knobs: PointKnobs) -> Self {
         Self {
             knobs,
-            octree: LitOctree::new(gpu, resident, true, knobs.levels),
+            octree: LitOctree::new(gpu, resident, GuideUse::IndirectLight, knobs.levels),
             choose: ChooseReceivers::new(gpu),
             receive: Receive::new(gpu, 1),
             spread: Spread::new(gpu),

@@ -7,6 +7,7 @@ mod texels;
 use std::sync::Arc;
 
 use argus_gpu::{Gpu, wgpu};
+use crate::{Indirect, SamplerKnobs};
 use argus_scene::{Bounds, Effect, Instance, Mesh, RenderError, Scene};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3, Vec3};
@@ -58,17 +59,40 @@ impl Features {
         }
     }
 
-    /// Values of the shading programs' `override`s. `keeps_guides` writes guides for indirect light.
-    pub(crate) fn constants(self, keeps_guides: bool) -> [(&'static str, f64); 6] {
+    /// Values of the shading programs' `override`s.
+    pub(crate) fn constants(self, guides: GuideUse) -> [(&'static str, f64); 7] {
         [
             ("has_srgb_textures", self.srgb_textures),
             ("has_linear_textures", self.linear_textures),
             ("has_normal_maps", self.normal_maps),
             ("has_vertex_colors", self.vertex_colors),
             ("has_specular", self.specular),
-            ("keeps_guides", keeps_guides),
+            ("keeps_guides", guides != GuideUse::None),
+            ("lit_by_rays", guides == GuideUse::AllLight),
         ]
         .map(|(name, has)| (name, f64::from(u8::from(has))))
+    }
+}
+
+/// What passes after shading do with guides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum GuideUse {
+    /// Nothing: shading writes none.
+    None,
+    /// Indirect light is added to what is shaded.
+    IndirectLight,
+    /// Lights and sky are added, too: shading leaves emission and what reflection probes show.
+    AllLight,
+}
+
+impl GuideUse {
+    /// The use of a sampler with these knobs.
+    pub(crate) fn of(knobs: &SamplerKnobs) -> Self {
+        match (knobs.effects.any(), knobs.indirect) {
+            (true, _) => Self::AllLight,
+            (false, Indirect::Off) => Self::None,
+            (false, _) => Self::IndirectLight,
+        }
     }
 }
 

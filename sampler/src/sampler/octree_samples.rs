@@ -72,7 +72,7 @@ impl GpuSampler {
     ) -> Result<Option<Vec<Stage>>, RenderError> {
         self.check_job(job)?;
         let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
-        let mut stages = self.pose(time_secs);
+        let mut stages = self.pose(time_secs)?;
         timing::add(&mut stages, self.light(lighting, time_secs)?);
         let (gpu, resident, sampler) = (self.gpu.clone(), &self.resident, &self.knobs);
         let mut maps = self.maps.take().unwrap_or_else(|| OmniMaps::new(&gpu, resident, sampler, knobs));
@@ -104,7 +104,7 @@ impl GpuSampler {
         }
         let begin = Instant::now();
         let (surfels, chunks) = (octree.make_surfels(&gpu)?, octree.chunks(&gpu));
-        let extras = Extras { guides: self.indirect.is_some(), ..Extras::default() };
+        let extras = Extras { guides: self.keeps_guides(), ..Extras::default() };
         let middle = root.world_from_unit(glam::DVec3::splat(0.5));
         let eye = Eye::new(&gpu, &self.resident, middle, lighting)?;
         for chunk in &chunks {
@@ -115,8 +115,8 @@ impl GpuSampler {
                 ..TileContext::new(&gpu, &self.resident, &eye, &chunk.tile, &mut self.scratch, extras)
             };
             octree.shade(&mut commands, &context, chunk, &surfels);
-            let mut commands =
-                add_light(&mut self.indirect, commands, &context, LightSharing::Leaves, &mut stages)?;
+            let (lights, sharing) = ((&self.direct, &mut self.indirect), (LightSharing::Leaves, false));
+            let (mut commands, _) = add_light(lights, commands, &context, sharing, &mut stages)?;
             octree.keep(&mut commands, &context, chunk, &surfels);
             commands.submit().wait()?;
         }
@@ -155,7 +155,7 @@ impl GpuSampler {
             let (gpu, resident) = (&self.gpu, &self.resident);
             let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
             maps.look_up(&mut commands, &context, view);
-            maps.resolve.record(&mut commands, &context, &self.knobs, &planes);
+            maps.resolve.record(&mut commands, &context, &self.knobs, &planes, None);
             timing::add(&mut stages, commands.submit().wait()?.stages);
         }
         let planes = self.hand_over(&planes, camera.size(), job.to_host)?;

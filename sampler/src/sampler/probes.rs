@@ -6,8 +6,8 @@ use argus_scene::{Cancel, Lighting, RenderError, Sample, SampleId, SampleJob, St
 use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::{ProbeBindings, ProbeRenderer};
-use crate::resident::Resident;
-use crate::{Indirect, SamplerKnobs, timing};
+use crate::resident::{GuideUse, Resident};
+use crate::{SamplerKnobs, timing};
 
 /// Programs that shade and resolve surfaces, without and with reflection probes.
 pub(super) struct SurfacePrograms {
@@ -31,10 +31,10 @@ pub(super) struct SurfaceProgram<'a> {
 impl SurfacePrograms {
     /// Programs without reflection probes.
     pub(super) fn new(gpu: &Gpu, resident: &Resident, knobs: &SamplerKnobs) -> Self {
-        let (features, keeps_guides) = (resident.features, knobs.indirect != Indirect::Off);
+        let (features, guides) = (resident.features, GuideUse::of(knobs));
         Self {
-            shade: Shade::new(gpu, features, keeps_guides, false),
-            shade_sample: ShadeSample::new(gpu, features, keeps_guides, false, knobs.side()),
+            shade: Shade::new(gpu, features, guides, false),
+            shade_sample: ShadeSample::new(gpu, features, guides, false, knobs.side()),
             resolve: ResolveSample::new(gpu, features.specular, 1, false),
             nothing: ProbeBindings::none(gpu),
             probes: None,
@@ -108,7 +108,7 @@ impl GpuSampler {
         // Fails if the set has no reflections.
         job.info.camera(id.camera)?;
         let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
-        let mut stages = self.pose(time_secs);
+        let mut stages = self.pose(time_secs)?;
         stages.extend(self.light(lighting, time_secs)?);
         stages.extend(self.prepare_probes(job.info.reflections, lighting, time_secs, cancel)?);
         let sample = self.surface_programs.probes.as_ref().and_then(|probes| probes.sample(id));

@@ -13,6 +13,7 @@ use super::probes::SurfaceProgram;
 use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightSharing};
+use crate::light::DirectLight;
 use crate::passes::{PlaneBuffers, TileContext};
 use crate::pixel_list::PixelList;
 use crate::resident::Resident;
@@ -128,7 +129,7 @@ impl GpuSampler {
         let begin = Instant::now();
         self.check_alive()?;
         let JobScene { position, time_secs, lighting, reflections, visibility, is_shaded } = job;
-        let mut stages = self.pose(time_secs);
+        let mut stages = self.pose(time_secs)?;
         let lighting = lighting.unwrap_or(&self.lighting).clone();
         if is_shaded {
             stages.extend(self.light(&lighting, time_secs)?);
@@ -195,15 +196,16 @@ impl GpuSampler {
         let (label, extras) = match output {
             Output::Texels(_) => {
                 let (gloss, reflectors) = (self.glossy, reflections.is_some());
-                ("render sample", Extras { gloss, reflectors, guides: self.indirect.is_some() })
+                ("render sample", Extras { gloss, reflectors, guides: self.keeps_guides() })
             }
             Output::Color => {
-                ("render colour", Extras { guides: self.indirect.is_some(), ..Extras::default() })
+                ("render colour", Extras { guides: self.keeps_guides(), ..Extras::default() })
             }
             Output::Range => ("render range", Extras::default()),
         };
         let mut commands = self.gpu.commands(label);
         let texels;
+        let arriving;
         let context = part.context(&self.gpu, &self.resident, eye, &mut self.scratch, extras);
         let sharing = match part {
             Part::Tile(_) => {
@@ -222,12 +224,14 @@ impl GpuSampler {
                 texels = context.tile.of_texels();
                 let context = context.of_texels(&texels);
                 shade_sample.record(&mut commands, &context, probe_bindings);
-                commands = add_light(&mut self.indirect, commands, &context, sharing, stages)?;
-                resolve.record(&mut commands, &context, &self.knobs, planes);
+                let lights = (&self.direct, &mut self.indirect);
+                (commands, arriving) = add_light(lights, commands, &context, (sharing, false), stages)?;
+                resolve.record(&mut commands, &context, &self.knobs, planes, arriving.as_ref());
             }
             Output::Color => {
                 shade.record(&mut commands, &context, probe_bindings);
-                commands = add_light(&mut self.indirect, commands, &context, sharing, stages)?;
+                let lights = (&self.direct, &mut self.indirect);
+                (commands, _) = add_light(lights, commands, &context, (sharing, true), stages)?;
                 pixels = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
             }
             Output::Range => pixels = Some(self.resolve_view.record_range(&mut commands, &context)),
@@ -249,7 +253,7 @@ impl GpuSampler {
         between(self, done);
         if self.animated {
             // The other work may have posed the scene at another time.
-            self.pose(scene.time_secs);
+            self.pose(scene.time_secs)?;
             scene.eye = self.eye(scene.eye.position, &scene.lighting)?;
         }
         scene.begin += began.elapsed();
@@ -257,18 +261,24 @@ impl GpuSampler {
     }
 }
 
-/// Adds a tile's indirect light, if there is any. Returns the commands that later passes are recorded into.
+/// Adds a tile's direct light by rays and its indirect light, as far as there are any. `is_view` adds what glossy surfaces
+/// reflect of lights and sky, too. Returns the commands that later passes are recorded into, and the direct light.
 pub(super) fn add_light(
-    indirect: &mut Option<IndirectLight>,
-    commands: Commands,
+    (direct, indirect): (&Option<DirectLight>, &mut Option<IndirectLight>),
+    mut commands: Commands,
     context: &TileContext<'_>,
-    sharing: LightSharing,
+    (sharing, is_view): (LightSharing, bool),
     stages: &mut Vec<Stage>,
-) -> Result<Commands, RenderError> {
-    match indirect {
-        Some(light) => light.add(commands, context, sharing, stages),
-        None => Ok(commands),
+) -> Result<(Commands, Option<wgpu::Buffer>), RenderError> {
+    let mut arriving = None;
+    if let Some(light) = direct {
+        let neighbours = sharing.neighbours(context.tile);
+        (commands, arriving) = light.add(commands, context, neighbours, is_view, stages)?;
     }
+    if let Some(light) = indirect {
+        commands = light.add(commands, context, sharing, stages)?;
+    }
+    Ok((commands, arriving))
 }
 
 /// Waits for submissions and adds the times of their stages.

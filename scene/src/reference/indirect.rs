@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::tracer::Corners;
 use super::{Hit, Tracer};
-use crate::light_sampling::{cosine_direction, r2};
+use crate::light_sampling::{cosine_direction, disc_point, r2};
 use crate::shading::{Surface, incident, sky_radiance};
 use crate::{InvalidField, Light};
 
@@ -70,7 +70,7 @@ impl Tracer {
         let (mut radiance, mut throughput) = (Vec3::ZERO, Vec3::ONE);
         let (mut from, mut square) = (start, first);
         for bounce in 0..=bounces {
-            let direction = cosine_direction(from.normal, square);
+            let direction = cosine_direction(from.normal, disc_point(square));
             // Interpolated normals allow directions below the triangle, from which no light comes.
             if !(direction.dot(from.side) > 0.0) {
                 break;

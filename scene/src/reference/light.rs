@@ -14,7 +14,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::tracer::Corners;
 use super::{Hit, Tracer};
 use crate::emitters::{Emitter, emitters};
-use crate::light_sampling::{cosine_direction, r2, shadow_ray, terminator_lift};
+use crate::light_sampling::{cosine_direction, disc_point, r2, shadow_ray, terminator_lift};
 use crate::shading::{Surface, diffuse_radiance, incident, reflected_light, sky_ambient, sky_radiance};
 use crate::{LightEffects, Pose};
 
@@ -120,8 +120,9 @@ impl Tracer {
             if effects.shadows {
                 let rays = if effects.soft_shadows { lit.light.rays.max(1) } else { 1 };
                 let seen = (0..rays).filter(|&ray| {
-                    let ray =
-                        shadow_ray(light, start.position, (r2(ray) + shift).fract(), effects.soft_shadows);
+                    let disc = disc_point((r2(ray) + shift).fract());
+                    let disc = if effects.soft_shadows { disc } else { DVec2::ZERO };
+                    let ray = shadow_ray(light, start.position, disc);
                     start.sees(self, ray.direction, ray.most)
                 });
                 *share = seen.count() as f32 / rays as f32;
@@ -147,7 +148,7 @@ impl Tracer {
         let sky = &self.pose.lighting.sky;
         let mut sum = DVec3::ZERO;
         for ray in 0..rays {
-            let direction = cosine_direction(surface.normal.as_dvec3(), (r2(ray) + shift).fract());
+            let direction = cosine_direction(surface.normal.as_dvec3(), disc_point((r2(ray) + shift).fract()));
             if start.sees(self, direction, f64::INFINITY) {
                 sum += sky_radiance(sky, direction.as_vec3()).as_dvec3();
             }

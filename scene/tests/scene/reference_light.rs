@@ -1,6 +1,7 @@
 //! Direct light of the reference, against answers that are known on paper.
 use crate::common;
 
+use argus_scene::light_sampling::{cosine_direction, disc_point, r2};
 use argus_scene::reference::DirectLight;
 use argus_scene::{
     AlphaMode, Instance, Light, LightEffects, Lighting, Material, Mesh, Scene, Sky, TextureRef,
@@ -169,7 +170,7 @@ fn walls_of_two_centimetres_leak_no_light_into_a_dark_room() {
     }
     let tracer = tracer(scene).with_direct_light(DirectLight { rays: 16, ..ALL });
     for i in 0..200 {
-        let out = argus_scene::light_sampling::cosine_direction(DVec3::Y, argus_scene::light_sampling::r2(i));
+        let out = cosine_direction(DVec3::Y, disc_point(r2(i)));
         for direction in [out, -out] {
             assert_eq!(tracer.radiance_along(offset, direction, DVec3::ZERO, DVec3::ZERO), Vec3::ZERO);
         }

@@ -256,6 +256,14 @@ pub mod vpl {
 }
 
 mirror! {
+    /// Uniform of `sampler/add_direct.wgsl`.
+    pub struct AddDirect {
+        /// Sub-samples of the tile.
+        pub size: [u32; 2],
+    }
+}
+
+mirror! {
     /// Uniform of the passes that gather light from VPLs: `shared/vpl.wgsl`.
     pub struct Gathering {
         /// Added to positions about the eye.

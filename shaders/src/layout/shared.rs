@@ -22,8 +22,10 @@ mirror! {
         pub cos_inner: f32,
         /// Cosine of a spot's outer half angle.
         pub cos_outer: f32,
+        /// Byte of a light visibility word that says which share of the light is seen.
+        pub visibility_byte: u32,
         /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: [f32; 3],
+        pub _pad: [f32; 2],
     }
 }
 

@@ -158,6 +158,7 @@ impl Stages {
             visibility: Visibility::default(),
             sampling: Sampling::default(),
             sub_samples: 1,
+            effects: argus_scene::LightEffects::NONE,
             indirect: Indirect::Off,
             reflections: None,
         });

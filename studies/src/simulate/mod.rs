@@ -51,6 +51,7 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
         visibility: Visibility::default(),
         sampling: Sampling::default(),
         sub_samples: Specification::USUAL_SUB_SAMPLES,
+        effects: argus_scene::LightEffects::NONE,
         indirect: Indirect::Off,
         reflections: None,
     }

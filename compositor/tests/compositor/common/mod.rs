@@ -297,6 +297,7 @@ pub(crate) fn sample_set(
         visibility: Visibility::default(),
         sampling: Sampling::default(),
         sub_samples: Specification::USUAL_SUB_SAMPLES,
+        effects: argus_scene::LightEffects::NONE,
         indirect: Indirect::Off,
         reflections: None,
     };

@@ -80,6 +80,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
         visibility: Visibility::default(),
         sampling: Sampling::default(),
         sub_samples: Specification::USUAL_SUB_SAMPLES,
+        effects: argus_scene::LightEffects::NONE,
         indirect: Indirect::Off,
         reflections: None,
     };

@@ -1,0 +1,113 @@
+//! Light of emitting triangles.
+
+use argus_scene::emitters::Emitter;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::filter::smoothed;
+use super::pattern::{Pattern, slot};
+use super::texels::{Texel, Texels};
+use crate::light_rays::LightRaysAbout;
+
+/// Rays of a texel that shares with its neighbours, and of one that is alone.
+const RAYS: usize = 4;
+const RAYS_ALONE: usize = 32;
+/// Share of the way to an emitter that is looked at: it does not block itself.
+const ALMOST: f32 = 1.0 - 1e-4;
+
+/// The emitting triangles of a pose, chosen by power.
+pub(super) struct Emitters {
+    all: Vec<Emitter>,
+    /// Cumulative power; the last is the whole.
+    up_to: Vec<f64>,
+}
+
+impl Emitters {
+    pub(super) fn new(all: Vec<Emitter>) -> Self {
+        let up_to = all.iter().scan(0.0, |sum, emitter| {
+            *sum += emitter.power();
+            Some(*sum)
+        });
+        Self { up_to: up_to.collect(), all }
+    }
+
+    /// Irradiance / π at each texel; `None` if nothing emits.
+    pub(super) fn irradiance_by_pi(
+        &self,
+        texels: &Texels,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+    ) -> Option<Vec<Vec3>> {
+        let whole = *self.up_to.last()?;
+        let near = Near::new(self, eye);
+        let alone = texels.first.is_none();
+        let rays = if alone { RAYS_ALONE } else { RAYS };
+        let pattern = Pattern::of_square(if alone { RAYS_ALONE.div_ceil(16) } else { RAYS });
+        let at = |index: usize| {
+            let texel = &texels.all[index];
+            if !texel.exists {
+                return Vec3::ZERO;
+            }
+            let slot = slot(texels.place(index));
+            let mut sum = Vec3::ZERO;
+            let mut cast = |ray: usize, square: glam::Vec2| {
+                // Power in as many strata as there are rays; within one, each slot has its place.
+                let pick = (ray as f64 + (slot as f64 + 0.5) / 16.0) / rays as f64 * whole;
+                let which = self.up_to.partition_point(|&up_to| up_to <= pick).min(self.all.len() - 1);
+                sum += near.contribution(which, texel, square, about);
+            };
+            match alone {
+                true => pattern.all().iter().enumerate().for_each(|(ray, &square)| cast(ray, square)),
+                false => pattern.of_slot(slot).enumerate().for_each(|(ray, square)| cast(ray, square)),
+            }
+            sum / rays as f32
+        };
+        let found: Vec<Vec3> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(at).collect();
+        Some(smoothed(found, texels))
+    }
+}
+
+/// Emitters about an eye.
+struct Near(Vec<NearEmitter>);
+
+struct NearEmitter {
+    corners: [Vec3; 3],
+    /// Front normal times the area.
+    area: Vec3,
+    /// Radiance by π, divided by the probability of this emitter.
+    radiance: Vec3,
+    both_sides: bool,
+}
+
+impl Near {
+    fn new(emitters: &Emitters, eye: DVec3) -> Self {
+        let whole = emitters.up_to.last().copied().unwrap_or(1.0);
+        let near = |emitter: &Emitter| NearEmitter {
+            corners: emitter.corners.map(|corner| (corner - eye).as_vec3()),
+            area: (emitter.area_vector() * 0.5).as_vec3(),
+            radiance: emitter.radiance * (std::f64::consts::FRAC_1_PI * whole / emitter.power()) as f32,
+            both_sides: emitter.both_sides,
+        };
+        Self(emitters.all.iter().map(near).collect())
+    }
+
+    /// What a point of an emitter adds to irradiance / π.
+    fn contribution(&self, which: usize, texel: &Texel, square: glam::Vec2, about: &LightRaysAbout<'_>) -> Vec3 {
+        let emitter = &self.0[which];
+        let [a, b, c] = emitter.corners;
+        let root = square.x.sqrt();
+        let point = a + (b - a) * (root * (1.0 - square.y)) + (c - a) * (root * square.y);
+        let to_light = point - texel.start;
+        let squared = to_light.length_squared();
+        let cosine = texel.normal.dot(to_light);
+        let facing = -emitter.area.dot(to_light);
+        let facing = if emitter.both_sides { facing.abs() } else { facing };
+        let weight = cosine * facing / (squared * squared);
+        // NaN fails.
+        let arrives = cosine > 0.0 && facing > 0.0 && weight.is_finite();
+        match arrives && texel.sees(about, to_light, ALMOST) {
+            true => emitter.radiance * weight,
+            false => Vec3::ZERO,
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! Direct light with what blocks it: lights, sky and emitting triangles.
+//!
+//! Shading leaves *guides* of the visible surfaces. This stage casts rays from each to the lights, the sky and emitters,
+//! and adds what arrives to the surfaces' radiance. The definition is the reference's (`scene/src/reference/light.rs`).
+//! Samples, direct views, lists of pixels and leaves of octrees all pass through here.
+//!
+//! Neighbouring texels cast different rays ([`pattern`]) and share what they found within a surface ([`filter`]), so that
+//! few rays a texel suffice. Which rays a texel casts depends on its place in its image alone.
+//!
+//! # Steps of a tile
+//!
+//! 1. [`texels`]: reads guides back and finds where rays begin.
+//! 2. [`shadows`]: the share of each light that each texel sees.
+//! 3. [`sky`] and [`emitters`]: irradiance of the sky, and of emitting triangles.
+//! 4. `passes/add_direct.rs`: adds the light, and the reflection of lights and sky on glossy surfaces of views.
+
+mod emitters;
+mod filter;
+mod pattern;
+mod shadows;
+mod sky;
+mod texels;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_gpu::{Commands, Gpu, wgpu};
+use argus_scene::texture::mip_chains;
+use argus_scene::{LightEffects, Lighting, RenderError, Scene, Stage};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use crate::light_rays::{Faces, LightRays, LightRaysAbout};
+use crate::packets::PacketTracer;
+use crate::passes::{AddDirect, TileContext};
+use crate::resident::{Features, upload};
+use crate::timing;
+use emitters::Emitters;
+use shadows::VisibilityWords;
+use sky::SkyIrradiance;
+use texels::Texels;
+
+/// The direct light of one scene on one device.
+pub(crate) struct DirectLight {
+    effects: LightEffects,
+    rays: LightRays,
+    emitters: Emitters,
+    sky: SkyIrradiance,
+    lighting: Lighting,
+    add: AddDirect,
+}
+
+/// Which of a tile's texels know one another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Neighbours {
+    /// An image, whose first texel has these coordinates in the whole image.
+    Image([u32; 2]),
+    /// Texels that have nothing to do with one another.
+    None,
+}
+
+/// Bits of an `array<vec4f>`: irradiance / π, and the shares of lights and sky that are seen, a byte each.
+pub(crate) type Arriving = [f32; 4];
+
+impl DirectLight {
+    /// The direct light of a scene at the pose of a tracer.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] for a scene with too many triangles to trace.
+    pub(crate) fn new(
+        gpu: &Gpu,
+        scene: &Scene,
+        features: Features,
+        tracer: &PacketTracer,
+        effects: LightEffects,
+        (lighting, time_secs): (&Lighting, f64),
+    ) -> Result<Self, RenderError> {
+        Ok(Self {
+            effects,
+            rays: LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?,
+            emitters: emitters_at(scene, effects, time_secs),
+            sky: SkyIrradiance::new(&lighting.sky),
+            lighting: lighting.clone(),
+            add: AddDirect::new(gpu, features),
+        })
+    }
+
+    /// Takes over the pose of a tracer.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub(crate) fn pose(&mut self, scene: &Scene, tracer: &PacketTracer, time_secs: f64) -> Result<(), RenderError> {
+        self.emitters = emitters_at(scene, self.effects, time_secs);
+        self.rays.pose(tracer).ok_or_else(too_large)
+    }
+
+    /// Changes lights and sky.
+    pub(crate) fn relight(&mut self, lighting: &Lighting) {
+        if self.lighting.sky != lighting.sky {
+            self.sky = SkyIrradiance::new(&lighting.sky);
+        }
+        if self.lighting != *lighting {
+            self.lighting = lighting.clone();
+        }
+    }
+
+    /// Adds direct light to what `commands` shade. `is_view` adds the reflection of lights and sky on glossy surfaces
+    /// towards the eye, too. Returns the commands that later passes are recorded into, and [`Arriving`] of each texel.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn add(
+        &self,
+        mut commands: Commands,
+        context: &TileContext<'_>,
+        neighbours: Neighbours,
+        is_view: bool,
+        stages: &mut Vec<Stage>,
+    ) -> Result<(Commands, Option<wgpu::Buffer>), RenderError> {
+        let Some(guides) = &context.targets.guides else { return Ok((commands, None)) };
+        let size = context.tile.sub_samples();
+        let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
+        let pending = [&guides.surfaces, &guides.materials].map(|buffer| commands.read_buffer(buffer, 0..bytes));
+        let mut finished = commands.submit().wait()?;
+        timing::add(stages, std::mem::take(&mut finished.stages));
+        let begin = Instant::now();
+        let [surfaces, materials] = pending.map(|pending| finished.take(pending));
+        let eye = context.eye.position;
+        let about = self.rays.about(eye);
+        let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
+        let arriving = self.arriving(&texels, &about, eye);
+        timing::add_since(stages, "trace light", begin);
+        let gpu: &Arc<Gpu> = context.gpu;
+        let arriving = upload(gpu, "arriving light", &arriving, wgpu::BufferUsages::STORAGE)?;
+        let mut commands = gpu.commands("add direct light");
+        self.add.record(&mut commands, context, guides, &arriving, is_view);
+        Ok((commands, Some(arriving)))
+    }
+
+    /// Light that arrives at texels about an eye.
+    fn arriving(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Arriving> {
+        let effects = self.effects;
+        let mut by_pi = vec![Vec3::ZERO; texels.all.len()];
+        let mut words = VisibilityWords::new(&self.lighting, texels.all.len());
+        for index in 0..self.lighting.lights.len() {
+            let light = &self.lighting.lights[index];
+            if !shadows::reaches(light, texels, eye) {
+                continue;
+            }
+            let lit = shadows::incident_at(light, texels, eye);
+            let shares = match effects.shadows {
+                true => shadows::seen_shares(light, texels, &lit, about, eye, effects.soft_shadows),
+                false => vec![1.0; texels.all.len()],
+            };
+            by_pi.par_iter_mut().zip(&lit).zip(&shares).for_each(|((sum, lit), share)| *sum += *lit * *share);
+            words.add(index, &lit, &shares);
+        }
+        let sky = match effects.sky_visibility && !self.sky.is_black() {
+            true => Some(sky::seen_share(&self.lighting.sky, texels, about)),
+            false => None,
+        };
+        let emitted = self.emitters.irradiance_by_pi(texels, about, eye);
+        let texel = |index: usize| {
+            let texel = &texels.all[index];
+            if !texel.exists {
+                return [0.0; 4];
+            }
+            let seen = sky.as_ref().map_or(Vec3::ONE, |sky| sky[index]);
+            // Without rays to the sky, the sky is what shading says: see `shading::sky_ambient`.
+            let open = match sky {
+                Some(_) => self.sky.by_pi(texel.normal),
+                None => argus_scene::shading::sky_ambient(&self.lighting.sky, texel.normal),
+            };
+            let emitted = emitted.as_ref().map_or(Vec3::ZERO, |emitted| emitted[index]);
+            let sum = by_pi[index] + open * seen + emitted;
+            let word = words.word(index, seen.element_sum() / 3.0);
+            [sum.x, sum.y, sum.z, f32::from_bits(word)]
+        };
+        (0..texels.all.len()).into_par_iter().map(texel).collect()
+    }
+}
+
+fn too_large() -> RenderError {
+    RenderError::Internal("the scene has too many triangles to trace light in".to_owned())
+}
+
+fn emitters_at(scene: &Scene, effects: LightEffects, time_secs: f64) -> Emitters {
+    if !effects.emitters {
+        return Emitters::new(Vec::new());
+    }
+    let textured = scene.materials.iter().any(|m| m.emissive_texture.is_some() && m.emissive != Vec3::ZERO);
+    let textures = if textured { mip_chains(scene) } else { Vec::new() };
+    Emitters::new(argus_scene::emitters::emitters(scene, &scene.at(time_secs).instances, &textures))
+}

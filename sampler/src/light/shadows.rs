@@ -1,0 +1,135 @@
+//! Shares of lights that texels see.
+
+use argus_scene::light::SEPARATE_LIGHTS;
+use argus_scene::light_sampling::shadow_ray;
+use argus_scene::shading::incident;
+use argus_scene::{Light, Lighting};
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::pattern::{Pattern, SLOTS, slot};
+use super::texels::{Texel, Texels};
+use crate::light_rays::LightRaysAbout;
+
+/// Whether a light may reach any of the texels: it ends at its range.
+pub(super) fn reaches(light: &Light, texels: &Texels, eye: DVec3) -> bool {
+    let (position, range) = match *light {
+        Light::Directional { .. } => return true,
+        Light::Point { position, range, .. } | Light::Spot { position, range, .. } => (position - eye, range),
+    };
+    let nearest = position.clamp(texels.bounds.min, texels.bounds.max);
+    !texels.bounds.is_empty() && range.is_none_or(|range| nearest.distance(position) < range)
+}
+
+/// Irradiance / π of a light at each texel, as if nothing blocked it.
+pub(super) fn incident_at(light: &Light, texels: &Texels, eye: DVec3) -> Vec<Vec3> {
+    let at = |texel: &Texel| {
+        if !texel.exists {
+            return Vec3::ZERO;
+        }
+        let (to_light, irradiance) = incident(light, eye + texel.position.as_dvec3());
+        irradiance * (texel.normal.dot(to_light).max(0.0) * std::f32::consts::FRAC_1_PI)
+    };
+    texels.all.par_iter().with_min_len(1024).map(at).collect()
+}
+
+/// The share of a light that each texel sees; 0 where `lit` says that its light does not arrive.
+///
+/// For a soft shadow each texel first looks at one point of the light. Where neighbours on the same surface do not agree
+/// there is a penumbra, or the edge of a shadow: there each texel looks at a point for each slot.
+pub(super) fn seen_shares(
+    light: &Light,
+    texels: &Texels,
+    lit: &[Vec3],
+    about: &LightRaysAbout<'_>,
+    eye: DVec3,
+    soft: bool,
+) -> Vec<f32> {
+    let is_soft = soft
+        && match *light {
+            Light::Directional { angular_radius, .. } => angular_radius > 0.0,
+            Light::Point { radius, .. } | Light::Spot { radius, .. } => radius > 0.0,
+        };
+    let pattern = Pattern::of_disc(1);
+    let discs: Vec<DVec2> = pattern.all().iter().map(|point| point.as_dvec2()).collect();
+    let sees = |texel: &Texel, disc: DVec2| {
+        let ray = shadow_ray(light, eye + texel.start.as_dvec3(), disc);
+        texel.sees(about, ray.direction.as_vec3(), ray.most as f32)
+    };
+    let of_all = |texel: &Texel| {
+        discs.iter().filter(|&&disc| sees(texel, disc)).count() as f32 / SLOTS as f32
+    };
+    let first = |index: usize| {
+        let texel = &texels.all[index];
+        if lit[index] == Vec3::ZERO {
+            return 0.0;
+        }
+        if is_soft && texels.first.is_none() {
+            return of_all(texel);
+        }
+        let disc = if is_soft { discs[slot(texels.place(index))] } else { DVec2::ZERO };
+        f32::from(u8::from(sees(texel, disc)))
+    };
+    let count = texels.all.len();
+    let first: Vec<f32> = (0..count).into_par_iter().with_min_len(256).map(first).collect();
+    if !is_soft || texels.first.is_none() {
+        return first;
+    }
+    let share = |index: usize| match lit[index] != Vec3::ZERO && is_mixed(texels, lit, &first, index) {
+        true => of_all(&texels.all[index]),
+        false => first[index],
+    };
+    (0..count).into_par_iter().with_min_len(256).map(share).collect()
+}
+
+/// Whether lit texels around one on the same surface see different things.
+fn is_mixed(texels: &Texels, lit: &[Vec3], first: &[f32], index: usize) -> bool {
+    const REACH: usize = 2;
+    let [width, height] = texels.size;
+    let (x, y) = (index % width, index / width);
+    let texel = &texels.all[index];
+    for row in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
+        for column in x.saturating_sub(REACH)..(x + REACH + 1).min(width) {
+            let other = row * width + column;
+            if first[other] != first[index] && lit[other] != Vec3::ZERO && texel.agrees(&texels.all[other]) {
+                return true;
+            }
+        }
+    }
+    false
+}
+
+/// The bytes of a LightVisibility plane, gathered light by light: [`Lighting::visibility_bytes`].
+pub(super) struct VisibilityWords {
+    byte_of: Vec<u32>,
+    /// Of each texel: the separate lights' shares, and the rest's seen and whole brightness.
+    sums: Vec<[f32; SEPARATE_LIGHTS + 2]>,
+}
+
+impl VisibilityWords {
+    pub(super) fn new(lighting: &Lighting, texels: usize) -> Self {
+        Self { byte_of: lighting.visibility_bytes(), sums: vec![[0.0; SEPARATE_LIGHTS + 2]; texels] }
+    }
+
+    /// Takes the shares of one light over. `lit` is its irradiance.
+    pub(super) fn add(&mut self, light: usize, lit: &[Vec3], shares: &[f32]) {
+        let byte = self.byte_of[light] as usize;
+        for ((sums, lit), share) in self.sums.iter_mut().zip(lit).zip(shares) {
+            if byte < SEPARATE_LIGHTS {
+                sums[byte] = *share;
+            } else {
+                let brightness = lit.element_sum();
+                sums[SEPARATE_LIGHTS] += brightness * share;
+                sums[SEPARATE_LIGHTS + 1] += brightness;
+            }
+        }
+    }
+
+    /// The word of a texel; `sky` is the share of the sky that it sees.
+    pub(super) fn word(&self, texel: usize, sky: f32) -> u32 {
+        let [first, second, seen, whole] = self.sums[texel];
+        let rest = if whole > 0.0 { seen / whole } else { 1.0 };
+        let bytes = [first, second, rest, sky].map(|share| (share.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+        u32::from_le_bytes(bytes)
+    }
+}

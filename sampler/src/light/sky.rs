@@ -1,0 +1,114 @@
+//! The sky's light: what an open sky sends, and the share of it that texels see.
+
+use argus_scene::Sky;
+use argus_scene::light_sampling::cosine_direction;
+use argus_scene::shading::sky_radiance;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::filter::smoothed;
+use super::pattern::{Pattern, SLOTS, slot};
+use super::texels::Texels;
+use crate::light_rays::LightRaysAbout;
+
+/// Rays of a texel that shares with its neighbours.
+const RAYS: usize = 2;
+
+/// Irradiance of an open sky, as a function of the normal's height: the sky is the same all around.
+pub(super) struct SkyIrradiance {
+    /// Irradiance / π for y = −1 to 1, evenly.
+    table: Vec<Vec3>,
+}
+
+/// Intervals of the table.
+const INTERVALS: usize = 64;
+/// Directions that an entry is the mean of.
+const DIRECTIONS: u32 = 4096;
+
+impl SkyIrradiance {
+    pub(super) fn new(sky: &Sky) -> Self {
+        let entry = |i: usize| {
+            let y = i as f64 / INTERVALS as f64 * 2.0 - 1.0;
+            let normal = DVec3::new((1.0 - y * y).max(0.0).sqrt(), y, 0.0);
+            let directions = (0..DIRECTIONS).map(|i| {
+                let disc = argus_scene::light_sampling::disc_point(argus_scene::light_sampling::r2(i));
+                sky_radiance(sky, cosine_direction(normal, disc).as_vec3()).as_dvec3()
+            });
+            (directions.sum::<DVec3>() / f64::from(DIRECTIONS)).as_vec3()
+        };
+        let is_black = [sky.zenith, sky.horizon, sky.ground].iter().all(|color| *color == Vec3::ZERO);
+        let table = if is_black { Vec::new() } else { (0..=INTERVALS).into_par_iter().map(entry).collect() };
+        Self { table }
+    }
+
+    /// Whether no light comes from the sky.
+    pub(super) fn is_black(&self) -> bool {
+        self.table.is_empty()
+    }
+
+    /// Irradiance / π on a surface with a unit normal.
+    pub(super) fn by_pi(&self, normal: Vec3) -> Vec3 {
+        let place = (normal.y.clamp(-1.0, 1.0) + 1.0) * 0.5 * INTERVALS as f32;
+        let below = (place as usize).min(INTERVALS - 1);
+        match self.table.get(below..below + 2) {
+            Some([a, b]) => a.lerp(*b, place - below as f32),
+            _ => Vec3::ZERO,
+        }
+    }
+}
+
+/// The share of the sky's irradiance that each texel sees, by colour: a ratio of two sums over the same rays, so that an
+/// open sky has no noise.
+pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>) -> Vec<Vec3> {
+    let alone = texels.first.is_none();
+    let pattern = Pattern::of_disc(if alone { 1 } else { RAYS });
+    let share = |index: usize| {
+        let texel = &texels.all[index];
+        if !texel.exists {
+            return Vec3::ZERO;
+        }
+        let (tangent, bitangent) = texel.normal.any_orthonormal_pair();
+        let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
+        let mut cast = |disc: glam::Vec2| {
+            let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
+            let direction = tangent * disc.x + bitangent * disc.y + texel.normal * up;
+            let radiance = sky_radiance(sky, direction);
+            whole += radiance;
+            if texel.sees(about, direction, f32::MAX) {
+                seen += radiance;
+            }
+        };
+        match alone {
+            true => pattern.all().iter().take(SLOTS).for_each(|&disc| cast(disc)),
+            false => pattern.of_slot(slot(texels.place(index))).for_each(cast),
+        }
+        let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
+        Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z))
+    };
+    let shares: Vec<Vec3> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(share).collect();
+    smoothed(shares, texels)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_even_sky_has_the_same_irradiance_for_every_normal() {
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE };
+        let irradiance = SkyIrradiance::new(&sky);
+        for y in [-1.0, -0.3, 0.0, 0.7, 1.0] {
+            let normal = Vec3::new((1.0f32 - y * y).sqrt(), y, 0.0);
+            assert!((irradiance.by_pi(normal) - Vec3::ONE).abs().max_element() < 1e-5);
+        }
+        assert!(SkyIrradiance::new(&Sky::BLACK).is_black());
+    }
+
+    #[test]
+    fn the_table_is_the_integral_of_the_gradient() {
+        // Upwards: ∫ lerp(horizon, zenith, y) over the cosine-weighted hemisphere has a mean height of 2/3.
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ZERO, ground: Vec3::ZERO };
+        let up = SkyIrradiance::new(&sky).by_pi(Vec3::Y);
+        assert!((up.x - 2.0 / 3.0).abs() < 1e-3, "{up}");
+    }
+}

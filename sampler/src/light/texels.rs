@@ -1,0 +1,120 @@
+//! The surfaces of a tile's texels, as rays to lights see them.
+
+use argus_scene::Bounds;
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::Neighbours;
+use crate::light_rays::LightRaysAbout;
+
+/// A visible surface. Positions are metres about the eye.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Texel {
+    pub(super) exists: bool,
+    pub(super) position: Vec3,
+    /// Unit shading normal.
+    pub(super) normal: Vec3,
+    /// Unit normal of the triangle, on the visible side.
+    pub(super) side: Vec3,
+    /// Where rays begin.
+    pub(super) start: Vec3,
+    /// Whether `start` is so high above the triangle that rays may go below its plane.
+    pub(super) is_lifted: bool,
+}
+
+/// The texels of a tile, row by row.
+pub(super) struct Texels {
+    /// Columns, rows.
+    pub(super) size: [usize; 2],
+    /// Coordinates of the first in its image; `None` if texels have no neighbours.
+    pub(super) first: Option<[u32; 2]>,
+    pub(super) all: Vec<Texel>,
+    /// Box around those that exist, about the eye.
+    pub(super) bounds: Bounds,
+}
+
+/// Distance off a surface, as a share of the distance from the eye at which a ray of sight found it.
+const OFF_SURFACE: f32 = 5e-7;
+
+impl Texels {
+    /// Reads guides: `shaders/shared/guide.wgsl`.
+    pub(super) fn new(
+        surfaces: &[u8],
+        materials: &[u8],
+        size: [u32; 2],
+        neighbours: Neighbours,
+        about: &LightRaysAbout<'_>,
+    ) -> Self {
+        let words = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
+        let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+        let all: Vec<Texel> = guides
+            .map(|(surface, material)| texel(words(surface), words(material), about))
+            .collect();
+        let mut bounds = Bounds::EMPTY;
+        all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
+        let first = match neighbours {
+            Neighbours::Image(first) => Some(first),
+            Neighbours::None => None,
+        };
+        Self { size: size.map(|n| n as usize), first, all, bounds }
+    }
+
+    /// Coordinates of a texel in its image; for texels without neighbours, their number.
+    pub(super) fn place(&self, index: usize) -> [u32; 2] {
+        let [width, _] = self.size;
+        match self.first {
+            Some([x, y]) => [x + (index % width) as u32, y + (index / width) as u32],
+            None => [index as u32, 0],
+        }
+    }
+}
+
+impl Texel {
+    /// Whether nothing blocks a ray, up to `most` times its direction.
+    #[inline]
+    pub(super) fn sees(&self, about: &LightRaysAbout<'_>, direction: Vec3, most: f32) -> bool {
+        (self.is_lifted || direction.dot(self.side) > 0.0) && !about.is_blocked(self.start, direction, most)
+    }
+
+    /// Whether another texel shows the same surface, so that the two see the same light.
+    #[inline]
+    pub(super) fn agrees(&self, other: &Self) -> bool {
+        // A share of the range, and the cosine of 18°.
+        const PLANE: f32 = 0.01;
+        const FACING: f32 = 0.95;
+        let off = self.side.dot(other.position - self.position).abs();
+        other.exists && self.side.dot(other.side) > FACING && off < PLANE * self.position.length()
+    }
+}
+
+fn texel(surface: [u32; 4], material: [u32; 4], about: &LightRaysAbout<'_>) -> Texel {
+    let position = Vec3::new(f32::from_bits(surface[0]), f32::from_bits(surface[1]), f32::from_bits(surface[2]));
+    if position == Vec3::ZERO || !position.is_finite() {
+        return Texel::default();
+    }
+    let normal = unit_from_octahedral(surface[3]);
+    let side = unit_from_octahedral(material[1]);
+    // The sign says whether a reflection probe is looked up.
+    let lift = f32::from_bits(material[2] & 0x7fff_ffff);
+    let off = about.offset(position) + OFF_SURFACE * position.length();
+    Texel {
+        exists: true,
+        position,
+        normal,
+        side,
+        start: position + side * off.max(lift),
+        is_lifted: lift > 4.0 * off,
+    }
+}
+
+/// As in `shaders/shared/encode.wgsl`.
+fn unit_from_octahedral(word: u32) -> Vec3 {
+    let half = |bits: u32| (f32::from(bits as u16 as i16) / 32767.0).max(-1.0);
+    let e = Vec2::new(half(word), half(word >> 16));
+    let mut v = Vec3::new(e.x, e.y, 1.0 - e.x.abs() - e.y.abs());
+    if v.z < 0.0 {
+        let folded = (Vec2::ONE - Vec2::new(e.y.abs(), e.x.abs())) * Vec2::new(1f32.copysign(e.x), 1f32.copysign(e.y));
+        (v.x, v.y) = (folded.x, folded.y);
+    }
+    v.normalize_or(Vec3::Y)
+}
