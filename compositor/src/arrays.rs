@@ -13,6 +13,8 @@ pub(crate) struct PoolClass {
     pub(crate) glossy: bool,
     /// Samples have a Reflector plane, which names the reflection probe of each surface.
     pub(crate) reflects: bool,
+    /// Samples have a LightVisibility plane.
+    pub(crate) light_seen: bool,
     pub(crate) omni: bool,
 }
 
@@ -29,6 +31,9 @@ impl PoolClass {
         }
         if self.reflects {
             planes.push((PlaneKind::Reflector, PlaneFormat::R32Uint));
+        }
+        if self.light_seen {
+            planes.push((PlaneKind::LightVisibility, PlaneFormat::Rgba8Unorm));
         }
         planes
     }

@@ -59,8 +59,10 @@ impl ChunkInputs {
             (first.piece, first.light) = (i as u32, lights.len() as u32);
             uniforms.push(view.uniform(piece, &first));
             if let Some(held) = view.samples.first().filter(|_| view.glossy) {
-                let about = |light| light_about(light, job.camera.eye);
-                lights.extend(held.info.lighting.lights.iter().map(about));
+                let lighting = &held.info.lighting;
+                let bytes = lighting.visibility_bytes();
+                let about = |(light, byte)| light_about(light, byte, job.camera.eye);
+                lights.extend(lighting.lights.iter().zip(bytes).map(about));
             }
             if view.splats_first() {
                 splats.append(&mut view.splats(piece, first.cell, &mut blocks));

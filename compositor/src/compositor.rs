@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
+use argus_gpu::wgpu::util::DeviceExt;
 use argus_gpu::{Commands, Gpu, ReflectionProbes, wgpu};
 use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, Search, Stage, ViewJob};
 
@@ -106,6 +107,7 @@ impl GpuCompositor {
                 nearest: sampler(wgpu::FilterMode::Nearest),
                 bilinear: sampler(wgpu::FilterMode::Linear),
                 no_probes: ReflectionProbes::none(&gpu),
+                all_light_seen: all_light_seen(&gpu),
             },
             bounds: BoundsPass::new(&gpu),
             mips: MipsPass::new(&gpu),
@@ -335,4 +337,25 @@ impl Compositor for GpuCompositor {
         self.knobs.search_backend = chosen;
         done
     }
+}
+
+/// A LightVisibility plane of one texel that sees all light.
+fn all_light_seen(gpu: &Gpu) -> wgpu::TextureView {
+    let size = wgpu::Extent3d { width: 1, height: 1, depth_or_array_layers: 1 };
+    let descriptor = wgpu::TextureDescriptor {
+        label: Some("all light is seen"),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: wgpu::TextureFormat::Rgba8Unorm,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    };
+    let layout = wgpu::util::TextureDataOrder::LayerMajor;
+    let texture = gpu.device.create_texture_with_data(&gpu.queue, &descriptor, layout, &[255; 4]);
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
 }

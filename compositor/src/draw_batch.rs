@@ -73,6 +73,8 @@ pub(crate) struct FixedBindings {
     pub(crate) bilinear: wgpu::Sampler,
     /// Bound where no surface looks up a reflection probe.
     pub(crate) no_probes: ReflectionProbes,
+    /// Bound where samples have no LightVisibility plane: all light is seen.
+    pub(crate) all_light_seen: wgpu::TextureView,
 }
 
 /// Resources that all draws of a chunk read.
@@ -108,6 +110,7 @@ impl<'a> SharedBindings<'a> {
     pub(crate) fn bindings(&self) -> Result<Vec<NamedBinding<'a>>, RenderError> {
         let probes = self.probes.unwrap_or(&self.fixed.no_probes);
         let reflectors = self.pool.view(PlaneKind::Reflector).unwrap_or_else(|_| probes.no_reflectors());
+        let light_seen = self.pool.view(PlaneKind::LightVisibility).unwrap_or(&self.fixed.all_light_seen);
         let mut bindings = vec![
             NamedBinding::read("inverse_range", self.pool.view(PlaneKind::InverseRange)?),
             NamedBinding::read("radiance", self.pool.view(PlaneKind::Radiance)?),
@@ -115,6 +118,7 @@ impl<'a> SharedBindings<'a> {
             NamedBinding::read("bilinear", &self.fixed.bilinear),
             NamedBinding::read("normal_plane", self.pool.view_or_radiance(PlaneKind::Normal)?),
             NamedBinding::read("specular_plane", self.pool.view_or_radiance(PlaneKind::Specular)?),
+            NamedBinding::read("light_visibility_plane", light_seen),
             NamedBinding::read("lights", self.lights),
             NamedBinding::read("reflector_plane", reflectors),
         ];

@@ -16,8 +16,8 @@ pub(crate) fn lighting_uniform(lighting: &Lighting) -> shared::Lighting {
     }
 }
 
-/// A light relative to an eye.
-pub(crate) fn light_about(light: &Light, eye: DVec3) -> shared::Light {
+/// A light relative to an eye. `visibility_byte` is its byte in a LightVisibility plane.
+pub(crate) fn light_about(light: &Light, visibility_byte: u32, eye: DVec3) -> shared::Light {
     let mut data = shared::Light {
         position: [0.0; 3],
         kind: 0,
@@ -26,7 +26,7 @@ pub(crate) fn light_about(light: &Light, eye: DVec3) -> shared::Light {
         color: [0.0; 3],
         cos_inner: 1.0,
         cos_outer: 0.0,
-        visibility_byte: 0,
+        visibility_byte,
         _pad: [0.0; 2],
     };
     match *light {

@@ -47,8 +47,9 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
         return Err(invalid("Normal and Specular planes come together or not at all".to_owned()));
     }
     let reflects = has(PlaneKind::Reflector);
-    if reflects && !glossy {
-        return Err(invalid("what is not glossy has no reflections".to_owned()));
+    let light_seen = has(PlaneKind::LightVisibility);
+    if (reflects || light_seen) && !glossy {
+        return Err(invalid("Reflector and LightVisibility planes come with Normal".to_owned()));
     }
     for (i, plane) in sample.planes.iter().enumerate() {
         let kind = plane.kind;
@@ -59,7 +60,7 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
             PlaneKind::Radiance => &[PlaneFormat::Rgb9e5Ufloat, PlaneFormat::Rgba16Float],
             PlaneKind::InverseRange => &[PlaneFormat::R32Float],
             PlaneKind::Normal => &[PlaneFormat::Rg16Snorm],
-            PlaneKind::Specular => &[PlaneFormat::Rgba8Unorm],
+            PlaneKind::Specular | PlaneKind::LightVisibility => &[PlaneFormat::Rgba8Unorm],
             PlaneKind::Reflector => &[PlaneFormat::R32Uint],
             PlaneKind::Place => return Err(invalid("a sample of the rig has no places of maps".to_owned())),
         };
@@ -87,5 +88,5 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
             }
         }
     }
-    Ok(PoolClass { size, radiance, glossy, reflects, omni })
+    Ok(PoolClass { size, radiance, glossy, reflects, light_seen, omni })
 }

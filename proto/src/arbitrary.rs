@@ -453,6 +453,8 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm));
                 planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));
                 planes.extend(info.reflections.map(|_| plane(PlaneKind::Reflector, PlaneFormat::R32Uint)));
+                let effects = info.effects.any().then_some(PlaneKind::LightVisibility);
+                planes.extend(effects.map(|kind| plane(kind, PlaneFormat::Rgba8Unorm)));
             }
             let id = SampleId { version: info.version.number, camera: index };
             let faces = FaceMask::new(1 + seed as u32 % 63, "faces").unwrap().of_camera(&camera);

@@ -40,10 +40,10 @@ use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
 use argus_gpu::{Commands, Gpu};
 use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
+use crate::SamplerKnobs;
 use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
 use crate::passes::{MapLookup, NodeMaps, ResolveSample, TileContext};
 use crate::resident::{GuideUse, Resident};
-use crate::SamplerKnobs;
 
 /// Most bytes of maps in one traversal without sharing: 32 maps of 1024² texels a hemisphere.
 const MOST_MAP_BYTES: u64 = 512 << 20;
@@ -80,7 +80,7 @@ impl OmniMaps {
             knobs,
             octree: LitOctree::new(gpu, resident, guides, knobs.levels),
             look_up: MapLookup::new(gpu, 1),
-            resolve: ResolveSample::new(gpu, false, sampler.side(), false),
+            resolve: ResolveSample::new(gpu, false, sampler.side(), false, false),
             views: None,
             traversed: None,
         }

@@ -23,6 +23,7 @@ use self::probes::SurfacePrograms;
 use self::tile_loop::{JobScene, Output, Part, add_light, check_wanted, wait};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightInputs};
+use crate::light::DirectLight;
 use crate::omni_maps::OmniMaps;
 use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::{PlaneBuffers, ResolveView, TileContext};
@@ -34,7 +35,6 @@ use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::visibility::VisibilityBackends;
-use crate::light::DirectLight;
 use crate::{Indirect, SamplerKnobs, timing};
 
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.

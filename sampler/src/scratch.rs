@@ -71,7 +71,11 @@ impl Scratch {
         }
         if extras.guides && targets.guides.is_none() {
             targets.guides = Some(Guides {
-                surfaces: gpu.buffer("guides", all * 16, storage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC),
+                surfaces: gpu.buffer(
+                    "guides",
+                    all * 16,
+                    storage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+                ),
                 materials: gpu.buffer("guide materials", all * 16, storage | wgpu::BufferUsages::COPY_SRC),
             });
         }

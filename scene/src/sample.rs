@@ -78,6 +78,9 @@ pub enum PlaneKind {
     /// bits: 1 + the number of the map, 0 for none (11 bits), and the shares of red, green and blue that pass (7
     /// each). Only in sets with reflections.
     Reflector,
+    /// Share of each light that the surface sees, in r and g of the two strongest lights, in b of the rest together, and in a
+    /// of the sky: [`crate::Lighting::visibility_bytes`]. Only with `Normal`, in sets with effects of light.
+    LightVisibility,
     /// Only in surroundings, one row per map: its viewpoint as x, y and z from the sample's centre, and the radius of its
     /// reflector around there; metres.
     Place,

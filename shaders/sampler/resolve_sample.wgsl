@@ -24,6 +24,8 @@ struct ResolveSample {
 override side: u32 = 2u;
 // Samples have a Reflector plane.
 override reflects: bool = false;
+// Samples have a LightVisibility plane; they were shaded once a texel.
+override light_seen: bool = false;
 
 @group(0) @binding(0) var<uniform> resolve: ResolveSample;
 @group(0) @binding(1) var<storage, read> shaded: array<vec4f>;
@@ -34,6 +36,9 @@ override reflects: bool = false;
 @group(0) @binding(6) var<storage, read_write> specular_plane: array<u32>;
 @group(0) @binding(7) var<storage, read> reflectors: array<u32>;
 @group(0) @binding(8) var<storage, read_write> reflector_plane: array<u32>;
+// Light that reaches each texel; w has the bits of a LightVisibility texel.
+@group(0) @binding(9) var<storage, read> arriving: array<vec4f>;
+@group(0) @binding(10) var<storage, read_write> light_visibility_plane: array<u32>;
 
 // Index of a texel's sub-sample in `shaded`.
 fn address(texel: vec2u, i: u32) -> u32 {
@@ -141,5 +146,8 @@ fn resolve_glossy(@builtin(global_invocation_id) id: vec3u) {
     specular_plane[at] = select(pack4x8unorm(specular / max(alike, 1.0)), 0u, sky);
     if reflects {
         reflector_plane[at] = select(reflector, 0u, sky);
+    }
+    if light_seen {
+        light_visibility_plane[at] = bitcast<u32>(arriving[address(id.xy, 0u)].w);
     }
 }

@@ -22,6 +22,7 @@ override linear: bool = false;
 @group(0) @binding(7) var specular_plane: texture_2d_array<f32>;
 @group(0) @binding(8) var<storage, read> lights: array<Light>;
 @group(2) @binding(4) var reflector_plane: texture_2d_array<u32>;
+@group(2) @binding(5) var light_visibility_plane: texture_2d_array<f32>;
 
 // A vertex of the triangle that covers the viewport.
 fn corner_of_target(index: u32) -> vec4f {
@@ -133,16 +134,19 @@ fn with_specular(pixel: Pixel) -> Pixel {
         let through = transmitted_in_word(word);
         let black = vec3f(0.0);
         let surface = Surface(pixel.position, normal, black, black, stored.rgb, stored.a, through, normal, 0.0);
+        let seen = textureSampleLevel(light_visibility_plane, bilinear, pixel.uv, pixel.layer, 0.0);
         var sum = vec3f(0.0);
         if reflects {
-            sum = reflected_radiance(surface, to_eye, view.lighting, view.probes, probe_in_word(word));
+            let map = probe_in_word(word);
+            sum = reflected_radiance(surface, to_eye, view.lighting, view.probes, map) * select(seen.a, 1.0, map != 0u);
         } else {
-            sum = specular_sky(surface, to_eye, view.lighting);
+            sum = specular_sky(surface, to_eye, view.lighting) * seen.a;
         }
         // The bound is no bare uniform: see `runtime_bound` in fetch.wgsl.
         let count = min(view.lighting.light_count, arrayLength(&lights));
         for (var i = 0u; i < count; i++) {
-            sum += specular_light(surface, to_eye, lights[view.first_light + i]);
+            let light = lights[view.first_light + i];
+            sum += specular_light(surface, to_eye, light) * seen[min(light.visibility_byte, 3u)];
         }
         result.radiance += finite_or_zero(sum);
     }

@@ -274,6 +274,7 @@ impl PlaneHeader {
             v1::PlaneKind::Specular => PlaneKind::Specular,
             v1::PlaneKind::Reflector => PlaneKind::Reflector,
             v1::PlaneKind::Place => PlaneKind::Place,
+            v1::PlaneKind::LightVisibility => PlaneKind::LightVisibility,
         };
         let size = Plane::size_of(kind, camera);
         let format = match known(wire.format, "planes.format")? {
@@ -317,6 +318,7 @@ fn wire_kind(kind: PlaneKind) -> v1::PlaneKind {
         PlaneKind::Specular => v1::PlaneKind::Specular,
         PlaneKind::Reflector => v1::PlaneKind::Reflector,
         PlaneKind::Place => v1::PlaneKind::Place,
+        PlaneKind::LightVisibility => v1::PlaneKind::LightVisibility,
     }
 }
 

@@ -92,7 +92,13 @@ impl Near {
     }
 
     /// What a point of an emitter adds to irradiance / π.
-    fn contribution(&self, which: usize, texel: &Texel, square: glam::Vec2, about: &LightRaysAbout<'_>) -> Vec3 {
+    fn contribution(
+        &self,
+        which: usize,
+        texel: &Texel,
+        square: glam::Vec2,
+        about: &LightRaysAbout<'_>,
+    ) -> Vec3 {
         let emitter = &self.0[which];
         let [a, b, c] = emitter.corners;
         let root = square.x.sqrt();

@@ -89,7 +89,12 @@ impl DirectLight {
     ///
     /// # Errors
     /// Those of [`Self::new`].
-    pub(crate) fn pose(&mut self, scene: &Scene, tracer: &PacketTracer, time_secs: f64) -> Result<(), RenderError> {
+    pub(crate) fn pose(
+        &mut self,
+        scene: &Scene,
+        tracer: &PacketTracer,
+        time_secs: f64,
+    ) -> Result<(), RenderError> {
         self.emitters = emitters_at(scene, self.effects, time_secs);
         self.rays.pose(tracer).ok_or_else(too_large)
     }
@@ -120,7 +125,8 @@ impl DirectLight {
         let Some(guides) = &context.targets.guides else { return Ok((commands, None)) };
         let size = context.tile.sub_samples();
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
-        let pending = [&guides.surfaces, &guides.materials].map(|buffer| commands.read_buffer(buffer, 0..bytes));
+        let pending =
+            [&guides.surfaces, &guides.materials].map(|buffer| commands.read_buffer(buffer, 0..bytes));
         let mut finished = commands.submit().wait()?;
         timing::add(stages, std::mem::take(&mut finished.stages));
         let begin = Instant::now();

@@ -56,9 +56,8 @@ pub(super) fn seen_shares(
         let ray = shadow_ray(light, eye + texel.start.as_dvec3(), disc);
         texel.sees(about, ray.direction.as_vec3(), ray.most as f32)
     };
-    let of_all = |texel: &Texel| {
-        discs.iter().filter(|&&disc| sees(texel, disc)).count() as f32 / SLOTS as f32
-    };
+    let of_all =
+        |texel: &Texel| discs.iter().filter(|&&disc| sees(texel, disc)).count() as f32 / SLOTS as f32;
     let first = |index: usize| {
         let texel = &texels.all[index];
         if lit[index] == Vec3::ZERO {

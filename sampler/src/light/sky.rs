@@ -3,11 +3,11 @@
 use argus_scene::Sky;
 use argus_scene::light_sampling::cosine_direction;
 use argus_scene::shading::sky_radiance;
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, SLOTS, slot};
+use super::pattern::{Pattern, slot};
 use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
 
@@ -62,14 +62,14 @@ impl SkyIrradiance {
 pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>) -> Vec<Vec3> {
     let alone = texels.first.is_none();
     let pattern = Pattern::of_disc(if alone { 1 } else { RAYS });
-    let share = |index: usize| {
+    let cast = |index: usize| {
         let texel = &texels.all[index];
+        let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
         if !texel.exists {
-            return Vec3::ZERO;
+            return (seen, whole);
         }
         let (tangent, bitangent) = texel.normal.any_orthonormal_pair();
-        let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
-        let mut cast = |disc: glam::Vec2| {
+        let mut cast = |disc: Vec2| {
             let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
             let direction = tangent * disc.x + bitangent * disc.y + texel.normal * up;
             let radiance = sky_radiance(sky, direction);
@@ -79,14 +79,20 @@ pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>)
             }
         };
         match alone {
-            true => pattern.all().iter().take(SLOTS).for_each(|&disc| cast(disc)),
+            true => pattern.all().iter().for_each(|&disc| cast(disc)),
             false => pattern.of_slot(slot(texels.place(index))).for_each(cast),
         }
-        let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
+        (seen, whole)
+    };
+    let sums = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast);
+    let (seen, whole): (Vec<Vec3>, Vec<Vec3>) = sums.unzip();
+    // Each sum by itself: the mean of ratios of a few rays would favour directions in which the sky is dark.
+    let (seen, whole) = (smoothed(seen, texels), smoothed(whole, texels));
+    let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
+    let share = |(seen, whole): (Vec3, Vec3)| {
         Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z))
     };
-    let shares: Vec<Vec3> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(share).collect();
-    smoothed(shares, texels)
+    seen.into_par_iter().zip(whole).map(share).collect()
 }
 
 #[cfg(test)]

@@ -47,9 +47,8 @@ impl Texels {
     ) -> Self {
         let words = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
         let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
-        let all: Vec<Texel> = guides
-            .map(|(surface, material)| texel(words(surface), words(material), about))
-            .collect();
+        let all: Vec<Texel> =
+            guides.map(|(surface, material)| texel(words(surface), words(material), about)).collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
         let first = match neighbours {
@@ -88,7 +87,8 @@ impl Texel {
 }
 
 fn texel(surface: [u32; 4], material: [u32; 4], about: &LightRaysAbout<'_>) -> Texel {
-    let position = Vec3::new(f32::from_bits(surface[0]), f32::from_bits(surface[1]), f32::from_bits(surface[2]));
+    let position =
+        Vec3::new(f32::from_bits(surface[0]), f32::from_bits(surface[1]), f32::from_bits(surface[2]));
     if position == Vec3::ZERO || !position.is_finite() {
         return Texel::default();
     }
@@ -113,7 +113,8 @@ fn unit_from_octahedral(word: u32) -> Vec3 {
     let e = Vec2::new(half(word), half(word >> 16));
     let mut v = Vec3::new(e.x, e.y, 1.0 - e.x.abs() - e.y.abs());
     if v.z < 0.0 {
-        let folded = (Vec2::ONE - Vec2::new(e.y.abs(), e.x.abs())) * Vec2::new(1f32.copysign(e.x), 1f32.copysign(e.y));
+        let folded =
+            (Vec2::ONE - Vec2::new(e.y.abs(), e.x.abs())) * Vec2::new(1f32.copysign(e.x), 1f32.copysign(e.y));
         (v.x, v.y) = (folded.x, folded.y);
     }
     v.normalize_or(Vec3::Y)

@@ -18,8 +18,12 @@ pub(crate) struct ResolveSample {
     pipeline: ComputePipeline,
     glossy: bool,
     reflects: bool,
-    /// Bound where surfaces look up no probes.
+    /// Samples have a LightVisibility plane.
+    light_seen: bool,
+    /// Bound where surfaces look up no probes, or see all light.
     unused: wgpu::Buffer,
+    /// Bound without direct light by rays.
+    nothing_arrives: wgpu::Buffer,
 }
 
 /// Planes of one sample while it is rendered.
@@ -33,15 +37,19 @@ pub(crate) struct PlaneBuffers {
 impl ResolveSample {
     /// The pipeline for a scene with or without glossy materials and reflection probes. `side` is the number of shaded
     /// sub-samples along a texel's side; 1 if texels were shaded.
-    pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool) -> Self {
+    pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool, light_seen: bool) -> Self {
         let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
-        let reflects = glossy && reflects;
-        let constants = [("side", f64::from(side)), ("reflects", f64::from(u8::from(reflects)))];
+        let (reflects, light_seen) = (glossy && reflects, glossy && light_seen);
+        let flag = |on: bool| f64::from(u8::from(on));
+        let constants =
+            [("side", f64::from(side)), ("reflects", flag(reflects)), ("light_seen", flag(light_seen))];
         Self {
             pipeline: gpu.compute_pipeline_with(&RESOLVE_SAMPLE, entry, &constants),
             glossy,
             reflects,
-            unused: gpu.buffer("no reflectors", 16, wgpu::BufferUsages::STORAGE),
+            light_seen,
+            unused: gpu.buffer("unused", 16, wgpu::BufferUsages::STORAGE),
+            nothing_arrives: gpu.buffer("nothing arrives", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 
@@ -65,6 +73,9 @@ impl ResolveSample {
         if self.reflects {
             kinds.push((PlaneKind::Reflector, PlaneFormat::R32Uint));
         }
+        if self.light_seen {
+            kinds.push((PlaneKind::LightVisibility, PlaneFormat::Rgba8Unorm));
+        }
         let planes = kinds
             .into_iter()
             .map(|(kind, format)| {
@@ -77,7 +88,7 @@ impl ResolveSample {
         PlaneBuffers { planes, size, stride }
     }
 
-    /// Writes a tile's texels into the planes.
+    /// Writes a tile's texels into the planes. `arriving` is its direct light by rays, if there is any.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
@@ -105,6 +116,10 @@ impl ResolveSample {
             if !self.reflects {
                 call = call.write("reflector_plane", &self.unused);
             }
+            call = call.read("arriving", arriving.unwrap_or(&self.nothing_arrives));
+            if !self.light_seen {
+                call = call.write("light_visibility_plane", &self.unused);
+            }
         }
         for (kind, _, buffer) in &planes.planes {
             call = call.write(name(*kind), buffer);
@@ -121,6 +136,7 @@ fn name(kind: PlaneKind) -> &'static str {
         PlaneKind::Normal => "normal_plane",
         PlaneKind::Specular => "specular_plane",
         PlaneKind::Reflector => "reflector_plane",
+        PlaneKind::LightVisibility => "light_visibility_plane",
         PlaneKind::Place => "no plane of a sample",
     }
 }

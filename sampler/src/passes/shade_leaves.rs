@@ -32,11 +32,7 @@ impl ShadeLeaves {
     /// The pipeline for a scene's features.
     pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
         Self {
-            pipeline: gpu.compute_pipeline_with(
-                &SHADE_LEAVES,
-                "shade_leaves",
-                &features.constants(guides),
-            ),
+            pipeline: gpu.compute_pipeline_with(&SHADE_LEAVES, "shade_leaves", &features.constants(guides)),
             unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
         }
     }

@@ -6,8 +6,8 @@ mod texels;
 
 use std::sync::Arc;
 
-use argus_gpu::{Gpu, wgpu};
 use crate::{Indirect, SamplerKnobs};
+use argus_gpu::{Gpu, wgpu};
 use argus_scene::{Bounds, Effect, Instance, Mesh, RenderError, Scene};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3, Vec3};

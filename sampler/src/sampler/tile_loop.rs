@@ -198,9 +198,7 @@ impl GpuSampler {
                 let (gloss, reflectors) = (self.glossy, reflections.is_some());
                 ("render sample", Extras { gloss, reflectors, guides: self.keeps_guides() })
             }
-            Output::Color => {
-                ("render colour", Extras { guides: self.keeps_guides(), ..Extras::default() })
-            }
+            Output::Color => ("render colour", Extras { guides: self.keeps_guides(), ..Extras::default() }),
             Output::Range => ("render range", Extras::default()),
         };
         let mut commands = self.gpu.commands(label);

@@ -6,6 +6,7 @@ mod against_reference;
 mod faces;
 mod hard_cases;
 mod indirect;
+mod light;
 mod megaviews;
 mod motion;
 mod points;

@@ -148,7 +148,8 @@ impl Tracer {
         let sky = &self.pose.lighting.sky;
         let mut sum = DVec3::ZERO;
         for ray in 0..rays {
-            let direction = cosine_direction(surface.normal.as_dvec3(), disc_point((r2(ray) + shift).fract()));
+            let direction =
+                cosine_direction(surface.normal.as_dvec3(), disc_point((r2(ray) + shift).fract()));
             if start.sees(self, direction, f64::INFINITY) {
                 sum += sky_radiance(sky, direction.as_vec3()).as_dvec3();
             }

@@ -89,8 +89,8 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
 
 /// The same samples, of a set that is specified as that sampler was made.
 pub(crate) fn specified(sampler: &GpuSampler, job: &SampleJob) -> SampleJob {
-    let SamplerKnobs { sub_samples, indirect, .. } = *sampler.knobs();
-    let info = SampleSetInfo { sub_samples, indirect, ..(*job.info).clone() };
+    let SamplerKnobs { sub_samples, effects, indirect, .. } = *sampler.knobs();
+    let info = SampleSetInfo { sub_samples, effects, indirect, ..(*job.info).clone() };
     SampleJob { info: Arc::new(info), ..job.clone() }
 }
 

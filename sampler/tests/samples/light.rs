@@ -1,0 +1,173 @@
+//! Direct light by rays, against the reference's.
+
+use std::sync::Arc;
+
+use argus_sampler::SamplerKnobs;
+use argus_scene::reference::{DirectLight, Tracer};
+use argus_scene::{
+    Camera, Cancel, Light, LightEffects, Lighting, PixelJob, PlaneKind, Sampler, Scene, Sky, Visibility,
+};
+use glam::{DAffine3, DVec3, Vec3, Vec4};
+use image::RgbImage;
+
+use crate::common::*;
+use crate::small_scene;
+
+/// Every kind of surface, under lights with and without an extent, a sky and an emitter.
+fn scene_with_lights() -> Scene {
+    let mut scene = small_scene::scene();
+    for light in &mut scene.lighting.lights {
+        match light {
+            Light::Directional { angular_radius, .. } => *angular_radius = 0.05,
+            Light::Point { radius, .. } => *radius = 0.1,
+            Light::Spot { radius, .. } => *radius = 0.0,
+        }
+    }
+    scene.materials.push(argus_scene::Material {
+        emissive: Vec3::new(4.0, 3.0, 2.0),
+        base_color: Vec4::W,
+        ..argus_scene::Material::default()
+    });
+    let material = scene.materials.len() as u32 - 1;
+    let lamp = quad(Vec3::ZERO, Vec3::X * 0.3, Vec3::Z * 0.3, 1.0, material);
+    place(&mut scene, lamp, DAffine3::from_translation(DVec3::new(-1.5, 1.8, 0.5)));
+    scene
+}
+
+fn with(scene: &Arc<Scene>, effects: LightEffects) -> argus_sampler::GpuSampler {
+    sampler_with(scene, SamplerKnobs { effects, ..SamplerKnobs::default() })
+}
+
+fn truth(scene: &Arc<Scene>, effects: LightEffects, camera: &Camera, size: [u32; 2]) -> RgbImage {
+    let tracer = Tracer::new(Arc::clone(scene)).with_direct_light(DirectLight { effects, rays: 64 });
+    tracer.render(camera, size[0], size[1], 4, |_| {}).display(scene.lighting.exposure)
+}
+
+const CAMERA: (DVec3, DVec3) = (DVec3::new(2.6, 2.6, 4.2), DVec3::new(-0.2, 0.6, -0.3));
+
+#[test]
+fn direct_views_have_the_references_light_whichever_effects_are_on() {
+    let scene = Arc::new(scene_with_lights());
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let size = [160, 120];
+    let none = LightEffects::NONE;
+    for (name, effects, most) in [
+        ("hard-shadows", LightEffects { shadows: true, ..none }, 0.012),
+        ("soft-shadows", LightEffects { shadows: true, soft_shadows: true, ..none }, 0.015),
+        ("sky", LightEffects { sky_visibility: true, ..none }, 0.02),
+        ("emitters", LightEffects { emitters: true, ..none }, 0.02),
+        ("all", LightEffects::ALL, 0.02),
+    ] {
+        let frame = direct(&mut with(&scene, effects), &view_job(camera, size, 4));
+        let truth = truth(&scene, effects, &camera, size);
+        let found = flip(&format!("light-{name}"), &image_of(&frame), &truth);
+        println!("{name}: FLIP {found:.4} {:?}", frame.stages);
+        assert!(found <= most, "{name}: FLIP {found}");
+        let dark = image_of(&direct(&mut with(&scene, none), &view_job(camera, size, 4)));
+        let changed = flip("light-none", &dark, &truth);
+        assert!(changed > 2.0 * found, "{name} changes FLIP by {changed} only");
+    }
+}
+
+#[test]
+fn a_sample_stores_the_light_of_direct_views_and_which_lights_its_gloss_sees() {
+    let scene = Arc::new(scene_with_lights());
+    let mut sampler = with(&scene, LightEffects::ALL);
+    let rig = omni_rig(DVec3::new(1.0, 1.5, 2.0), 96);
+    let here = Camera::look_at(DVec3::new(1.0, 1.5, 2.0), DVec3::ZERO);
+    let job = sample_job(&scene, rig, rig.nearest(&here, 1)[0], true);
+    let found = sample(&mut sampler, &job);
+    let seen = host_bytes(&found, PlaneKind::LightVisibility);
+    let range = floats(&host_bytes(&found, PlaneKind::InverseRange));
+    let shares = |byte: usize| seen.iter().skip(byte).step_by(4).zip(&range).filter(|(_, r)| **r > 0.0);
+    for byte in 0..4 {
+        let (all, none) = (shares(byte).any(|(s, _)| *s == 255), shares(byte).any(|(s, _)| *s < 64));
+        assert!(all && none, "byte {byte}: some texels see the light and some do not");
+    }
+    let mean = mean_radiance(&mut sampler, &job);
+    let open = mean_radiance(&mut with(&scene, LightEffects::NONE), &job);
+    assert!(mean.element_sum() < open.element_sum(), "what blocks light darkens: {mean} {open}");
+    // Equal bytes in another order of work.
+    let again = sample(&mut with(&scene, LightEffects::ALL), &job);
+    for plane in &found.planes {
+        assert!(host_bytes(&found, plane.kind) == host_bytes(&again, plane.kind), "{:?}", plane.kind);
+    }
+}
+
+#[test]
+fn listed_pixels_have_about_the_light_of_their_view() {
+    let scene = Arc::new(scene_with_lights());
+    let mut sampler = with(&scene, LightEffects::ALL);
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let size = [96, 72];
+    let whole = image_of(&direct(&mut sampler, &view_job(camera, size, 4)));
+    let pixels: Vec<u32> = (0..size[0] * size[1]).step_by(7).collect();
+    let job = PixelJob {
+        camera,
+        width: size[0],
+        height: size[1],
+        pixels: pixels.clone(),
+        samples_per_pixel: 4,
+        epoch: 0,
+        time_secs: 0.0,
+        reflections: None,
+    };
+    let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).unwrap();
+    let differences = pixels.iter().zip(found.color.chunks_exact(3)).map(|(pixel, color)| {
+        let view = whole.get_pixel(pixel % size[0], pixel / size[0]).0;
+        (0..3).map(|i| (f64::from(view[i]) - f64::from(color[i])).abs()).sum::<f64>() / 3.0
+    });
+    let mean = differences.sum::<f64>() / pixels.len() as f64;
+    assert!(mean < 3.0, "{mean} of 255");
+}
+
+#[test]
+fn shadows_stand_still_far_from_zero_and_on_small_scenes() {
+    for (scale, offset) in [(1.0, 1e6), (1e-3, 0.0), (1e3, 0.0)] {
+        let mut scene = empty_scene();
+        scene.lighting = Lighting {
+            lights: vec![Light::Directional {
+                direction: DVec3::new(0.3, -1.0, 0.1).normalize(),
+                irradiance: Vec3::splat(3.0),
+                angular_radius: 0.0,
+            }],
+            sky: Sky::BLACK,
+            exposure: 1.0,
+        };
+        let shift = DVec3::splat(offset);
+        let at = |p: DVec3| {
+            DAffine3::from_translation(p * scale + shift) * DAffine3::from_scale(DVec3::splat(scale))
+        };
+        place(&mut scene, quad(Vec3::ZERO, Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 1.0, 0), at(DVec3::ZERO));
+        place(&mut scene, ball(0, 24), at(DVec3::Y * 1.2));
+        let scene = Arc::new(scene);
+        let effects = LightEffects { shadows: true, ..LightEffects::NONE };
+        let camera =
+            Camera::look_at(DVec3::new(3.0, 3.0, 4.0) * scale + shift, DVec3::Y * 0.5 * scale + shift);
+        let size = [128, 96];
+        let image = image_of(&direct(&mut with(&scene, effects), &view_job(camera, size, 1)));
+        let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 1 });
+        let truth = tracer.render(&camera, size[0], size[1], 1, |_| {}).display(1.0);
+        let wrong = image.pixels().zip(truth.pixels()).filter(|(a, b)| a.0[0].abs_diff(b.0[0]) > 24).count();
+        let share = wrong as f64 / f64::from(size[0] * size[1]);
+        assert!(share < 0.005, "{:.3}% wrong at scale {scale}, offset {offset}", share * 100.0);
+    }
+}
+
+#[test]
+fn all_visibility_backends_have_the_same_light() {
+    let scene = Arc::new(scene_with_lights());
+    let mut sampler = with(&scene, LightEffects::ALL);
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let images: Vec<RgbImage> = Visibility::ALL
+        .iter()
+        .map(|&visibility| {
+            let job = argus_scene::ViewJob { visibility, ..view_job(camera, [96, 72], 1) };
+            image_of(&direct(&mut sampler, &job))
+        })
+        .collect();
+    for image in &images[1..] {
+        let differ = image.pixels().zip(images[0].pixels()).filter(|(a, b)| a != b).count();
+        assert!(differ <= 96 * 72 / 20, "{differ} pixels differ, where only edges may");
+    }
+}
