@@ -12,7 +12,7 @@ use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
 
 /// Rays of a texel that shares with its neighbours.
-const RAYS: usize = 2;
+const RAYS: usize = 4;
 
 /// Irradiance of an open sky, as a function of the normal's height: the sky is the same all around.
 pub(super) struct SkyIrradiance {
