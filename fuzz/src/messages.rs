@@ -48,7 +48,7 @@ messages! {
     WorkerReport => |m| converted(argus_cluster::untrusted::report(m)),
     Hello => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Hello(m)))),
     Measurements => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(m)))),
-    WayCost,
+    BackendCost,
     Cost => |m| {
         let measured = v1::Measurements { direct_cost: Some(m), ..v1::Measurements::default() };
         converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(measured))))

@@ -456,7 +456,7 @@ impl Sampler for GpuSampler {
         if self.gpu.is_software() { Visibility::Cpu } else { Visibility::Raster }
     }
 
-    fn ways(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+    fn measure_backends(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
         self.check_alive()?;
         if self.gpu.is_software() {
             // Views would wait for a second until the same is measured again (`argus study visibility`).

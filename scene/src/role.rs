@@ -133,7 +133,7 @@ pub trait Sampler: Send {
     ///
     /// # Errors
     /// Those of rendering the tile.
-    fn ways(&mut self, _info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+    fn measure_backends(&mut self, _info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
         Ok(vec![(Visibility::Raster, 0.0)])
     }
 

@@ -49,7 +49,7 @@ struct Duty {
     /// Samples of versions with a lower number are of no use any more.
     kept_from: u64,
     /// What each way to see triangles costs is to be measured.
-    measure_ways: bool,
+    measure_backends: bool,
     /// It is not settled how triangles are seen.
     visibility_is_open: bool,
 }
@@ -224,7 +224,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         versions: wire.versions.into_iter().map(Version::from).collect(),
         ahead,
         kept_from: wire.kept_from,
-        measure_ways: wire.measure_ways,
+        measure_backends: wire.measure_backends,
         visibility_is_open: wire.visibility_is_open,
         limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
     })
@@ -287,12 +287,12 @@ async fn take_up(
     if new_sampler || node.acting() != Some(duty.role) {
         node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
-    match duty.measure_ways {
+    match duty.measure_backends {
         true => node
             .measure(duty.visibility_is_open)
             .await
             .map_err(|error| Ended::Fatal(RunError::Device(error)))?,
-        false => node.forget_ways(),
+        false => node.forget_backend_costs(),
     }
     if let Some(before) = node.acting() {
         while !policy::may_change_role(before, duty.role, &node.backlog()) {

@@ -25,7 +25,7 @@ use super::histories::Histories;
 use super::meter::Meter;
 use super::policy::{self, Waiting};
 use super::probes::Probes;
-use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Ways, Work};
+use super::queue::{BackendCosts, Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::store::Store;
 use crate::core::{Hello, Report, Role};
 use crate::net::Channels;
@@ -48,7 +48,7 @@ struct Told {
     applied: u64,
     leaving: bool,
     /// What was measured for the newest assignment, if it asked for that.
-    ways: Ways,
+    backend_costs: BackendCosts,
     /// It is not settled how triangles are seen.
     visibility_is_open: bool,
 }
@@ -371,7 +371,7 @@ impl Node {
             leaving: told.leaving,
             piece_ms: self.queue.at_piece_for().as_secs_f64() * 1e3,
             sample_bytes: self.store.largest(),
-            ways: told.ways.clone(),
+            backend_costs: told.backend_costs.clone(),
             probed: self.probes.found(),
             ..Report::default()
         };
@@ -437,8 +437,8 @@ impl Node {
         let info = self.told_set()?;
         let (reply, done) = oneshot::channel();
         self.queue.order(Work::Measure { info, backends, reply });
-        let ways = done.await.unwrap_or_else(|_| Err(stopped()))?;
-        self.told.lock().ways = ways;
+        let backend_costs = done.await.unwrap_or_else(|_| Err(stopped()))?;
+        self.told.lock().backend_costs = backend_costs;
         Ok(())
     }
 
@@ -454,8 +454,8 @@ impl Node {
     }
 
     /// Forgets what was measured: it was taken in.
-    pub(super) fn forget_ways(&self) {
-        self.told.lock().ways = Ways::new();
+    pub(super) fn forget_backend_costs(&self) {
+        self.told.lock().backend_costs = BackendCosts::new();
     }
 
     /// Renders a view, its samples being at hand. Dropping the future takes it back.

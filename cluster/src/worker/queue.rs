@@ -63,7 +63,7 @@ pub(super) struct PixelTask {
 }
 
 /// What each way to see triangles costs, ms.
-pub(super) type Ways = Vec<(Visibility, f64)>;
+pub(super) type BackendCosts = Vec<(Visibility, f64)>;
 
 /// What the render thread does next.
 pub(super) enum Work {
@@ -82,7 +82,7 @@ pub(super) enum Work {
     Measure {
         info: Arc<SampleSetInfo>,
         backends: bool,
-        reply: oneshot::Sender<Result<Ways, RenderError>>,
+        reply: oneshot::Sender<Result<BackendCosts, RenderError>>,
     },
     /// A slice of background work.
     Background(Background),
@@ -102,8 +102,8 @@ pub(super) enum Background {
     /// Tell what was measured. It is queued behind samples that are to be taken up first.
     Measured {
         warp_cost: Option<Cost>,
-        ways: Result<Ways, RenderError>,
-        reply: oneshot::Sender<Result<Ways, RenderError>>,
+        backend_costs: Result<BackendCosts, RenderError>,
+        reply: oneshot::Sender<Result<BackendCosts, RenderError>>,
     },
 }
 

@@ -76,7 +76,7 @@ impl Worker {
                 role,
                 prefetch: Vec::new(),
                 kept_from: 0,
-                measure_ways: false,
+                measure_backends: false,
                 suspected: Vec::new(),
             },
             role_told: 1,
@@ -206,7 +206,7 @@ impl Worker {
     /// visibility backend.
     pub(super) fn measure(&mut self) -> Assignment {
         self.assigned.sequence += 1;
-        self.assigned.measure_ways = true;
+        self.assigned.measure_backends = true;
         self.measure_told = Some(self.assigned.sequence);
         self.assigned.clone()
     }
@@ -225,7 +225,7 @@ impl Worker {
     /// work once it acknowledges the set.
     pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
-        self.assigned.measure_ways = false;
+        self.assigned.measure_backends = false;
         self.set_told = Some(self.assigned.sequence);
         self.assigned.clone()
     }
@@ -265,7 +265,7 @@ impl Worker {
         }
         self.report = report;
         // Later assignments do not repeat the request.
-        self.assigned.measure_ways &= self.is_measuring();
+        self.assigned.measure_backends &= self.is_measuring();
     }
 
     /// Suspects it.

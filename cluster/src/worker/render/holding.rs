@@ -10,7 +10,7 @@ use super::{Held, Most, Renderer, ms_since};
 use crate::core::quality::Cost;
 use crate::worker::claim::Batch;
 use crate::worker::meter::Kind;
-use crate::worker::queue::{Background, Ways, Work};
+use crate::worker::queue::{BackendCosts, Background, Work};
 use crate::worker::slices::Slices;
 use crate::worker::warm;
 
@@ -20,17 +20,17 @@ type Reply<T> = tokio::sync::oneshot::Sender<Result<T, RenderError>>;
 impl Renderer {
     /// Measures what a view from samples costs, if the compositor has not been used yet, and the visibility backends. It is
     /// told once the compositor has taken up what came before, since views from samples may be ordered from then on.
-    pub(super) fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool, reply: Reply<Ways>) {
+    pub(super) fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool, reply: Reply<BackendCosts>) {
         let warp_cost = match std::mem::replace(&mut self.is_measured, true) {
             true => None,
             false => self.warm_compositor(info),
         };
-        let ways = match backends {
-            true => self.sampler().and_then(|sampler| sampler.ways(info)),
-            false => Ok(Ways::new()),
+        let backend_costs = match backends {
+            true => self.sampler().and_then(|sampler| sampler.measure_backends(info)),
+            false => Ok(BackendCosts::new()),
         };
         self.warms_up();
-        self.queue.push_background(Background::Measured { warp_cost, ways, reply });
+        self.queue.push_background(Background::Measured { warp_cost, backend_costs, reply });
     }
 
     /// The compositor composes views from now on: what came before is taken up when nothing else is to be done.
@@ -92,10 +92,10 @@ impl Renderer {
     /// Does a slice of background work, and puts the rest back.
     pub(super) fn background(&mut self, work: Background) {
         match work {
-            Background::Measured { warp_cost, ways, reply } => {
+            Background::Measured { warp_cost, backend_costs, reply } => {
                 self.meter.set_cost(Kind::View, warp_cost);
                 // The receiver is gone once the assignment is overtaken.
-                let _ = reply.send(ways);
+                let _ = reply.send(backend_costs);
             }
             Background::TakeUp { info, sample, reply } => {
                 let is_wanted = reply.as_ref().is_none_or(|reply| !reply.is_closed());
