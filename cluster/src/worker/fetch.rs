@@ -21,7 +21,7 @@ use argus_scene::{FaceMask, Sample, SampleId, SampleSetInfo};
 use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
-use super::fetches::For;
+use super::fetches::Purpose;
 use super::node::Node;
 use super::packed::Chunks;
 use super::policy::{self, ANNOUNCED, Need, Seek, Serve};
@@ -46,7 +46,7 @@ pub(super) async fn at_hand(
         return Ok(sample);
     }
     loop {
-        let fetch = node.fetches.join((id, For::View), || {
+        let fetch = node.fetches.join((id, Purpose::View), || {
             Box::pin(fetched_or_rendered(node.clone(), info.clone(), needed.clone()))
         });
         match fetch.await {
@@ -103,23 +103,23 @@ pub(super) async fn on_host(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     (id, faces): (SampleId, FaceMask),
-    ahead: bool,
+    prefetch: bool,
 ) -> Result<Arc<Sample>, Fault> {
     if let Some(sample) = node.store.get_on_host(id, faces) {
         return Ok(sample);
     }
     let samples = node.acting().is_none_or(Role::samples);
-    if policy::serve(samples, ahead, false) == Serve::Await {
+    if policy::serve(samples, prefetch, false) == Serve::Await {
         let coming = tokio::time::timeout(COMING, passed_on(&node, id, faces)).await;
         if let Ok(Some(sample)) = coming {
             return Ok(sample);
         }
-        if coming.is_err() || policy::serve(samples, ahead, true) == Serve::Refuse {
+        if coming.is_err() || policy::serve(samples, prefetch, true) == Serve::Refuse {
             return Err(Fault::NotFound(format!("sample {id} is neither here nor on its way here")));
         }
     }
     loop {
-        let fetch = node.fetches.join((id, For::Other), || {
+        let fetch = node.fetches.join((id, Purpose::OtherWorker), || {
             let (node, info) = (node.clone(), info.clone());
             Box::pin(async move {
                 match node.store.get_on_host(id, faces) {
@@ -148,7 +148,7 @@ async fn passed_on(node: &Node, id: SampleId, faces: FaceMask) -> Option<Arc<Sam
             // Of one that is on the device alone no other will come.
             return Some(sample).filter(|sample| is_on_host(sample));
         }
-        match node.fetches.find(id, &[For::View, For::Later]) {
+        match node.fetches.find(id, &[Purpose::View, Purpose::Prefetch]) {
             Some(fetch) => {
                 let fetched = fetch.await;
                 return fetched.ok().and_then(|_| node.store.get_on_host(id, faces));
@@ -165,11 +165,11 @@ pub(super) async fn from_other(
     info: &SampleSetInfo,
     (id, faces): (SampleId, FaceMask),
     address: &str,
-    ahead: bool,
+    prefetch: bool,
 ) -> Result<(Sample, Chunks), Fault> {
     let span = debug_span!(target: TARGET, "fetch sample", %id, address);
     let faces = faces.union(node.store.faces(id));
-    let from_there = received(node, info, (id, faces), address, ahead, &span).instrument(span.clone());
+    let from_there = received(node, info, (id, faces), address, prefetch, &span).instrument(span.clone());
     node.unless_suspected(address, from_there).await
 }
 
@@ -178,7 +178,7 @@ async fn received(
     info: &SampleSetInfo,
     (id, faces): (SampleId, FaceMask),
     address: &str,
-    ahead: bool,
+    prefetch: bool,
     span: &Span,
 ) -> Result<(Sample, Chunks), Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
@@ -187,7 +187,7 @@ async fn received(
         version: Some(info.version.into()),
         cameras: vec![id.camera],
         have: Vec::new(),
-        ahead,
+        prefetch,
         specification_hash: specification_hash_bytes(info.specification().hash()),
         faces: vec![faces.bits()],
     };

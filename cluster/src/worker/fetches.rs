@@ -15,26 +15,26 @@ pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
 
 /// What a sample is fetched for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum For {
+pub(super) enum Purpose {
     /// A view of this process.
     View,
     /// Another process: its planes must be in host memory.
-    Other,
+    OtherWorker,
     /// Views to come.
-    Later,
+    Prefetch,
 }
 
 /// Fetches under way, by sample and purpose. A fetch whose last waiter gives up is dropped with it.
 #[derive(Default)]
 pub(super) struct Fetches {
-    under_way: Mutex<HashMap<(SampleId, For), WeakShared<Fetch>>>,
+    under_way: Mutex<HashMap<(SampleId, Purpose), WeakShared<Fetch>>>,
     /// Rings when another one begins.
     begun: Notify,
 }
 
 impl Fetches {
     /// Joins the fetch of that sample, or starts it.
-    pub(super) fn join(&self, key: (SampleId, For), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
+    pub(super) fn join(&self, key: (SampleId, Purpose), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
         let mut under_way = self.under_way.lock();
         if let Some(fetch) = under_way.get(&key).and_then(WeakShared::upgrade)
             && fetch.peek().is_none()
@@ -55,7 +55,7 @@ impl Fetches {
     }
 
     /// The fetch of that sample for one of these purposes, if there is one.
-    pub(super) fn find(&self, id: SampleId, purposes: &[For]) -> Option<Shared<Fetch>> {
+    pub(super) fn find(&self, id: SampleId, purposes: &[Purpose]) -> Option<Shared<Fetch>> {
         let under_way = self.under_way.lock();
         purposes.iter().find_map(|purpose| {
             let fetch = under_way.get(&(id, *purpose)).and_then(WeakShared::upgrade)?;

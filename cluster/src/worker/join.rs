@@ -16,10 +16,10 @@ use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tracing::{debug, info, warn};
 
-use super::bringing::Told;
 use super::config::RunError;
 use super::node::Node;
-use super::{ahead, policy, scene};
+use super::prefetches::WantedSample;
+use super::{policy, prefetch, scene};
 use crate::core::Role;
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::SealKey;
@@ -45,7 +45,7 @@ struct Duty {
     /// What the versions show that those samples may be of.
     versions: Vec<Version>,
     /// Samples to have at hand, with where to fetch each; without an address, rendered here.
-    ahead: Vec<Told>,
+    prefetch: Vec<WantedSample>,
     /// Samples of versions with a lower number are of no use any more.
     kept_from: u64,
     /// What each way to see triangles costs is to be measured.
@@ -209,12 +209,12 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     let missing = |field| InvalidField::new(field, "must be given");
     let scene = wire.scene.ok_or_else(|| missing("scene"))?;
     let set: SampleSetInfo = wire.set.ok_or_else(|| missing("set"))?.try_into()?;
-    let mut ahead = Vec::with_capacity(wire.sources.len());
+    let mut prefetch = Vec::with_capacity(wire.sources.len());
     for source in wire.sources {
         let id = SampleId::from(source.id.ok_or_else(|| missing("sources.id"))?);
         set.camera(id.camera)?;
         let faces = FaceMask::new(source.faces, "sources.faces")?;
-        ahead.push(Told { id, faces, addresses: source.addresses });
+        prefetch.push(WantedSample { id, faces, addresses: source.addresses });
     }
     Ok(Duty {
         sequence: wire.sequence,
@@ -222,7 +222,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
         set,
         versions: wire.versions.into_iter().map(Version::from).collect(),
-        ahead,
+        prefetch,
         kept_from: wire.kept_from,
         measure_backends: wire.measure_backends,
         visibility_is_open: wire.visibility_is_open,
@@ -303,7 +303,7 @@ async fn take_up(
         info!(role = ?duty.role, "role taken up");
     }
     node.act(Some(duty.role), duty.sequence);
-    ahead::want(node, duty.ahead, &duty.versions, duty.role == Role::Sampler);
+    prefetch::want(node, duty.prefetch, &duty.versions, duty.role == Role::Sampler);
     node.store.retire(duty.kept_from);
     Ok(())
 }

@@ -4,9 +4,7 @@
 //! the samples together that a view needs, `trace` the pixels that none of them saw, and `render` is the one thread that
 //! touches the two roles, fed by `queue` in the order that [`policy`] says. `store` holds the samples, `node` is what all of them share.
 
-mod ahead;
 mod bound;
-mod bringing;
 mod claim;
 mod config;
 mod fetch;
@@ -19,6 +17,8 @@ mod meter;
 mod node;
 mod packed;
 pub mod policy;
+mod prefetch;
+mod prefetches;
 mod probe;
 mod probes;
 mod queue;

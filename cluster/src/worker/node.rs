@@ -15,7 +15,6 @@ use parking_lot::Mutex;
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore, oneshot, watch};
 use tracing::{Span, debug_span};
 
-use super::bringing::Ahead;
 use super::claim::claim;
 use super::config::{Config, RETRY};
 use super::fetches::Fetches;
@@ -24,6 +23,7 @@ use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
 use super::policy::{self, Waiting};
+use super::prefetches::Prefetches;
 use super::probes::Probes;
 use super::queue::{BackendCosts, Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::store::Store;
@@ -60,7 +60,7 @@ pub(super) struct Node {
     pub(super) channels: Channels,
     pub(super) store: Arc<Store>,
     pub(super) fetches: Fetches,
-    pub(super) ahead: Ahead,
+    pub(super) prefetches: Prefetches,
     /// Rings when a report is due before its time.
     pub(super) news: Notify,
     /// Turns of packing frames and samples.
@@ -123,7 +123,7 @@ impl Node {
             hello,
             store,
             fetches: Fetches::default(),
-            ahead: Ahead::default(),
+            prefetches: Prefetches::default(),
             news: Notify::new(),
             queue,
             meter,
@@ -443,7 +443,7 @@ impl Node {
     }
 
     /// Has the compositor hold a sample before views ask for it, and only then says that it is here.
-    pub(super) async fn take_up(&self, info: Arc<SampleSetInfo>, sample: Arc<Sample>) {
+    pub(super) async fn hold(&self, info: Arc<SampleSetInfo>, sample: Arc<Sample>) {
         let id = sample.id;
         let (reply, done) = oneshot::channel();
         self.queue.push_background(Background::TakeUp { info, sample, reply: Some(reply) });
@@ -486,7 +486,7 @@ impl Node {
     }
 
     /// Renders a sample with these faces ahead of demand, when nothing else is left to do, and keeps it.
-    pub(super) async fn render_sample_ahead(
+    pub(super) async fn prefetch_sample(
         &self,
         sample: (SampleId, FaceMask),
         info: Arc<SampleSetInfo>,
@@ -500,7 +500,7 @@ impl Node {
         (id, faces): (SampleId, FaceMask),
         info: Arc<SampleSetInfo>,
         to_host: bool,
-        ahead: bool,
+        prefetch: bool,
     ) -> Result<Arc<Sample>, Fault> {
         // The trace of the view that waits for it. A sample ahead of demand is part of no trace.
         let span = match Span::current().is_disabled() {
@@ -513,7 +513,7 @@ impl Node {
             let (waiting, claimed) = claim();
             // It replaces the sample that is held, and keeps the faces of that.
             let faces = faces.union(self.store.faces(id));
-            let task = SampleTask { id, faces, info: info.clone(), to_host, ahead, claimed, reply };
+            let task = SampleTask { id, faces, info: info.clone(), to_host, prefetch, claimed, reply };
             self.queue.push_sample(task).map_err(|_| self.overloaded("samples"))?;
             let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
             drop(waiting);
@@ -526,12 +526,12 @@ impl Node {
                         let reason = format!("sample {id} was rendered without a face that was asked for");
                         return Err(RenderError::Internal(reason).into());
                     }
-                    let sample = match ahead {
+                    let sample = match prefetch {
                         true => self.store.insert_quietly(rendered),
                         false => self.store.insert(rendered),
                     };
                     trace::stages(&span, sample.stages.iter().map(|stage| (stage.name.as_str(), stage.ms)));
-                    if !ahead {
+                    if !prefetch {
                         // Views may be planned with it, and given to this worker, from now on.
                         self.news.notify_one();
                     }

@@ -67,7 +67,7 @@ pub enum Kind {
     /// A slice of background work.
     Background,
     /// Samples ahead of demand.
-    Ahead,
+    Prefetch,
 }
 
 impl Kind {
@@ -83,7 +83,7 @@ impl Kind {
 
     /// Whether a sampler does it. Postponed work waits for nothing else.
     fn needs_sampler(self) -> bool {
-        matches!(self, Self::Postponed | Self::Sample | Self::Pixels | Self::Direct | Self::Ahead)
+        matches!(self, Self::Postponed | Self::Sample | Self::Pixels | Self::Direct | Self::Prefetch)
     }
 }
 
@@ -106,8 +106,8 @@ pub struct Waiting {
     pub warped: usize,
     /// [`Kind::Background`], pieces of work of any number of slices.
     pub background: usize,
-    /// [`Kind::Ahead`].
-    pub ahead: usize,
+    /// [`Kind::Prefetch`].
+    pub prefetch: usize,
     /// A sampler is in the making.
     pub sampler_is_coming: bool,
 }
@@ -122,7 +122,7 @@ impl Waiting {
             Kind::Direct => self.direct,
             Kind::Warped => self.warped,
             Kind::Background => self.background,
-            Kind::Ahead => self.ahead,
+            Kind::Prefetch => self.prefetch,
         }
     }
 
@@ -144,7 +144,7 @@ impl Add for Waiting {
             direct: self.direct + other.direct,
             warped: self.warped + other.warped,
             background: self.background + other.background,
-            ahead: self.ahead + other.ahead,
+            prefetch: self.prefetch + other.prefetch,
             sampler_is_coming: self.sampler_is_coming || other.sampler_is_coming,
         }
     }
@@ -198,7 +198,7 @@ impl Policy {
         let views_wait = Kind::VIEWS.into_iter().any(|kind| waiting.has(kind));
         let kinds = if views_wait && !self.owed.is_zero() { &Kind::VIEWS[..] } else { &Kind::ROUND[..] };
         let turn = first.or_else(|| self.in_round(waiting, kinds));
-        let turn = turn.or_else(|| Some(Kind::Ahead).filter(|kind| waiting.has(*kind)));
+        let turn = turn.or_else(|| Some(Kind::Prefetch).filter(|kind| waiting.has(*kind)));
         turn.map(|kind| self.turn(kind))
     }
 
@@ -252,7 +252,7 @@ impl Policy {
             // One at a time where that costs no more: who waits for the first of many begins while the next is rendered. How
             // many samples it pays to render together is their set's to say.
             Kind::Sample => usize::MAX,
-            Kind::Order | Kind::Postponed | Kind::Background | Kind::Ahead => 1,
+            Kind::Order | Kind::Postponed | Kind::Background | Kind::Prefetch => 1,
         };
         Turn { kind, most }
     }
@@ -275,7 +275,7 @@ pub enum Need {
         dispensable: bool,
     },
     /// Views to come.
-    Later {
+    Prefetch {
         /// Other workers are fed from here, and wait until this one has it.
         feeds_others: bool,
     },
@@ -289,7 +289,7 @@ pub enum Seek {
     /// It is rendered here; ahead of demand where no view waits for it.
     Render {
         /// No view waits for it.
-        ahead: bool,
+        prefetch: bool,
     },
     /// At all addresses once more, after [`PAUSE`].
     AskAgain,
@@ -301,10 +301,10 @@ pub enum Seek {
 pub fn seek(need: Need, asked: usize, addresses: usize) -> Seek {
     match need {
         _ if asked < addresses => Seek::Ask(asked),
-        Need::View { dispensable: false } => Seek::Render { ahead: false },
+        Need::View { dispensable: false } => Seek::Render { prefetch: false },
         Need::View { dispensable: true } => Seek::GiveUp,
-        Need::Later { feeds_others } if feeds_others || addresses == 0 => Seek::Render { ahead: true },
-        Need::Later { .. } => Seek::AskAgain,
+        Need::Prefetch { feeds_others } if feeds_others || addresses == 0 => Seek::Render { prefetch: true },
+        Need::Prefetch { .. } => Seek::AskAgain,
     }
 }
 
@@ -321,8 +321,8 @@ pub enum Serve {
 
 /// What becomes of another worker's request. `samples`: samples are this worker's work; `ahead`: no view waits for it there;
 /// `awaited`: the sample was awaited here in vain.
-pub fn serve(samples: bool, ahead: bool, awaited: bool) -> Serve {
-    match (samples, ahead || !samples, awaited) {
+pub fn serve(samples: bool, prefetch: bool, awaited: bool) -> Serve {
+    match (samples, prefetch || !samples, awaited) {
         (_, true, false) => Serve::Await,
         (true, _, _) => Serve::Render,
         (false, _, _) => Serve::Refuse,
@@ -359,7 +359,7 @@ mod tests {
                 Kind::Direct => &mut waiting.direct,
                 Kind::Warped => &mut waiting.warped,
                 Kind::Background => &mut waiting.background,
-                Kind::Ahead => &mut waiting.ahead,
+                Kind::Prefetch => &mut waiting.prefetch,
             };
             *count -= 1;
             kinds.push(turn.kind);
@@ -377,7 +377,7 @@ mod tests {
             direct: 1,
             warped: 1,
             background: 1,
-            ahead: 1,
+            prefetch: 1,
             ..Waiting::default()
         };
         let order = [
@@ -388,7 +388,7 @@ mod tests {
             Kind::Direct,
             Kind::Warped,
             Kind::Background,
-            Kind::Ahead,
+            Kind::Prefetch,
         ];
         assert_eq!(all(waiting), order);
         assert_eq!(all(Waiting::default()), []);
@@ -404,7 +404,7 @@ mod tests {
     #[test]
     fn a_view_waits_for_one_slice_of_background_work_at_most() {
         let mut policy = Policy::default();
-        let background = Waiting { background: 9, ahead: 1, ..Waiting::default() };
+        let background = Waiting { background: 9, prefetch: 1, ..Waiting::default() };
         assert_eq!(policy.next(&background).unwrap().kind, Kind::Background);
         assert_eq!(policy.next(&background).unwrap().kind, Kind::Background);
         for kind in [Kind::Warped, Kind::Direct, Kind::Pixels] {
@@ -422,7 +422,7 @@ mod tests {
     fn while_a_sampler_is_made_only_what_needs_none_is_done() {
         use Kind::{Background, Order, Warped};
         let waiting = Waiting { sampler_is_coming: true, ..Waiting::default() };
-        let some = Waiting { samples: 2, pixels: 1, direct: 1, postponed: 1, ahead: 1, ..waiting };
+        let some = Waiting { samples: 2, pixels: 1, direct: 1, postponed: 1, prefetch: 1, ..waiting };
         assert_eq!(all(some), []);
         assert_eq!(all(Waiting { orders: 1, warped: 1, background: 1, ..some }), [Order, Warped, Background]);
     }
@@ -490,21 +490,21 @@ mod tests {
     fn a_sample_is_sought_at_every_address_before_it_is_rendered() {
         let view = Need::View { dispensable: false };
         assert_eq!([seek(view, 0, 2), seek(view, 1, 2)], [Seek::Ask(0), Seek::Ask(1)]);
-        assert_eq!(seek(view, 2, 2), Seek::Render { ahead: false });
+        assert_eq!(seek(view, 2, 2), Seek::Render { prefetch: false });
         assert_eq!(seek(Need::View { dispensable: true }, 2, 2), Seek::GiveUp);
-        let later = |feeds_others| Need::Later { feeds_others };
-        assert_eq!(seek(later(false), 0, 0), Seek::Render { ahead: true });
-        assert_eq!(seek(later(false), 1, 1), Seek::AskAgain);
-        assert_eq!(seek(later(true), 1, 1), Seek::Render { ahead: true });
+        let prefetch = |feeds_others| Need::Prefetch { feeds_others };
+        assert_eq!(seek(prefetch(false), 0, 0), Seek::Render { prefetch: true });
+        assert_eq!(seek(prefetch(false), 1, 1), Seek::AskAgain);
+        assert_eq!(seek(prefetch(true), 1, 1), Seek::Render { prefetch: true });
     }
 
     #[test]
     fn a_request_for_a_sample_ahead_of_demand_waits_before_it_makes_work() {
         assert_eq!(serve(true, false, false), Serve::Render);
         assert_eq!([serve(true, true, false), serve(true, true, true)], [Serve::Await, Serve::Render]);
-        for ahead in [false, true] {
+        for prefetch in [false, true] {
             assert_eq!(
-                [serve(false, ahead, false), serve(false, ahead, true)],
+                [serve(false, prefetch, false), serve(false, prefetch, true)],
                 [Serve::Await, Serve::Refuse]
             );
         }

@@ -50,7 +50,7 @@ pub(super) struct SampleTask {
     /// Another process needs it.
     pub(super) to_host: bool,
     /// It is ahead of demand: it may wait for everything else.
-    pub(super) ahead: bool,
+    pub(super) prefetch: bool,
     pub(super) claimed: Claimed,
     pub(super) reply: oneshot::Sender<Result<Sample, RenderError>>,
 }
@@ -140,7 +140,7 @@ struct State {
     pixels: VecDeque<PixelTask>,
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
-    ahead: VecDeque<SampleTask>,
+    prefetch: VecDeque<SampleTask>,
     background: VecDeque<Background>,
     /// Work that was taken before it turned out that there is no sampler yet.
     postponed: VecDeque<Work>,
@@ -221,12 +221,12 @@ impl Queue {
 
     pub(super) fn push_sample(&self, task: SampleTask) -> Result<(), Full> {
         let mut state = self.state.lock();
-        let queue = if task.ahead { &state.ahead } else { &state.samples };
+        let queue = if task.prefetch { &state.prefetch } else { &state.samples };
         if state.stopped || queue.len() >= self.max_samples {
             return Err(Full);
         }
-        match task.ahead {
-            true => state.ahead.push_back(task),
+        match task.prefetch {
+            true => state.prefetch.push_back(task),
             false => state.samples.push_back(task),
         }
         self.filled.notify_one();
@@ -301,7 +301,7 @@ impl Queue {
         let kind = {
             let mut state = self.state.lock();
             // An awaited sample has every second turn.
-            if state.in_work.samples == 0 || state.kind == Some(Kind::Ahead) {
+            if state.in_work.samples == 0 || state.kind == Some(Kind::Prefetch) {
                 state.policy.had_slice(slice);
             }
             state.policy.pause();
@@ -362,7 +362,7 @@ impl State {
             direct: self.direct.len(),
             warped: self.views.len(),
             background: self.background.len(),
-            ahead: self.ahead.len(),
+            prefetch: self.prefetch.len(),
             sampler_is_coming: self.makes_sampler,
         }
     }
@@ -397,7 +397,7 @@ impl State {
             Kind::Postponed => self.postponed.pop_front()?,
             Kind::Background => Work::Background(self.background.pop_front()?),
             Kind::Sample => Work::Samples(take_samples(&mut self.samples, most)),
-            Kind::Ahead => Work::Samples(take_samples(&mut self.ahead, most)),
+            Kind::Prefetch => Work::Samples(take_samples(&mut self.prefetch, most)),
             Kind::Pixels => Work::Pixels(take_batch(&mut self.pixels, most, |_, _| true).into()),
             Kind::Direct => Work::Direct(take_batch(&mut self.direct, most, may_share_a_batch).into()),
             Kind::Warped => Work::Views(take_batch(&mut self.views, most, may_share_a_batch).into()),
@@ -410,7 +410,7 @@ impl State {
         self.pixels.retain(|task| !task.claimed.is_gone());
         self.views.retain(|task| !task.claimed.is_gone());
         self.direct.retain(|task| !task.claimed.is_gone());
-        self.ahead.retain(|task| !task.claimed.is_gone());
+        self.prefetch.retain(|task| !task.claimed.is_gone());
     }
 }
 

@@ -48,12 +48,12 @@ impl Samples for SamplesService {
         let have: HashMap<u64, Bytes> =
             request.have.into_iter().map(|held| (held.camera, held.hash)).collect();
         let faces = face_masks(&request.cameras, &request.faces, "faces").map_err(Fault::from)?;
-        let (node, ahead) = (self.node.clone(), request.ahead);
+        let (node, prefetch) = (self.node.clone(), request.prefetch);
         let one = move |camera: u64| {
             let (node, info, have) = (node.clone(), info.clone(), have.get(&camera).cloned());
             let faces = faces.of(camera);
             async move {
-                let chunks = packed(node, info, (camera, faces), have, ahead).await?;
+                let chunks = packed(node, info, (camera, faces), have, prefetch).await?;
                 Ok::<_, Status>(futures::stream::iter((0..chunks.len()).map(move |i| Ok(chunks[i].clone()))))
             }
             .instrument(debug_span!(target: TARGET, parent: &span, "sample", camera))
@@ -107,10 +107,10 @@ async fn packed(
     info: Arc<SampleSetInfo>,
     (camera, faces): (u64, FaceMask),
     have: Option<Bytes>,
-    ahead: bool,
+    prefetch: bool,
 ) -> Result<Packed, Fault> {
     let id = SampleId { version: info.version.number, camera };
-    let sample = fetch::on_host(node.clone(), info, (id, faces), ahead).await?;
+    let sample = fetch::on_host(node.clone(), info, (id, faces), prefetch).await?;
     if let Some(have) = have {
         let held = sample.clone();
         let hash = tokio::task::spawn_blocking(move || sample_hash(&held)).await;

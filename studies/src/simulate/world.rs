@@ -38,7 +38,7 @@ pub(super) trait Load {
 pub(super) enum Message {
     Order(ViewId, Box<Order>),
     Assignment(Assignment),
-    Subscribe { id: SampleId, from: usize, ahead: bool },
+    Subscribe { id: SampleId, from: usize, prefetch: bool },
     Sample { id: SampleId },
     NoSample { id: SampleId, from: usize },
 }

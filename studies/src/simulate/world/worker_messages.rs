@@ -35,7 +35,7 @@ impl World {
         match message {
             Message::Order(view_id, order) => self.order(slot, view_id, *order),
             Message::Assignment(assignment) => self.assigned(slot, assignment),
-            Message::Subscribe { id, from, ahead } => self.subscribed(slot, id, from, ahead),
+            Message::Subscribe { id, from, prefetch } => self.subscribed(slot, id, from, prefetch),
             Message::Sample { id } => {
                 if self.workers[slot].fetches.contains_key(&id) {
                     let (life, ms) = (self.workers[slot].life, self.parameters.unpack_ms);
@@ -92,8 +92,8 @@ impl World {
         worker.packed.retain(|id| worker.held.contains(id));
         let fetched = worker.fetches.extract_if(|id, fetch| !fetch.urgent && !wanted.contains_key(id));
         let mut dropped: Vec<SampleId> = fetched.map(|(id, _)| id).collect();
-        dropped.extend(worker.renders_ahead.iter().filter(|id| !wanted.contains_key(id)));
-        worker.renders_ahead.retain(|id| wanted.contains_key(id));
+        dropped.extend(worker.prefetches.iter().filter(|id| !wanted.contains_key(id)));
+        worker.prefetches.retain(|id| wanted.contains_key(id));
         let mut to_fetch = Vec::new();
         for source in &assignment.prefetch {
             let id = source.id;
@@ -104,7 +104,7 @@ impl World {
                 continue;
             }
             match source.addresses.is_empty() {
-                true => worker.renders_ahead.push_back(id),
+                true => worker.prefetches.push_back(id),
                 false => to_fetch.push((id, source.addresses.clone())),
             }
         }
@@ -140,19 +140,19 @@ impl World {
         let Some(fetch) = worker.fetches.get(&id) else { return };
         let need = match fetch.urgent {
             true => Need::View { dispensable: false },
-            false => Need::Later { feeds_others },
+            false => Need::Prefetch { feeds_others },
         };
         match policy::seek(need, fetch.asked, fetch.sources.len()) {
             Seek::Ask(next) => {
-                let (source, ahead) = (fetch.sources[next], !fetch.urgent);
+                let (source, prefetch) = (fetch.sources[next], !fetch.urgent);
                 match self.workers[source].alive {
-                    true => self.tell(source, Message::Subscribe { id, from: slot, ahead }),
+                    true => self.tell(source, Message::Subscribe { id, from: slot, prefetch }),
                     false => self.tell(slot, Message::NoSample { id, from: source }),
                 }
             }
-            Seek::Render { ahead } => {
+            Seek::Render { prefetch } => {
                 worker.fetches.remove(&id);
-                worker.render(id, ahead);
+                worker.render(id, prefetch);
                 self.kick(slot);
             }
             Seek::AskAgain => self.after(nanos(PAUSE), SimEvent::AskAgain { slot, life, id }),
@@ -168,17 +168,17 @@ impl World {
         }
     }
 
-    fn subscribed(&mut self, slot: usize, id: SampleId, from: usize, ahead: bool) {
+    fn subscribed(&mut self, slot: usize, id: SampleId, from: usize, prefetch: bool) {
         let worker = &mut self.workers[slot];
         if worker.held.contains(&id) {
             return self.pack(slot, id, from);
         }
         worker.children.entry(id).or_default().push(from);
-        if policy::serve(worker.samples(), ahead, false) == Serve::Render {
+        if policy::serve(worker.samples(), prefetch, false) == Serve::Render {
             worker.render(id, false);
             return self.kick(slot);
         }
-        if worker.fetches.contains_key(&id) || worker.renders(id, ahead) {
+        if worker.fetches.contains_key(&id) || worker.renders(id, prefetch) {
             return;
         }
         let life = worker.life;
