@@ -158,7 +158,7 @@ pub struct Report {
     pub warp_cost: Option<Cost>,
     /// Measured and predicted errors of probed frames.
     pub probed: Probed,
-    /// Cost of each visibility backend, milliseconds for a tile of a sample, if it was told to measure.
+    /// Cost of each visibility backend, milliseconds for a tile of a sample, if the assignment asked for them.
     pub backend_costs: Vec<(Visibility, f64)>,
 }
 

@@ -77,7 +77,7 @@ pub(super) struct Worker {
     pub(super) leaving: bool,
     /// Factor on the time of all its work.
     pub(super) slowness: f64,
-    pub(super) told: Option<Assignment>,
+    pub(super) assignment: Option<Assignment>,
     pub(super) acting: Option<Role>,
     pub(super) applied: u64,
     pub(super) held: BTreeSet<SampleId>,
@@ -206,11 +206,11 @@ impl Worker {
 
     /// The next report. A new role is taken up once the queue allows it.
     pub(super) fn report(&mut self) -> Report {
-        if let Some(told) = &self.told {
-            let before = self.acting.unwrap_or(told.role);
-            if may_change_role(before, told.role, &(self.waiting() + self.in_work())) {
-                self.acting = Some(told.role);
-                self.applied = told.sequence;
+        if let Some(assignment) = &self.assignment {
+            let before = self.acting.unwrap_or(assignment.role);
+            if may_change_role(before, assignment.role, &(self.waiting() + self.in_work())) {
+                self.acting = Some(assignment.role);
+                self.applied = assignment.sequence;
             }
         }
         let [sample, direct, view] = &mut self.recent;

@@ -315,7 +315,7 @@ impl World {
         let id = WorkerId(self.next_id);
         self.next_id += 1;
         let worker = &mut self.workers[slot];
-        (worker.id, worker.told, worker.applied) = (Some(id), None, 0);
+        (worker.id, worker.assignment, worker.applied) = (Some(id), None, 0);
         self.slots.insert(id, slot);
         let hello = Hello {
             public_address: None,

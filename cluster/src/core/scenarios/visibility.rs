@@ -11,8 +11,10 @@ fn measured() -> Sim {
 
 /// Workers whose newest assignment tells them to measure.
 fn measuring(sim: &Sim) -> Vec<WorkerId> {
-    let told = |worker: &super::sim::SimWorker| worker.told.last().is_some_and(|told| told.measure_backends);
-    sim.workers.iter().filter(|(_, worker)| told(worker)).map(|(id, _)| *id).collect()
+    let is_asked = |worker: &super::sim::SimWorker| {
+        worker.assignments.last().is_some_and(|newest| newest.measure_backends)
+    };
+    sim.workers.iter().filter(|(_, worker)| is_asked(worker)).map(|(id, _)| *id).collect()
 }
 
 #[test]
@@ -51,7 +53,7 @@ fn the_cheapest_measured_backend_is_used_for_all_samples() {
     assert_eq!(sim.roles(), (1, 1));
     assert!(sim.orders.contains_key(&view));
     let third = sim.join("c");
-    assert!(!sim.workers[&third].told[0].measure_backends);
+    assert!(!sim.workers[&third].assignments[0].measure_backends);
 }
 
 #[test]

@@ -14,7 +14,7 @@ use crate::simulate::{Parameters, nanos};
 impl World {
     pub(super) fn report(&mut self, slot: usize) {
         let worker = &mut self.workers[slot];
-        let Some(id) = worker.id.filter(|_| worker.alive && worker.told.is_some()) else { return };
+        let Some(id) = worker.id.filter(|_| worker.alive && worker.assignment.is_some()) else { return };
         let report = worker.report();
         let done = worker.leaving
             && worker.busy.is_none()
@@ -82,7 +82,7 @@ impl World {
         let worker = &mut self.workers[slot];
         let wanted: HashMap<SampleId, &Vec<String>> =
             assignment.prefetch.iter().map(|source| (source.id, &source.addresses)).collect();
-        let before = worker.told.take().map(|told| told.prefetch).unwrap_or_default();
+        let before = worker.assignment.take().map(|before| before.prefetch).unwrap_or_default();
         let gone = before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id));
         for id in gone.filter(|id| rig.level(id.camera) != Some(0)) {
             worker.held.remove(&id);
@@ -111,7 +111,7 @@ impl World {
         let hangs = |source: &usize| assignment.suspected.contains(&format!("http://w{source}"));
         let awaited = worker.fetches.iter().filter_map(|(id, fetch)| Some((*id, fetch.source()?)));
         let in_vain: Vec<(SampleId, usize)> = awaited.filter(|(_, source)| hangs(source)).collect();
-        worker.told = Some(assignment);
+        worker.assignment = Some(assignment);
         for (id, source) in in_vain {
             self.sample_missing(slot, id, source);
         }
