@@ -1,4 +1,4 @@
-//! Strategies for every value of the vocabulary that crosses the wire.
+//! Proptest strategies for every type of the vocabulary that is sent between processes.
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
@@ -121,8 +121,8 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
-    let ways = (visibility, sampling(), sub_samples(), indirect(), prop::option::of(surroundings()));
-    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), ways).prop_map(
+    let specification = (visibility, sampling(), sub_samples(), indirect(), prop::option::of(surroundings()));
+    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), specification).prop_map(
         |(
             scene,
             bounds,
@@ -132,7 +132,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
             lighting,
             (visibility, sampling, sub_samples, indirect, reflections),
         )| {
-            // Omni cameras alone are taken in every way.
+            // Only omni cameras support every sampling.
             let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
             SampleSetInfo {
                 scene,
@@ -152,7 +152,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
 }
 
 fn surroundings() -> impl Strategy<Value = Surroundings> {
-    // So few that the largest are within bounds.
+    // Few enough that the largest maps are within bounds.
     (4..=8u32, 1..=10u32, 1..=200u32, any::<u32>()).prop_map(|(log_side, levels, most, count)| Surroundings {
         knobs: Reflections { side: 1 << log_side, levels, most },
         count: 1 + count % most,
@@ -218,7 +218,7 @@ fn sampling() -> impl Strategy<Value = Sampling> {
     let block = prop::sample::select(vec![1, 2, 4]);
     prop_oneof![
         Just(Sampling::Triangles),
-        // Larger maps do not go with blocks of four.
+        // Larger maps cannot have blocks of four.
         (8..=512u32, 1..=10u32, block).prop_map(|(map_side, levels, block)| Sampling::MegaViews(MegaViews {
             map_side,
             levels,
@@ -364,7 +364,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
 }
 
 fn image(outputs: bool, bytes: usize, seed: u64) -> Option<Bytes> {
-    // Half regular, half noise, so that both encodings of a chunk occur.
+    // Half regular, half noise: both encodings of a chunk occur.
     let byte = |i: usize| match i % 2 {
         0 => (i / 64) as u8,
         _ => ((i as u64 * 0x9e37_79b9).wrapping_mul(seed | 1) >> 17) as u8,
@@ -415,8 +415,8 @@ pub(crate) fn frame_meta() -> impl Strategy<Value = FrameMeta> {
     })
 }
 
-/// A set of small omni samples and one of its samples, with or without the planes for specular and reflections; now and
-/// then its surroundings.
+/// A set of small omni samples, and one of its samples, with or without the planes for specular reflection. Sometimes
+/// the sample is the set's reflection probes.
 pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
     (set_info(), 8..24u32, any::<(bool, bool)>(), any::<u64>(), stages()).prop_map(
         |(info, face, (glossy, of_rig), seed, stages)| {

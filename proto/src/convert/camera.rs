@@ -1,4 +1,4 @@
-//! Cameras, boxes, sample cameras.
+//! Conversions of cameras, boxes and sample cameras.
 
 use argus_scene::scene::NamedCamera;
 use argus_scene::{Bounds, Camera, InvalidField, OmniLayout, Reflections, SampleCamera};
@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{point, required};
 use crate::v1;
 
-/// A camera whose field of view is left out has this one, that of [`Camera::look_at`].
+/// Field of view of a camera whose field of view is absent: that of [`Camera::look_at`].
 const DEFAULT_FOV_DEG: f64 = 45.0;
 
 impl From<&Camera> for v1::Camera {
@@ -55,7 +55,7 @@ impl TryFrom<v1::NamedCamera> for NamedCamera {
 }
 
 impl From<Bounds> for v1::Bounds {
-    /// An empty box has no corners on the wire, which knows no infinities.
+    /// An empty box has no corners on the wire, which carries no infinities.
     fn from(bounds: Bounds) -> Self {
         if bounds.is_empty() {
             return Self { min: None, max: None };
@@ -107,7 +107,7 @@ impl From<&SampleCamera> for v1::SampleCamera {
 impl TryFrom<v1::SampleCamera> for SampleCamera {
     type Error = InvalidField;
 
-    /// The sample camera; its size within what [`argus_scene::Rig::validate`] allows any rig.
+    /// The sample camera. Its size must be within the limits of [`argus_scene::Rig::validate`].
     fn try_from(wire: v1::SampleCamera) -> Result<Self, InvalidField> {
         use v1::omni_camera::Layout;
         use v1::sample_camera::Kind;

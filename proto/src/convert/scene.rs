@@ -1,4 +1,4 @@
-//! Light, rigs, and what a sample set's samples have in common.
+//! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
     Bounds, Effect, Indirect, InvalidField, Light, Lighting, MapSource, MegaViews, PointKnobs, Reflections,
@@ -88,7 +88,7 @@ impl TryFrom<v1::Light> for Light {
             },
             Kind::Spot(light) => {
                 let (inner_cone, outer_cone) = (light.inner_cone, light.outer_cone);
-                // Written so that NaN fails.
+                // Written so that NaN is refused.
                 if !(inner_cone >= 0.0 && inner_cone < outer_cone && outer_cone.is_finite()) {
                     let reason = format!("must be above inner_cone {inner_cone}, not {outer_cone}");
                     return Err(InvalidField::new("lights.spot.outer_cone", reason));
@@ -301,7 +301,7 @@ impl From<MapSource> for v1::VplMaps {
     }
 }
 
-/// Where the shadow maps of virtual point lights come from.
+/// The source of the shadow maps of virtual point lights.
 fn map_source(number: i32) -> Result<MapSource, InvalidField> {
     let field = "specification.indirect.maps";
     Ok(match known(number, field)? {
@@ -394,20 +394,20 @@ impl From<Visibility> for v1::Visibility {
     }
 }
 
-/// A way to see triangles.
+/// A visibility backend.
 ///
 /// # Errors
-/// If the number names none.
+/// [`InvalidField`] of `field` if the number is unknown or unspecified.
 pub fn visibility(number: i32, field: &'static str) -> Result<Visibility, InvalidField> {
     match v1::Visibility::try_from(number) {
         Ok(v1::Visibility::Raster) => Ok(Visibility::Raster),
         Ok(v1::Visibility::Trace) => Ok(Visibility::Trace),
         Ok(v1::Visibility::Cpu) => Ok(Visibility::Cpu),
-        _ => Err(InvalidField::new(field, format!("{number} names no way to see triangles"))),
+        _ => Err(InvalidField::new(field, format!("{number} is not a known visibility backend"))),
     }
 }
 
-/// How long an epoch lasts: up to a day, written so that NaN is refused.
+/// Seconds of an epoch, 0 to 86400. Written so that NaN is refused.
 pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidField> {
     match (0.0..=86400.0).contains(&secs) {
         true => Ok(secs),
