@@ -23,7 +23,7 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<WantedSample>, versions: &[Ver
     for wanted in samples {
         let WantedSample { id, faces, .. } = wanted;
         let Some(version) = versions.iter().find(|version| version.number == id.version) else { continue };
-        let Ok((info, _)) = node.set_in(*version) else { continue };
+        let Ok((info, _)) = node.served.set_in(*version) else { continue };
         let is_here = || node.store.faces(id).contains(faces) && !node.store.faces(id).is_empty();
         let kept = before.remove(&id).filter(|kept| !kept.task.is_finished() || is_here());
         let prefetch = match kept {
@@ -41,7 +41,7 @@ pub(super) fn want(node: &Arc<Node>, samples: Vec<WantedSample>, versions: &[Ver
     }
     drop(tasks);
     before.values().for_each(|gone| gone.task.abort());
-    let is_own = |id: &SampleId| node.set().is_ok_and(|(set, _)| set.rig.level(id.camera) == Some(0));
+    let is_own = |id: &SampleId| node.served.set().is_ok_and(|(set, _)| set.rig.level(id.camera) == Some(0));
     let gone: Vec<SampleId> = before.keys().copied().filter(|id| !is_own(id)).collect();
     node.store.forget(&gone);
 }
@@ -79,7 +79,7 @@ async fn hold(
         false => node.store.get_with(id, faces),
     };
     if let Some(held) = held {
-        node.hold(info.clone(), held).await;
+        node.render_thread.hold(info.clone(), held).await;
         return Ok(());
     }
     // Workers that fetch the sample from this one join the same fetch.
@@ -93,7 +93,7 @@ async fn hold(
             break sample;
         }
     };
-    node.hold(info.clone(), sample).await;
+    node.render_thread.hold(info.clone(), sample).await;
     Ok(())
 }
 
@@ -109,7 +109,7 @@ async fn fetched_or_rendered(
     let need = Need::Prefetch { feeds_others: to_host };
     match (fetched, policy::seek(need, addresses.len(), addresses.len())) {
         // The workers at these addresses dropped the sample, have it only on a device, or hang.
-        (Err(_), Seek::Render { .. }) => node.prefetch_sample((id, faces), info, to_host).await,
+        (Err(_), Seek::Render { .. }) => node.render_thread.prefetch_sample((id, faces), info, to_host).await,
         (fetched, _) => fetched,
     }
 }
