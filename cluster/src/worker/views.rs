@@ -409,7 +409,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 
 /// The cameras of a plan's samples, in the order in which a frame's source counts them.
 fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
-    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
+    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_reflection_probe());
     of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
 

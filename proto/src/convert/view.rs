@@ -282,7 +282,8 @@ impl TryFrom<v1::Plan> for Plan {
             }
             Kind::Warp(plan) => {
                 // Reflection maps come on top, and at most once.
-                let of_rig = plan.samples.iter().filter(|id| id.camera != SampleId::SURROUNDINGS).count();
+                let of_rig =
+                    plan.samples.iter().filter(|id| id.camera != SampleId::REFLECTION_PROBES).count();
                 if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
                     return Err(InvalidField::new("plan.warp.samples", reason));
