@@ -148,17 +148,17 @@ pub(crate) struct SampleSource {
     /// --sampling megaviews [default: 1]
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
-    /// Reflections on glossy and transparent objects: off, or maps (one map of the scene around each object, for views from
+    /// Reflections on glossy and transparent objects: off, or maps (one reflection probe for each object, for views from
     /// samples and for direct views) [default: off]
     #[arg(long, value_name = "KIND", value_parser = ["off", "maps"])]
     reflections: Option<String>,
-    /// Texels on a side of a reflection map: 16, 32, 64, 128 or 256 [default: 64]
+    /// Texels on a side of a reflection probe: 16, 32, 64, 128 or 256 [default: 64]
     #[arg(long, value_name = "TEXELS")]
     reflection_side: Option<u32>,
-    /// Levels of the octree that reflection maps are rendered from, 1 to 10; more levels show finer detail [default: 8]
+    /// Levels of the octree that reflection probes are rendered from, 1 to 10; more levels show finer detail [default: 8]
     #[arg(long, value_name = "N")]
     reflection_levels: Option<u32>,
-    /// Greatest number of objects with a reflection map, 1 to 1024; the largest objects come first [default: 256]
+    /// Greatest number of objects with a reflection probe, 1 to 1024; the largest objects come first [default: 256]
     #[arg(long, value_name = "N")]
     reflectors: Option<u32>,
 }

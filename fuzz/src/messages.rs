@@ -40,7 +40,7 @@ macro_rules! messages {
 }
 
 messages! {
-    Vec3, Rgb, PerspectiveCamera, OmniCamera, SurroundingsLayout,
+    Vec3, Rgb, PerspectiveCamera, OmniCamera, ReflectionProbesLayout,
     Bounds => |m| converted(Bounds::try_from(m)),
     Camera => |m| converted(Camera::try_from(m)),
     NamedCamera => |m| converted(NamedCamera::try_from(m)),
@@ -71,7 +71,7 @@ messages! {
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
     Specification => |m| converted(Specification::try_from(m)),
-    MegaViewsSampling, VplIndirect, PointIndirect, Surroundings,
+    MegaViewsSampling, VplIndirect, PointIndirect, ReflectionProbes,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SceneState, Version, SampleId,
     Stage => |m| converted(Stage::try_from(m)),

@@ -1,14 +1,14 @@
-// Guides: what passes after shading need of each sub-sample's surface. Zeros where there is none.
+// Guides: the surface of each sub-sample, for passes after shading. Zeros for sky.
 
 import package::shared::encode::{octahedral_from_unit, rgb9e5_from_radiance};
 import package::shared::shading::{Surface};
 
-// Position about the eye as f32 bits, octahedral normal (2x16snorm).
+// Position relative to the eye (f32 bits), octahedral normal (2x16snorm).
 @group(0) @binding(20) var<storage, read_write> guides: array<vec4u>;
 // Diffuse albedo, rgb9e5.
 @group(0) @binding(21) var<storage, read_write> guide_albedos: array<u32>;
 
-// Off, a program that shades writes none and costs what it would without.
+// If false, the program writes no guides, at no cost.
 override keeps_guides: bool = false;
 
 fn keep_guide(at: u32, surface: Surface) {

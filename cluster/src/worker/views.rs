@@ -412,7 +412,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 
 /// Cameras of the plan's samples, in the order that the frame's source image counts them.
 fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
-    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
+    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_reflection_probe());
     of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
 

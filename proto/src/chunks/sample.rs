@@ -273,7 +273,7 @@ impl PlaneHeader {
             v1::PlaneKind::Normal => PlaneKind::Normal,
             v1::PlaneKind::Specular => PlaneKind::Specular,
             v1::PlaneKind::Reflector => PlaneKind::Reflector,
-            v1::PlaneKind::Place => PlaneKind::Place,
+            v1::PlaneKind::ProbeSphere => PlaneKind::ProbeSphere,
         };
         let size = Plane::size_of(kind, camera);
         let format = match known(wire.format, "planes.format")? {
@@ -316,7 +316,7 @@ fn wire_kind(kind: PlaneKind) -> v1::PlaneKind {
         PlaneKind::Normal => v1::PlaneKind::Normal,
         PlaneKind::Specular => v1::PlaneKind::Specular,
         PlaneKind::Reflector => v1::PlaneKind::Reflector,
-        PlaneKind::Place => v1::PlaneKind::Place,
+        PlaneKind::ProbeSphere => v1::PlaneKind::ProbeSphere,
     }
 }
 

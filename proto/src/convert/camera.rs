@@ -94,8 +94,8 @@ impl From<&SampleCamera> for v1::SampleCamera {
                 layout: Some(match *layout {
                     OmniLayout::CubeFaces { face } => Layout::CubeFace(face),
                     OmniLayout::DualParaboloid { side } => Layout::ParaboloidSide(side),
-                    OmniLayout::Surroundings { side, count } => {
-                        Layout::Surroundings(v1::SurroundingsLayout { side, count })
+                    OmniLayout::ReflectionProbes { side, count } => {
+                        Layout::ReflectionProbes(v1::ReflectionProbesLayout { side, count })
                     }
                 }),
             }),
@@ -133,12 +133,12 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
                     Layout::ParaboloidSide(side) => OmniLayout::DualParaboloid {
                         side: within("sample.camera.omni.paraboloid_side", side, 1, 4096)?,
                     },
-                    Layout::Surroundings(v1::SurroundingsLayout { side, count }) => {
+                    Layout::ReflectionProbes(v1::ReflectionProbesLayout { side, count }) => {
                         let knobs = Reflections { side, ..Reflections::default() };
                         knobs.validate()?;
-                        OmniLayout::Surroundings {
+                        OmniLayout::ReflectionProbes {
                             side,
-                            count: within("sample.camera.omni.surroundings.count", count, 1, 1024)?,
+                            count: within("sample.camera.omni.reflection_probes.count", count, 1, 1024)?,
                         }
                     }
                 },

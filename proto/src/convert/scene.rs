@@ -1,9 +1,9 @@
 //! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
-    Bounds, Effect, Indirect, InvalidField, Light, Lighting, MapSource, MegaViews, PointKnobs, Reflections,
-    Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Surroundings, Version,
-    Visibility, VplKnobs,
+    Bounds, Effect, Indirect, InvalidField, Light, Lighting, MapSource, MegaViews, PointKnobs,
+    ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification,
+    Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -257,11 +257,8 @@ impl From<&Specification> for v1::Specification {
             sampling: sampling_to_wire(specification.sampling),
             sub_samples: specification.sub_samples,
             indirect: indirect_to_wire(specification.indirect),
-            reflections: specification.reflections.map(|Surroundings { knobs, count }| v1::Surroundings {
-                side: knobs.side,
-                levels: knobs.levels,
-                most: knobs.most,
-                count,
+            reflections: specification.reflections.map(|ReflectionProbeSet { knobs, count }| {
+                v1::ReflectionProbes { side: knobs.side, levels: knobs.levels, most: knobs.most, count }
             }),
             exposure: specification.exposure,
         }
@@ -273,8 +270,8 @@ impl TryFrom<v1::Specification> for Specification {
 
     /// The specification, validated.
     fn try_from(wire: v1::Specification) -> Result<Self, InvalidField> {
-        let reflections = wire.reflections.map(|v1::Surroundings { side, levels, most, count }| {
-            Surroundings { knobs: Reflections { side, levels, most }, count }
+        let reflections = wire.reflections.map(|v1::ReflectionProbes { side, levels, most, count }| {
+            ReflectionProbeSet { knobs: Reflections { side, levels, most }, count }
         });
         let specification = Self {
             visibility: visibility(wire.visibility, "specification.visibility")?,

@@ -282,8 +282,9 @@ impl TryFrom<v1::Plan> for Plan {
                 Self::Direct { samples_per_pixel }
             }
             Kind::Warp(plan) => {
-                // Reflection probes do not count, and occur at most once.
-                let of_rig = plan.samples.iter().filter(|id| id.camera != SampleId::SURROUNDINGS).count();
+                // Reflection maps come on top, and at most once.
+                let of_rig =
+                    plan.samples.iter().filter(|id| id.camera != SampleId::REFLECTION_PROBES).count();
                 if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
                     return Err(InvalidField::new("plan.warp.samples", reason));

@@ -120,7 +120,7 @@ fn name(kind: PlaneKind) -> &'static str {
         PlaneKind::Normal => "normal_plane",
         PlaneKind::Specular => "specular_plane",
         PlaneKind::Reflector => "reflector_plane",
-        PlaneKind::Place => "no plane of a sample",
+        PlaneKind::ProbeSphere => "no plane of a sample",
     }
 }
 

@@ -272,7 +272,7 @@ impl Cluster<'_> {
             return None;
         }
         let ids = cameras.iter().map(|(index, _)| self.samples.served(*index)).collect();
-        let samples = self.samples.set().with_surroundings(ids);
+        let samples = self.samples.set().with_reflection_probes(ids);
         let coverage = open.survey.as_ref().map(|survey| survey.coverage_by_faces(cameras));
         let (excess, is_sound) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();
