@@ -120,7 +120,8 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
-    let specification = (visibility, sampling(), sub_samples(), indirect(), prop::option::of(reflection_probes()));
+    let specification =
+        (visibility, sampling(), sub_samples(), indirect(), prop::option::of(reflection_probes()));
     (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), specification).prop_map(
         |(
             scene,
