@@ -1,5 +1,6 @@
 //! Arguments that several subcommands share: points, sizes, servers, rigs and plans.
 
+use std::marker::PhantomData;
 use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
@@ -8,6 +9,8 @@ use argus_scene::{
     Visibility, VplKnobs,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::parser::ValueSource;
+use clap::{ArgMatches, Command, FromArgMatches};
 use glam::DVec3;
 
 use crate::credentials;
@@ -111,21 +114,6 @@ impl Rig {
             face: self.face,
         }
     }
-
-    /// Converts the flags back to arguments, for a subcommand in a process of its own.
-    pub(crate) fn to_arguments(&self) -> Vec<String> {
-        let pair = |[a, b]: [u32; 2]| format!("{a}x{b}");
-        let rig = self.rig.map(|kind| RIGS[usize::from(kind == RigKind::Cell)].to_owned());
-        let values = [
-            ("--rig", rig),
-            ("--tiles", self.tiles.map(pair)),
-            ("--sample-size", self.sample_size.map(pair)),
-            ("--cell", self.cell.map(|metres| metres.to_string())),
-            ("--face", self.face.map(|texels| texels.to_string())),
-            ("--samples", self.samples.map(|n| n.to_string())),
-        ];
-        values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
-    }
 }
 
 /// What samples are rendered from.
@@ -148,17 +136,17 @@ pub(crate) struct SampleSource {
     /// --sampling megaviews [default: 1]
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
-    /// Reflections on glossy and transparent objects: off, or maps (one map of the scene around each object, for views from
+    /// Reflections on glossy and transparent objects: off, or maps (one reflection probe for each object, for views from
     /// samples and for direct views) [default: off]
     #[arg(long, value_name = "KIND", value_parser = ["off", "maps"])]
     reflections: Option<String>,
-    /// Texels on a side of a reflection map: 16, 32, 64, 128 or 256 [default: 64]
+    /// Texels on a side of a reflection probe: 16, 32, 64, 128 or 256 [default: 64]
     #[arg(long, value_name = "TEXELS")]
     reflection_side: Option<u32>,
-    /// Levels of the octree that reflection maps are rendered from, 1 to 10; more levels show finer detail [default: 8]
+    /// Levels of the octree that reflection probes are rendered from, 1 to 10; more levels show finer detail [default: 8]
     #[arg(long, value_name = "N")]
     reflection_levels: Option<u32>,
-    /// Greatest number of objects with a reflection map, 1 to 1024; the largest objects come first [default: 256]
+    /// Greatest number of objects with a reflection probe, 1 to 1024; the largest objects come first [default: 256]
     #[arg(long, value_name = "N")]
     reflectors: Option<u32>,
 }
@@ -176,22 +164,19 @@ impl SampleSource {
             .with("coordinator.reflection_levels", "--reflection-levels", self.reflection_levels)
             .with("coordinator.reflectors", "--reflectors", self.reflectors)
     }
+}
 
-    /// Converts the flags back to arguments, for a subcommand in a process of its own.
-    pub(crate) fn to_arguments(&self) -> Vec<String> {
-        let number = |n: Option<u32>| n.map(|n| n.to_string());
-        let values = [
-            ("--sampling", self.sampling.clone()),
-            ("--map-side", number(self.map_side)),
-            ("--octree-levels", number(self.octree_levels)),
-            ("--map-block", number(self.map_block)),
-            ("--reflections", self.reflections.clone()),
-            ("--reflection-side", number(self.reflection_side)),
-            ("--reflection-levels", number(self.reflection_levels)),
-            ("--reflectors", number(self.reflectors)),
-        ];
-        values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
-    }
+/// How samples are placed and rendered.
+#[derive(clap::Args, Debug, Clone)]
+pub(crate) struct Samples {
+    #[command(flatten)]
+    pub(crate) rig: Rig,
+    #[command(flatten)]
+    pub(crate) source: SampleSource,
+    #[command(flatten)]
+    pub(crate) sampling: Sampling,
+    #[command(flatten)]
+    pub(crate) visibility: VisibilityArgs,
 }
 
 /// How samples are rendered, by all workers alike.
@@ -285,34 +270,6 @@ impl IndirectLight {
             ..default
         }))
     }
-
-    /// Converts the flags back to arguments, for a subcommand in a process of its own.
-    pub(crate) fn to_arguments(&self) -> Vec<String> {
-        let number = |n: Option<u32>| n.map(|n| n.to_string());
-        let values = [
-            ("--indirect", Some(self.indirect.clone())),
-            ("--vpls", number(self.vpls)),
-            ("--bounces", number(self.bounces)),
-            ("--vpl-maps", self.vpl_maps.clone()),
-            ("--vpl-map-side", number(self.vpl_map_side)),
-            ("--particles", number(self.particles)),
-            ("--gather", number(self.gather)),
-            ("--vpl-groups", number(self.vpl_groups)),
-            ("--point-levels", number(self.point_levels)),
-            ("--point-map-side", number(self.point_map_side)),
-            ("--point-block", number(self.point_block)),
-        ];
-        values.into_iter().filter_map(|(name, value)| value.map(|v| format!("{name}={v}"))).collect()
-    }
-}
-
-impl Sampling {
-    /// Converts the flags back to arguments, for a subcommand in a process of its own.
-    pub(crate) fn to_arguments(&self) -> Vec<String> {
-        let mut arguments = vec![format!("--sub-samples={}", self.sub_samples)];
-        arguments.extend(self.indirect.to_arguments());
-        arguments
-    }
 }
 
 /// The visibility backend of a cluster's workers.
@@ -336,16 +293,48 @@ impl VisibilityArgs {
     pub(crate) fn visibility(&self) -> Option<Visibility> {
         self.visibility
     }
-
-    /// Converts the flags back to arguments, for a subcommand in a process of its own.
-    pub(crate) fn to_arguments(&self) -> Vec<String> {
-        vec![format!("--visibility={}", self.visibility.map_or(AUTO, Visibility::name))]
-    }
 }
 
 fn visibility() -> impl TypedValueParser<Value = Backend> {
     let names = std::iter::once(AUTO).chain(Visibility::ALL.map(Visibility::name));
     PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
+}
+
+/// Flags of `T` that this process passes on to another one.
+#[derive(Debug, Clone)]
+pub(crate) struct PassedOn<T> {
+    /// The flags as they were given.
+    pub(crate) arguments: Vec<String>,
+    flags: PhantomData<T>,
+}
+
+impl<T: clap::Args> FromArgMatches for PassedOn<T> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut arguments = Vec::new();
+        for flag in T::augment_args(Command::default()).get_arguments() {
+            let id = flag.get_id().as_str();
+            let given = matches.value_source(id) == Some(ValueSource::CommandLine);
+            let values = given.then(|| matches.get_raw(id)).flatten().into_iter().flatten();
+            let name = flag.get_long().unwrap_or_default();
+            arguments.extend(values.map(|value| format!("--{name}={}", value.display())));
+        }
+        Ok(Self { arguments, flags: PhantomData })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl<T: clap::Args> clap::Args for PassedOn<T> {
+    fn augment_args(command: Command) -> Command {
+        T::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        T::augment_args_for_update(command)
+    }
 }
 
 /// How a view is answered. Without these flags the service chooses the fastest plan that is as good as a direct view.
@@ -404,10 +393,8 @@ impl Plan {
     }
 }
 
-const RIGS: [&str; 2] = ["tile-corners", "cell"];
-
 fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
-    PossibleValuesParser::new(RIGS).map(|name| match name.as_str() {
+    PossibleValuesParser::new(["tile-corners", "cell"]).map(|name| match name.as_str() {
         "cell" => RigKind::Cell,
         _ => RigKind::TileCorners,
     })
@@ -502,6 +489,24 @@ mod tests {
         for wrong in ["", "1,2", "1,2,3,4", "1;2;3", "a,b,c"] {
             assert!(point(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn flags_are_passed_on_as_they_were_given() {
+        #[derive(clap::Parser)]
+        struct Program {
+            #[command(flatten)]
+            samples: PassedOn<Samples>,
+        }
+        let passed = |flags: &[&str]| {
+            let words = ["program"].iter().chain(flags);
+            <Program as clap::Parser>::try_parse_from(words).map(|program| program.samples.arguments)
+        };
+        let all = ["--rig=cell", "--tiles=4X2", "--cell=0.50", "--sampling=megaviews", "--particles=9"];
+        assert_eq!(passed(&all).unwrap(), all);
+        assert_eq!(passed(&["--sub-samples", "16"]).unwrap(), ["--sub-samples=16"]);
+        assert!(passed(&[]).unwrap().is_empty());
+        assert!(passed(&["--rig", "sphere"]).is_err());
     }
 
     #[test]

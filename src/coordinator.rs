@@ -78,13 +78,7 @@ pub(crate) struct Service {
     #[arg(long, value_name = "FILE", help_heading = "Security (`argus certs` makes the files)")]
     tokens: Option<PathBuf>,
     #[command(flatten)]
-    rig: args::Rig,
-    #[command(flatten)]
-    source: args::SampleSource,
-    #[command(flatten)]
-    sampling: args::Sampling,
-    #[command(flatten)]
-    visibility: args::VisibilityArgs,
+    samples: args::Samples,
     /// Shortest interval in milliseconds between two rendered moments of an animated scene; shorter is
     /// smoother and costs more [default: 100]
     #[arg(long, value_name = "MS", value_parser = args::positive)]
@@ -157,8 +151,8 @@ impl Service {
             .with("coordinator.advertise", "--advertise", self.advertise.as_ref())
             .with("security.tokens", "--tokens", settings::path(self.tokens.as_ref()));
         // Flags that exclude one another are refused before anything is started.
-        self.sampling.indirect.knobs()?;
-        Ok(sources.load(self.security.with(self.source.with(flags)))?.settings)
+        self.samples.sampling.indirect.knobs()?;
+        Ok(sources.load(self.security.with(self.samples.source.with(flags)))?.settings)
     }
 
     /// Binds the address first, so that a conflict is reported at once.
@@ -187,14 +181,15 @@ impl Service {
         };
         source.report();
         let mut config = Config { security, ..coordinator.config(&settings.limits) };
-        config.rig = config.sampling.rig_knobs(self.rig.knobs());
+        let args::Samples { rig, sampling, visibility, .. } = &self.samples;
+        config.rig = config.sampling.rig_knobs(rig.knobs());
         config.models = self.models(coordinator.model.as_deref(), source.scene(), &config)?;
         config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
-        config.core.visibility = self.visibility.visibility();
+        config.core.visibility = visibility.visibility();
         config.core.refresh_views = self.refresh_views;
-        config.sub_samples = self.sampling.sub_samples;
-        config.indirect = self.sampling.indirect.knobs()?;
-        config.core.samples_per_view = self.rig.samples.unwrap_or(config.core.samples_per_view);
+        config.sub_samples = sampling.sub_samples;
+        config.indirect = sampling.indirect.knobs()?;
+        config.core.samples_per_view = rig.samples.unwrap_or(config.core.samples_per_view);
         let registry = tokio::select! {
             registry = registry(settings) => registry?,
             () = shutdown.cancelled() => anyhow::bail!("stopped before the registry answered"),

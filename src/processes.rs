@@ -1,5 +1,6 @@
 //! Keeps worker processes of this machine running: starts, restarts and stops them.
 
+use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -7,6 +8,8 @@ use anyhow::{Context, bail};
 use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
+
+use crate::settings::{self, Settings};
 
 /// A process that ends within this time of its start counts as failed early.
 const EARLY: Duration = Duration::from_secs(10);
@@ -34,10 +37,8 @@ fn cores() -> usize {
 pub(crate) struct Start<'a> {
     /// Number of workers.
     pub(crate) count: usize,
-    /// URL of their coordinator, which may not listen yet.
-    pub(crate) url: &'a str,
-    /// Further arguments of `argus worker`.
-    pub(crate) more: &'a [String],
+    /// The settings of each. Their coordinator may not listen yet.
+    pub(crate) settings: &'a Settings,
     /// The scene to be served, which the first worker opens at once.
     pub(crate) scene: &'a str,
     /// Cancelled once the coordinator has opened the scene; the remaining workers start then.
@@ -51,11 +52,8 @@ pub(crate) struct Start<'a> {
 pub(crate) async fn keep(start: Start<'_>, shutdown: CancellationToken) -> anyhow::Result<()> {
     let mut workers = JoinSet::new();
     for index in 0..start.count {
-        let (count, url, opened) = (start.count, start.url.to_owned(), start.opened.clone());
-        let mut more = start.more.to_vec();
-        if index == 0 {
-            more.push(format!("--preload={}", start.scene));
-        }
+        let (count, settings, opened) = (start.count, start.settings.clone(), start.opened.clone());
+        let preload = (index == 0).then(|| format!("--preload={}", start.scene));
         let (shutdown, waits) = (shutdown.clone(), index > 0);
         workers.spawn(async move {
             if waits {
@@ -64,7 +62,7 @@ pub(crate) async fn keep(start: Start<'_>, shutdown: CancellationToken) -> anyho
                     () = shutdown.cancelled() => return Ok(()),
                 }
             }
-            keep_one(index, count, url, more, shutdown).await
+            keep_one(index, count, settings, preload, shutdown).await
         });
     }
     let mut result = Ok(());
@@ -90,14 +88,16 @@ fn was_killed(status: ExitStatus) -> bool {
 async fn keep_one(
     index: usize,
     count: usize,
-    url: String,
-    more: Vec<String>,
+    settings: Settings,
+    preload: Option<String>,
     shutdown: CancellationToken,
 ) -> anyhow::Result<()> {
     let mut early_ends = 0;
     loop {
         let started = Instant::now();
-        let mut child = start(count, &url, &more)?;
+        // A new file for each start: cleaners of temporary folders remove old ones.
+        let file = settings.to_file()?;
+        let mut child = start(count, file.path(), preload.as_deref())?;
         // Waiting for a child would close its standard input, which tells the worker that its parent has ended.
         let input = child.stdin.take();
         let status = tokio::select! {
@@ -128,16 +128,21 @@ async fn keep_one(
     }
 }
 
-fn start(count: usize, url: &str, more: &[String]) -> anyhow::Result<Child> {
+fn start(count: usize, file: &Path, preload: Option<&str>) -> anyhow::Result<Child> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     let mut command = Command::new(&program);
     command
-        .args(["worker", "--coordinator", url, "--listen", "127.0.0.1:0", "--exit-with-stdin"])
-        .args(more)
+        .args(["worker", "--exit-with-stdin", "--config"])
+        .arg(file)
+        .args(preload)
         // Workers end when this pipe closes, however this process ends.
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .kill_on_drop(true);
+    // The file has the values of the environment too, and those of flags, which override it.
+    for (name, ..) in settings::variables() {
+        command.env_remove(name);
+    }
     // The software driver would start a thread per core in every worker; the workers share the cores instead.
     if std::env::var_os("LP_NUM_THREADS").is_none() {
         command.env("LP_NUM_THREADS", (cores() / count).max(1).to_string());

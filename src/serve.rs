@@ -4,7 +4,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::coordinator::Service;
 use crate::processes;
-use crate::settings::Sources;
+use crate::settings::{self, Settings, Sources};
 
 /// Serves a scene from this machine: a coordinator and its worker processes.
 ///
@@ -33,19 +33,22 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
     let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
     let count = args.workers.map_or_else(processes::default_count, usize::from);
-    let mut more = sources.to_arguments()?;
-    more.extend(settings.security.to_arguments());
-    // One advertised address cannot serve all workers.
-    more.push("--set=worker.advertise=".to_owned());
-    let public = if args.redirect { "advertised" } else { "" };
-    more.push(format!("--set=worker.public_address={public}"));
 
     let listening = args.service.listen(&settings).await?;
     let (url, shutdown) = (listening.url.clone(), listening.shutdown.clone());
+    let worker = settings::Worker {
+        coordinator: Some(url),
+        listen: "127.0.0.1:0".to_owned(),
+        // One advertised address cannot serve all workers.
+        advertise: None,
+        public_address: args.redirect.then(|| "advertised".to_owned()),
+        ..settings.worker.clone()
+    };
+    let of_workers = Settings { worker, ..settings.clone() };
     // The first worker opens the scene at the same time as this process, and answers the first view. The remaining
     // workers would compete for the same cores, so they start once the scene is open.
     let opened = CancellationToken::new();
-    let start = processes::Start { count, url: &url, more: &more, scene, opened: opened.clone() };
+    let start = processes::Start { count, settings: &of_workers, scene, opened: opened.clone() };
     let kept = processes::keep(start, shutdown.clone());
     let served = async {
         let served = async {

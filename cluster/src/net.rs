@@ -118,12 +118,12 @@ pub(crate) struct Channels {
     network: Network,
     /// Most concurrent relayed responses from one address; `None`: nothing is relayed.
     relays: Option<usize>,
-    by_address: Mutex<HashMap<String, Known>>,
+    by_address: Mutex<HashMap<String, PooledChannel>>,
 }
 
 /// A channel and the time of its last use.
 #[derive(Debug)]
-struct Known {
+struct PooledChannel {
     channel: Channel,
     used: Instant,
 }
@@ -150,9 +150,9 @@ impl Channels {
     /// [`Fault::Unavailable`] if the address is invalid.
     pub(crate) fn to(&self, address: &str) -> Result<Channel, Fault> {
         let now = Instant::now();
-        if let Some(known) = self.by_address.lock().get_mut(address) {
-            known.used = now;
-            return Ok(known.channel.clone());
+        if let Some(pooled) = self.by_address.lock().get_mut(address) {
+            pooled.used = now;
+            return Ok(pooled.channel.clone());
         }
         let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
         let endpoint = endpoint.map_err(Fault::Unavailable)?;
@@ -161,7 +161,7 @@ impl Channels {
             None => endpoint,
         };
         let mut channels = self.by_address.lock();
-        let made = || Known { channel: self.network.channel(&endpoint), used: now };
+        let made = || PooledChannel { channel: self.network.channel(&endpoint), used: now };
         Ok(channels.entry(address.to_owned()).or_insert_with(made).channel.clone())
     }
 
@@ -169,7 +169,7 @@ impl Channels {
     /// other end, and in a large cluster all processes eventually talk to each other.
     pub(crate) fn close_unused(&self) {
         let now = Instant::now();
-        self.by_address.lock().retain(|_, known| now < known.used + UNUSED);
+        self.by_address.lock().retain(|_, pooled| now < pooled.used + UNUSED);
     }
 
     /// Closes the channel to an address once it is idle.
@@ -212,7 +212,7 @@ mod tests {
     }
 
     /// A service that answers, and then sends each chunk, when the test tells it to.
-    struct Told {
+    struct Gates {
         answer: Arc<Semaphore>,
         chunk: Arc<Semaphore>,
     }
@@ -220,7 +220,7 @@ mod tests {
     const CHUNKS: usize = 4;
 
     #[tonic::async_trait]
-    impl Scenes for Told {
+    impl Scenes for Gates {
         type FetchStream = Pin<Box<dyn Stream<Item = Result<v1::SceneChunk, Status>> + Send>>;
 
         async fn fetch(&self, _: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
@@ -236,9 +236,9 @@ mod tests {
     }
 
     /// Starts such a service. Returns it, its address, and a receiver that gets an item for each closed connection.
-    async fn told() -> (Told, String, mpsc::UnboundedReceiver<()>) {
-        let told = Told { answer: Arc::new(Semaphore::new(0)), chunk: Arc::new(Semaphore::new(0)) };
-        let server = Told { answer: told.answer.clone(), chunk: told.chunk.clone() };
+    async fn paused_server() -> (Gates, String, mpsc::UnboundedReceiver<()>) {
+        let server_gates = Gates { answer: Arc::new(Semaphore::new(0)), chunk: Arc::new(Semaphore::new(0)) };
+        let server = Gates { answer: server_gates.answer.clone(), chunk: server_gates.chunk.clone() };
         let inner = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let outer = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let (behind, address) = (inner.local_addr().unwrap(), outer.local_addr().unwrap());
@@ -256,7 +256,7 @@ mod tests {
                 });
             }
         });
-        (told, format!("http://{address}"), closed)
+        (server_gates, format!("http://{address}"), closed)
     }
 
     #[tokio::test]
@@ -264,14 +264,14 @@ mod tests {
         let forget: [fn(&Channels, &str); 2] = [
             |channels, address| channels.forget(address),
             |channels, _| {
-                for known in channels.by_address.lock().values_mut() {
-                    known.used -= UNUSED;
+                for pooled in channels.by_address.lock().values_mut() {
+                    pooled.used -= UNUSED;
                 }
                 channels.close_unused();
             },
         ];
         for forget in forget {
-            let (told, address, mut closed) = told().await;
+            let (server_gates, address, mut closed) = paused_server().await;
             let channels = Channels::new(Duration::from_secs(1), None, Network::default()).for_relays(2);
             let ask = || {
                 // Like a relay, keeps only the stream.
@@ -279,9 +279,9 @@ mod tests {
                 async move { ScenesClient::new(channel).fetch(v1::FetchRequest::default()).await }
             };
             // One answer is partly read, one was requested, and one was not sent yet.
-            told.answer.add_permits(1);
+            server_gates.answer.add_permits(1);
             let mut begun = ask().await.unwrap().into_inner();
-            told.chunk.add_permits(1);
+            server_gates.chunk.add_permits(1);
             assert!(begun.message().await.unwrap().is_some());
             let asked = tokio::spawn(ask());
             tokio::time::sleep(Duration::from_millis(50)).await;
@@ -292,8 +292,8 @@ mod tests {
             tokio::time::sleep(Duration::from_millis(50)).await;
             assert!(closed.try_recv().is_err(), "it is in use");
 
-            told.answer.add_permits(2);
-            told.chunk.add_permits(3 * CHUNKS - 1);
+            server_gates.answer.add_permits(2);
+            server_gates.chunk.add_permits(3 * CHUNKS - 1);
             let asked = asked.await.unwrap().unwrap().into_inner();
             let to_ask = to_ask.await.unwrap().unwrap().into_inner();
             for (mut chunks, left) in [(begun, CHUNKS - 1), (asked, CHUNKS), (to_ask, CHUNKS)] {

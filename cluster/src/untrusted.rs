@@ -200,7 +200,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         held: vec![id],
         partial: vec![(id, FaceMask::only(2))],
         probed: Probed { count: 1, error: 0.02, predicted: 0.015 },
-        ways: vec![(Visibility::default(), 3.0)],
+        backend_costs: vec![(Visibility::default(), 3.0)],
         ..Report::default()
     };
     let assignment = Assignment {
@@ -213,7 +213,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
             dispensable: false,
         }],
         kept_from: 0,
-        measure_ways: false,
+        measure_backends: false,
         suspected: vec!["http://127.0.0.1:2".to_owned()],
     };
     let set = set();

@@ -98,10 +98,10 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         direct_cost: wire.direct_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
-        ways: wire
-            .ways
+        backend_costs: wire
+            .backend_costs
             .into_iter()
-            .filter_map(|way| Some((visibility(way.visibility, "ways").ok()?, way.ms)))
+            .filter_map(|cost| Some((visibility(cost.visibility, "backend_costs").ok()?, cost.ms)))
             .collect(),
     }
 }
@@ -137,7 +137,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         probes: report.probed.count,
         probed_error: report.probed.error,
         probed_predicted: report.probed.predicted,
-        ways: report.ways.into_iter().map(way_cost).collect(),
+        backend_costs: report.backend_costs.into_iter().map(backend_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
 }
@@ -172,8 +172,8 @@ fn probed_from(count: u64, error: f64, predicted: f64) -> Probed {
     }
 }
 
-fn way_cost((visibility, ms): (Visibility, f64)) -> v1::WayCost {
-    v1::WayCost { visibility: v1::Visibility::from(visibility) as i32, ms }
+fn backend_cost((visibility, ms): (Visibility, f64)) -> v1::BackendCost {
+    v1::BackendCost { visibility: v1::Visibility::from(visibility) as i32, ms }
 }
 
 /// Constant parts of all assignments of a coordinator.
@@ -213,7 +213,7 @@ pub(crate) fn assignment(
         versions: served.versions.iter().map(|version| (*version).into()).collect(),
         sources: sources(assignment.prefetch),
         kept_from: assignment.kept_from,
-        measure_ways: assignment.measure_ways,
+        measure_backends: assignment.measure_backends,
         visibility_is_open: served.visibility_is_open,
         suspected: assignment.suspected,
         seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),

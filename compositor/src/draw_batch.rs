@@ -102,7 +102,7 @@ impl<'a> SharedBindings<'a> {
     ) -> Result<Self, RenderError> {
         let view = chunk.pieces.first().map(|piece| batch.view(piece));
         let pool = sample_store.pool(view.map_or(0, |view| view.pool))?;
-        let probes = view.and_then(|view| view.probes.as_ref()).map(|(_, maps)| &**maps);
+        let probes = view.and_then(|view| view.probes.as_ref()).map(|(_, probes)| &**probes);
         Ok(Self { pool, fixed, lights: &inputs.lights, probes })
     }
 

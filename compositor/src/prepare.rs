@@ -82,8 +82,8 @@ impl PreparedView {
             true => Ok(()),
             false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}"))),
         };
-        let (around, of_rig): (Vec<SampleId>, Vec<SampleId>) =
-            samples.iter().copied().partition(SampleId::is_surroundings);
+        let (of_probes, of_rig): (Vec<SampleId>, Vec<SampleId>) =
+            samples.iter().copied().partition(SampleId::is_reflection_probe);
         within("plan.samples", of_rig.len(), MAX_SAMPLES)?;
         within("plan.supersampling", *supersampling as usize, 8)?;
         if search.takes_steps() {
@@ -101,8 +101,8 @@ impl PreparedView {
         let pool = samples.first().map_or(0, |held| held.pool);
         let class = sample_store.pool(pool)?.class;
         // Samples without a Reflector plane look up no probes.
-        let around = around.first().filter(|_| class.reflects);
-        let probes = around.map(|&id| Ok::<_, RenderError>((id, sample_store.probes(id)?))).transpose()?;
+        let of_probes = of_probes.first().filter(|_| class.reflects);
+        let probes = of_probes.map(|&id| Ok::<_, RenderError>((id, sample_store.probes(id)?))).transpose()?;
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
         let mut view = Self {
             job: index,
@@ -217,7 +217,7 @@ impl PreparedView {
             probes: self
                 .probes
                 .as_ref()
-                .map_or(Zeroable::zeroed(), |(_, maps)| maps.uniform(self.geometry.eye)),
+                .map_or(Zeroable::zeroed(), |(_, probes)| probes.uniform(self.geometry.eye)),
             samples,
             _pad: [0.0; 12],
         }

@@ -67,7 +67,7 @@ impl SampleStore {
     /// # Errors
     /// [`RenderError::MissingSample`] if they are not held.
     pub(crate) fn probes(&self, id: SampleId) -> Result<Arc<ReflectionProbes>, RenderError> {
-        self.probes.get(&id).map(|(_, maps)| maps.clone()).ok_or(RenderError::MissingSample(id))
+        self.probes.get(&id).map(|(_, probes)| probes.clone()).ok_or(RenderError::MissingSample(id))
     }
 
     /// The samples of a plan, which uses these faces of theirs.
@@ -139,10 +139,10 @@ impl SampleStore {
         missing: &BTreeMap<SampleId, &Arc<Sample>>,
         is_over: &dyn Fn() -> bool,
     ) -> Result<bool, RenderError> {
-        let (around, of_rig): (Vec<&Arc<Sample>>, Vec<&Arc<Sample>>) =
-            missing.values().partition(|sample| sample.id.is_surroundings());
+        let (of_probes, of_rig): (Vec<&Arc<Sample>>, Vec<&Arc<Sample>>) =
+            missing.values().partition(|sample| sample.id.is_reflection_probe());
         let classes = of_rig.iter().map(|sample| class_of(sample)).collect::<Result<Vec<_>, _>>()?;
-        let maps = around
+        let probes = of_probes
             .iter()
             .map(|sample| Ok(Arc::new(ReflectionProbes::new(context.gpu, sample)?)))
             .collect::<Result<Vec<_>, RenderError>>()?;
@@ -150,14 +150,14 @@ impl SampleStore {
         let begun = |id: &SampleId| self.uploads.contains_key(id);
         let added = of_rig.iter().zip(&classes).filter(|(sample, _)| !begun(&sample.id));
         let added: u64 = added.map(|(_, class)| class.layer_bytes()).sum::<u64>()
-            + maps.iter().map(|maps| maps.bytes()).sum::<u64>();
+            + probes.iter().map(|probes| probes.bytes()).sum::<u64>();
         let begun: u64 = self.uploads.values().map(|upload| self.layer_bytes(upload.pool)).sum();
         let pyramids: u64 = self.pools.iter().flatten().map(|pool| pool.pyramid_bytes(false)).sum();
         within_memory((self.bytes + begun + added + pyramids).saturating_sub(replaced), context.knobs)?;
-        for (sample, maps) in around.into_iter().zip(maps) {
+        for (sample, probes) in of_probes.into_iter().zip(probes) {
             self.release(&[sample.id]);
-            self.bytes += maps.bytes();
-            self.probes.insert(sample.id, (Arc::downgrade(sample), maps));
+            self.bytes += probes.bytes();
+            self.probes.insert(sample.id, (Arc::downgrade(sample), probes));
         }
         for (sample, class) in of_rig.iter().zip(classes) {
             if self.uploads.get(&sample.id).is_some_and(|upload| upload.is_of(info, sample)) {
@@ -297,8 +297,8 @@ impl SampleStore {
     }
 
     fn bytes_of(&self, id: SampleId) -> u64 {
-        let around = self.probes.get(&id).map_or(0, |(_, maps)| maps.bytes());
-        self.held.get(&id).map_or(around, |held| self.layer_bytes(held.pool))
+        let of_probes = self.probes.get(&id).map_or(0, |(_, probes)| probes.bytes());
+        self.held.get(&id).map_or(of_probes, |held| self.layer_bytes(held.pool))
     }
 
     /// Bytes of one sample of a pool.

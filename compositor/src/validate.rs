@@ -62,7 +62,9 @@ pub(crate) fn class_of(sample: &Sample) -> Result<PoolClass, RenderError> {
             PlaneKind::Normal => &[PlaneFormat::Rg16Snorm],
             PlaneKind::Specular | PlaneKind::LightVisibility => &[PlaneFormat::Rgba8Unorm],
             PlaneKind::Reflector => &[PlaneFormat::R32Uint],
-            PlaneKind::Place => return Err(invalid("a sample of the rig has no places of maps".to_owned())),
+            PlaneKind::ProbeSphere => {
+                return Err(invalid("a sample of the rig has no spheres of reflection probes".to_owned()));
+            }
         };
         if !formats.contains(&plane.format) {
             return Err(invalid(format!("{kind:?} is stored as {:?}, not {formats:?}", plane.format)));

@@ -40,7 +40,7 @@ macro_rules! messages {
 }
 
 messages! {
-    Vec3, Rgb, PerspectiveCamera, OmniCamera, SurroundingsLayout,
+    Vec3, Rgb, PerspectiveCamera, OmniCamera, ReflectionProbesLayout,
     Bounds => |m| converted(Bounds::try_from(m)),
     Camera => |m| converted(Camera::try_from(m)),
     NamedCamera => |m| converted(NamedCamera::try_from(m)),
@@ -48,7 +48,7 @@ messages! {
     WorkerReport => |m| converted(argus_cluster::untrusted::report(m)),
     Hello => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Hello(m)))),
     Measurements => |m| converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(m)))),
-    WayCost,
+    BackendCost,
     Cost => |m| {
         let measured = v1::Measurements { direct_cost: Some(m), ..v1::Measurements::default() };
         converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(measured))))
@@ -71,7 +71,7 @@ messages! {
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
     Specification => |m| converted(Specification::try_from(m)),
-    MegaViewsSampling, VplIndirect, PointIndirect, Surroundings,
+    MegaViewsSampling, VplIndirect, PointIndirect, ReflectionProbes,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SceneState, Version, SampleId,
     Stage => |m| converted(Stage::try_from(m)),

@@ -17,7 +17,7 @@ pub struct ReflectionProbes {
     radiance: wgpu::TextureView,
     inverse_range: wgpu::TextureView,
     sampler: wgpu::Sampler,
-    places: wgpu::Buffer,
+    spheres: wgpu::Buffer,
     /// Bound in place of a missing Reflector plane.
     no_reflectors: wgpu::TextureView,
     /// Centre of the scene's bounds, metres, world space.
@@ -34,7 +34,8 @@ impl ReflectionProbes {
     /// probes than a texture array has layers.
     pub fn new(gpu: &Gpu, sample: &Sample) -> Result<Self, RenderError> {
         let invalid = |reason: String| RenderError::from(InvalidField::new("sample.planes", reason));
-        let SampleCamera::Omni { center, layout: OmniLayout::Surroundings { side, count } } = sample.camera
+        let SampleCamera::Omni { center, layout: OmniLayout::ReflectionProbes { side, count } } =
+            sample.camera
         else {
             return Err(InvalidField::new("sample.camera", "must be of reflection probes").into());
         };
@@ -63,11 +64,11 @@ impl ReflectionProbes {
         };
         let radiance = host(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat)?;
         let inverse_range = host(PlaneKind::InverseRange, PlaneFormat::R32Float)?;
-        let (_, places) = host(PlaneKind::Place, PlaneFormat::R32Float)?;
-        let places: Vec<[f32; 4]> =
-            places.as_chunks::<16>().0.iter().map(|row| bytemuck::pod_read_unaligned(row)).collect();
-        if !places.iter().flatten().all(|value| value.is_finite()) {
-            return Err(invalid("a map is seen from nowhere".to_owned()));
+        let (_, spheres) = host(PlaneKind::ProbeSphere, PlaneFormat::R32Float)?;
+        let spheres: Vec<[f32; 4]> =
+            spheres.as_chunks::<16>().0.iter().map(|row| bytemuck::pod_read_unaligned(row)).collect();
+        if !spheres.iter().flatten().all(|value| value.is_finite()) {
+            return Err(invalid("the viewpoint or radius of a reflection probe is not finite".to_owned()));
         }
         let [width, height] = map_size(side);
         let layers = |(plane, bytes): (&Plane, &Bytes)| {
@@ -85,7 +86,7 @@ impl ReflectionProbes {
         Ok(Self {
             radiance: layers(radiance),
             inverse_range: layers(inverse_range),
-            places: gpu.upload("places of maps", &places, wgpu::BufferUsages::STORAGE),
+            spheres: gpu.upload("reflection probe spheres", &spheres, wgpu::BufferUsages::STORAGE),
             middle: center,
             side,
             bytes,
@@ -106,7 +107,7 @@ impl ReflectionProbes {
                 min_filter: wgpu::FilterMode::Linear,
                 ..Default::default()
             }),
-            places: gpu.upload("no places", &[[0f32; 4]], wgpu::BufferUsages::STORAGE),
+            spheres: gpu.upload("no reflection probes", &[[0f32; 4]], wgpu::BufferUsages::STORAGE),
             no_reflectors: any(wgpu::TextureFormat::R32Uint),
             middle: DVec3::ZERO,
             side: 1,
@@ -130,7 +131,7 @@ impl ReflectionProbes {
             ("probe_radiance", &self.radiance),
             ("probe_range", &self.inverse_range),
             ("probe_sampler", &self.sampler),
-            ("probe_places", &self.places),
+            ("probe_spheres", &self.spheres),
         ]
     }
 

@@ -1,13 +1,13 @@
-//! Strategies for every value of the vocabulary that crosses the wire.
+//! Proptest strategies for every type of the vocabulary that is sent between processes.
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Effect, FaceMask, Frame, Holes, Indirect, Light, LightEffects, Lighting, Limits,
     MapSource, MegaViews, OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat,
-    PlaneKind, PointKnobs, Prediction, Preset, Provenance, Reflections, Rig, Sample, SampleCamera, SampleId,
-    SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Specification, Stage, Surroundings, Version,
-    View, Visibility, VplKnobs, Warp,
+    PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet, Reflections, Rig, Sample,
+    SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Specification, Stage,
+    Version, View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -112,9 +112,8 @@ pub(crate) fn sample_camera() -> impl Strategy<Value = SampleCamera> {
             center,
             layout: OmniLayout::DualParaboloid { side }
         }),
-        (point(), surroundings()).prop_map(|(center, Surroundings { knobs, count })| SampleCamera::Omni {
-            center,
-            layout: OmniLayout::Surroundings { side: knobs.side, count }
+        (point(), reflection_probes()).prop_map(|(center, ReflectionProbeSet { knobs, count })| {
+            SampleCamera::Omni { center, layout: OmniLayout::ReflectionProbes { side: knobs.side, count } }
         }),
     ]
 }
@@ -126,8 +125,9 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
     let effects = (0..16u32).prop_map(|bits| LightEffects::from_bits(bits).unwrap_or_default());
-    let ways = (visibility, sampling(), sub_samples(), effects, indirect(), prop::option::of(surroundings()));
-    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), ways).prop_map(
+    let specification =
+        (visibility, sampling(), sub_samples(), effects, indirect(), prop::option::of(reflection_probes()));
+    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), specification).prop_map(
         |(
             scene,
             bounds,
@@ -137,7 +137,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
             lighting,
             (visibility, sampling, sub_samples, effects, indirect, reflections),
         )| {
-            // Omni cameras alone are taken in every way.
+            // Only omni cameras support every sampling.
             let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
             SampleSetInfo {
                 scene,
@@ -157,11 +157,13 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     )
 }
 
-fn surroundings() -> impl Strategy<Value = Surroundings> {
+fn reflection_probes() -> impl Strategy<Value = ReflectionProbeSet> {
     // So few that the largest are within bounds.
-    (4..=8u32, 1..=10u32, 1..=200u32, any::<u32>()).prop_map(|(log_side, levels, most, count)| Surroundings {
-        knobs: Reflections { side: 1 << log_side, levels, most },
-        count: 1 + count % most,
+    (4..=8u32, 1..=10u32, 1..=200u32, any::<u32>()).prop_map(|(log_side, levels, most, count)| {
+        ReflectionProbeSet {
+            knobs: Reflections { side: 1 << log_side, levels, most },
+            count: 1 + count % most,
+        }
     })
 }
 
@@ -224,7 +226,7 @@ fn sampling() -> impl Strategy<Value = Sampling> {
     let block = prop::sample::select(vec![1, 2, 4]);
     prop_oneof![
         Just(Sampling::Triangles),
-        // Larger maps do not go with blocks of four.
+        // Larger maps cannot have blocks of four.
         (8..=512u32, 1..=10u32, block).prop_map(|(map_side, levels, block)| Sampling::MegaViews(MegaViews {
             map_side,
             levels,
@@ -289,7 +291,7 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
         (search(), 1..=4096u32, 1..=8u32, samples, holes(), prop::option::of(1..=63u32)).prop_map(
             |(search, steps, supersampling, samples, holes, bits)| {
                 let mask = bits.map(|bits| FaceMask::new(bits, "faces").unwrap());
-                let first = samples.first().filter(|id| !id.is_surroundings());
+                let first = samples.first().filter(|id| !id.is_reflection_probe());
                 let faces = first.into_iter().filter_map(|id| Some((id.camera, mask?))).collect();
                 Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes })
             }
@@ -370,7 +372,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
 }
 
 fn image(outputs: bool, bytes: usize, seed: u64) -> Option<Bytes> {
-    // Half regular, half noise, so that both encodings of a chunk occur.
+    // Half regular, half noise: both encodings of a chunk occur.
     let byte = |i: usize| match i % 2 {
         0 => (i / 64) as u8,
         _ => ((i as u64 * 0x9e37_79b9).wrapping_mul(seed | 1) >> 17) as u8,
@@ -421,22 +423,22 @@ pub(crate) fn frame_meta() -> impl Strategy<Value = FrameMeta> {
     })
 }
 
-/// A set of small omni samples and one of its samples, with or without the planes for specular and reflections; now and
-/// then its surroundings.
+/// A set of small omni samples and one of its samples, with or without the planes for specular and reflections.
+/// Some of the samples are reflection probes.
 pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
     (set_info(), 8..24u32, any::<(bool, bool)>(), any::<u64>(), stages()).prop_map(
         |(info, face, (glossy, of_rig), seed, stages)| {
             let rig = Rig::Cell { origin: DVec3::ONE, spacing: 2.0, face };
-            // A few small maps.
-            let small = |maps: Surroundings| Surroundings {
-                knobs: Reflections { side: 16, ..maps.knobs },
-                count: maps.count.min(3),
+            // A few small probes.
+            let small = |probes: ReflectionProbeSet| ReflectionProbeSet {
+                knobs: Reflections { side: 16, ..probes.knobs },
+                count: probes.count.min(3),
             };
             let info = SampleSetInfo { rig, reflections: info.reflections.map(small), ..info };
             let at = DVec3::splat((seed % 1000) as f64);
             let nearest = rig.nearest(&Camera::look_at(at, at + DVec3::X), 1)[0];
             let of_rig = of_rig || info.reflections.is_none();
-            let index = if of_rig { nearest } else { SampleId::SURROUNDINGS };
+            let index = if of_rig { nearest } else { SampleId::REFLECTION_PROBES };
             let camera = info.camera(index).unwrap();
             let plane = |kind, format: PlaneFormat| {
                 let size = Plane::size_of(kind, &camera);
@@ -448,7 +450,7 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
                 plane(PlaneKind::InverseRange, PlaneFormat::R32Float),
             ];
             if !of_rig {
-                planes.push(plane(PlaneKind::Place, PlaneFormat::R32Float));
+                planes.push(plane(PlaneKind::ProbeSphere, PlaneFormat::R32Float));
             } else if glossy {
                 planes.push(plane(PlaneKind::Normal, PlaneFormat::Rg16Snorm));
                 planes.push(plane(PlaneKind::Specular, PlaneFormat::Rgba8Unorm));

@@ -23,7 +23,7 @@ pub enum WireError {
     OutOfOrder {
         /// `frame`, `sample` or `scene`.
         what: &'static str,
-        /// What came, and what was expected.
+        /// What arrived, and what was expected.
         reason: String,
     },
     /// Packed bytes do not unpack to the header's size or hash.

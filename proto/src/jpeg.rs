@@ -1,22 +1,23 @@
-//! JPEG for browsers: baseline, colour at half resolution (4:2:0), standard Huffman codes.
+//! JPEG encoder for browsers: baseline, colour at half resolution (4:2:0), standard Huffman codes. Source: ITU-T
+//! T.81.
 //!
-//! A page gets each frame as a JPEG, so that encoding must take a small part of a frame's time. At 640×480 this takes
-//! about a third of the time of the `image` crate's encoder, on one thread, without unsafe code. Source: ITU-T T.81.
+//! A browser page receives each frame as a JPEG, so encoding must take a small part of a frame's time. At 640×480,
+//! this encoder takes about a third of the time of the `image` crate's, on one thread, without unsafe code.
 
 mod tables;
 
 use self::tables::{AC, DC, DIVISORS, Symbols, ZIGZAG};
 
-/// Pixels on a side of a minimum coded unit: four blocks of luminance, one of each chrominance.
+/// Pixels per side of a minimum coded unit: four blocks of luminance, one of each chrominance.
 const UNIT: usize = 16;
 
-/// Largest number of pixels on a side, by the file format.
+/// Greatest number of pixels per side in the file format.
 const MAX_SIDE: u32 = 65_535;
 
-/// Encodes an sRGB image, 3 bytes a pixel, tightly packed, row 0 at the top. `quality` is 1 (smallest) to 100 (best),
-/// as in libjpeg; values outside that range count as the nearest one inside.
+/// Encodes an sRGB image, 3 bytes per pixel, tightly packed, row 0 at the top. `quality` is 1 (smallest) to 100
+/// (best), like libjpeg's; values outside this range are clamped.
 ///
-/// Takes milliseconds: keep it off an async thread.
+/// Takes milliseconds: call it off async threads.
 ///
 /// Returns `None` if a side is 0 or above 65,535, or if `rgb` does not have that many pixels.
 pub fn encode(rgb: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8>> {
@@ -34,7 +35,7 @@ pub fn encode(rgb: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8
     let mut bits = Bits { out: Vec::with_capacity(rgb.len() / 8), ..Bits::default() };
     head(&mut bits.out, width, height, &divisors);
     let mut band = Band::new(columns);
-    // Mean values of the blocks before, by component.
+    // Mean value of the previous block of each component.
     let mut before = [0; 3];
     for top in (0..rows).step_by(UNIT) {
         band.fill(&rgb[top * columns * 3..], columns);
@@ -52,14 +53,14 @@ pub fn encode(rgb: &[u8], width: u32, height: u32, quality: u8) -> Option<Vec<u8
     Some(bits.finish())
 }
 
-/// Divisors at a quality, by libjpeg's rule.
+/// Quantisation divisors at a quality, by libjpeg's rule.
 fn scaled(table: &[u16; 64], quality: u8) -> [u8; 64] {
     let quality = u32::from(quality.clamp(1, 100));
     let percent = if quality < 50 { 5000 / quality } else { 200 - 2 * quality };
     table.map(|divisor| ((u32::from(divisor) * percent + 50) / 100).clamp(1, 255) as u8)
 }
 
-/// All that a file has before its coefficients.
+/// The file's header: everything before the coefficients.
 fn head(out: &mut Vec<u8>, width: u32, height: u32, divisors: &[[u8; 64]; 2]) {
     out.extend([0xff, 0xd8]);
     let mut segment = |marker: u8, body: &[u8]| {
@@ -67,7 +68,7 @@ fn head(out: &mut Vec<u8>, width: u32, height: u32, divisors: &[[u8; 64]; 2]) {
         out.extend((body.len() as u16 + 2).to_be_bytes());
         out.extend(body);
     };
-    // JFIF 1.1, pixels as wide as they are high.
+    // JFIF 1.1, square pixels.
     segment(0xe0, b"JFIF\0\x01\x01\0\0\x01\0\x01\0\0");
     for (table, divisors) in (0..).zip(divisors) {
         let mut body = vec![table];
@@ -75,7 +76,7 @@ fn head(out: &mut Vec<u8>, width: u32, height: u32, divisors: &[[u8; 64]; 2]) {
         segment(0xdb, &body);
     }
     let [[w1, w0], [h1, h0]] = [width, height].map(|side| (side as u16).to_be_bytes());
-    // 8 bits; three components: number, sampling factors, table of divisors.
+    // 8 bits per value; three components, each with its number, sampling factors and quantisation table.
     segment(0xc0, &[8, h1, h0, w1, w0, 3, 1, 0x22, 0, 2, 0x11, 1, 3, 0x11, 1]);
     for (class, kinds) in [(0x00, &DC), (0x10, &AC)] {
         for (table, symbols) in (class..).zip(kinds) {
@@ -85,17 +86,17 @@ fn head(out: &mut Vec<u8>, width: u32, height: u32, divisors: &[[u8; 64]; 2]) {
             segment(0xc4, &body);
         }
     }
-    // Components with their codes; the whole spectrum in one scan.
+    // Components with their Huffman codes; the whole spectrum in one scan.
     segment(0xda, &[3, 1, 0x00, 2, 0x11, 3, 0x11, 0, 63, 0]);
 }
 
 /// Eight rows of eight values.
 type Block = [[f32; 8]; 8];
 
-/// Sixteen rows of the image as luminance less 128, and two chrominances around 0.
+/// Sixteen rows of the image: luminance minus 128, and two chrominances around 0.
 struct Band {
     planes: [Vec<f32>; 3],
-    /// Columns, with those that fill the last unit.
+    /// Columns, including those that pad the last unit.
     stride: usize,
 }
 
@@ -105,7 +106,7 @@ impl Band {
         Self { planes: [0; 3].map(|_| vec![0.0; stride * UNIT]), stride }
     }
 
-    /// Takes the first rows of these; where the image ends, its last column and row are repeated.
+    /// Converts the first rows of `rgb`. Beyond the image's edges, repeats its last column and row.
     fn fill(&mut self, rgb: &[u8], columns: usize) {
         let stride = self.stride;
         let [luma, blue, red] = &mut self.planes;
@@ -117,7 +118,7 @@ impl Band {
                 row.chunks_exact(3).zip(&mut *luma).zip(&mut *blue).zip(&mut *red)
             {
                 let [r, g, b] = [0, 1, 2].map(|channel| f32::from(pixel[channel]));
-                // BT.601, full range, as JFIF has it.
+                // BT.601, full range, as in JFIF.
                 let y = 0.299 * r + 0.587 * g + 0.114 * b;
                 *luma = y - 128.0;
                 *blue = (b - y) * (0.5 / 0.886);
@@ -145,7 +146,7 @@ impl Band {
         block
     }
 
-    /// Mean values of two by two pixels.
+    /// Means of 2 × 2 pixels.
     fn chrominance(&self, component: usize, x: usize) -> Block {
         let plane = &self.planes[component];
         let mut block = [[0.0; 8]; 8];
@@ -162,9 +163,9 @@ impl Band {
     }
 }
 
-/// Turns blocks of pixels into coefficients.
+/// Transforms blocks of pixels into quantised coefficients.
 struct Quantiser {
-    /// Factors on coefficients: the inverse divisors, with the factors that the fast transform omits.
+    /// Factors on coefficients: the inverse divisors, times the factors that the fast transform omits.
     factors: Block,
 }
 
@@ -185,7 +186,7 @@ impl Quantiser {
         Self { factors }
     }
 
-    /// Quantised coefficients, column by column.
+    /// Quantised coefficients in column order.
     fn quantise(&self, mut block: Block) -> [i32; 64] {
         transform(&mut block);
         block = transposed(&block);
@@ -193,7 +194,7 @@ impl Quantiser {
         let mut quantised = [0; 64];
         let values = block.as_flattened().iter().zip(self.factors.as_flattened());
         for (quantised, (value, factor)) in quantised.iter_mut().zip(values) {
-            // Adding 1.5 · 2²³ rounds to the nearest integer, which then stands in the low bits.
+            // Adding 1.5 · 2²³ rounds to the nearest integer, which is then in the low bits.
             const ROUND: f32 = 12_582_912.0;
             *quantised = (value * factor + ROUND).to_bits() as i32 - ROUND.to_bits() as i32;
         }
@@ -211,7 +212,7 @@ fn transposed(block: &Block) -> Block {
     turned
 }
 
-/// Cosine transforms of all columns, by the five multiplications of Arai, Agui and Nakajima 1988; results lack
+/// Cosine transforms of all columns, with the five multiplications of Arai, Agui and Nakajima 1988. The results lack
 /// constant factors.
 #[allow(clippy::needless_range_loop, reason = "a column crosses all rows")]
 fn transform(block: &mut Block) {
@@ -225,7 +226,7 @@ fn transform(block: &mut Block) {
         let turn = (e2 + e3) * std::f32::consts::FRAC_1_SQRT_2;
 
         let (o0, o1, o2) = (d3 + d2, d2 + d1, d1 + d0);
-        // cos(3 π / 8), and √2 cos(5 π / 8) … of the rotation by 3 π / 8.
+        // Constants of the rotation by 3 π / 8.
         let shared = (o0 - o2) * 0.382_683_43;
         let (low, high) = (0.541_196_1 * o0 + shared, 1.306_563 * o2 + shared);
         let middle = o1 * std::f32::consts::FRAC_1_SQRT_2;
@@ -260,25 +261,25 @@ impl Code {
     }
 }
 
-/// The coded bits.
+/// A writer of bits.
 #[derive(Default)]
 struct Bits {
     out: Vec<u8>,
-    /// Its lowest bits are not in `out` yet.
+    /// Bits that are not in `out` yet, in the lowest positions.
     pending: u64,
-    /// How many, below 32.
+    /// Number of these bits, below 32.
     held: u32,
 }
 
 impl Bits {
-    /// Appends at most 32 bits; those above are 0.
+    /// Appends at most 32 bits. Higher bits of `bits` must be 0.
     fn put(&mut self, bits: u32, length: u32) {
         self.pending = self.pending << length | u64::from(bits);
         self.held += length;
         if self.held >= 32 {
             self.held -= 32;
             let word = (self.pending >> self.held) as u32;
-            // A byte of ones has a zero byte after it. No byte is one unless its highest bit is set here.
+            // A byte of ones is followed by a zero byte. Only a byte whose highest bit is set can be such a byte.
             if word & 0x8080_8080 & !word.wrapping_add(0x0101_0101) == 0 {
                 self.out.extend(word.to_be_bytes());
             } else {
@@ -294,10 +295,10 @@ impl Bits {
         }
     }
 
-    /// Appends the code of a symbol, of which the low four bits are the length of a value, and that value.
+    /// Appends the code of a symbol, and a value. The symbol's low four bits are the value's length.
     fn symbol(&mut self, code: &Code, run: u32, value: i32) {
         let length = 32 - value.unsigned_abs().leading_zeros();
-        // Negative values are sent less one.
+        // A negative value is stored minus one.
         let value = (value + (value >> 31)) as u32 & ((1 << length) - 1);
         let (bits, bits_length) = code.0[(run << 4 | length) as usize];
         self.put(bits << length | value, bits_length + length);
@@ -309,7 +310,7 @@ impl Bits {
         *before = mean;
         let (mut ordered, mut there) = ([0; 64], 0_u64);
         for (i, at) in ZIGZAG.into_iter().enumerate().skip(1) {
-            // Blocks come column by column.
+            // Blocks are in column order.
             let value = block[usize::from(at % 8 * 8 + at / 8)];
             ordered[i] = value;
             there |= u64::from(value != 0) << i;
@@ -333,7 +334,7 @@ impl Bits {
         }
     }
 
-    /// Fills the last byte with ones and ends the file.
+    /// Pads the last byte with ones, and ends the file.
     fn finish(mut self) -> Vec<u8> {
         let fill = (8 - self.held % 8) % 8;
         let rest = self.pending << fill | ((1 << fill) - 1);

@@ -1,13 +1,13 @@
-//! Hierarchies over the placed scene, for the tracers.
+//! Two-level bounding volume hierarchies (BVHs) over the scene, for the tracers.
 //!
-//! Two levels: [`Object`]s hold triangles, [`PlacedObject`]s place them, and a top tree finds the placed objects
-//! that a ray may meet. Meshes that are placed once and never move, or whose copies cost little, are merged into
-//! one object in world axes about an origin of its own: the meshes of a building overlap, and a ray would enter
-//! most of them. Meshes that are placed many times, or move, stay objects of their own.
+//! An [`Object`] is a tree of triangles, a [`PlacedObject`] is an instance of one, and a top-level tree finds the placed
+//! objects that a ray may hit. Static meshes with one instance, or with cheap copies, are merged into one object in world
+//! axes relative to an origin of its own. The meshes of a building overlap, so a ray would otherwise enter most of them.
+//! Meshes that move, or have many instances, are objects of their own.
 //!
-//! Trees come from obvhs (its "medium" build: PLOC, then reinsertion). Boxes of triangles are exact: the f32
-//! corners are in them as they are. Boxes of placed objects are f64 in the world and are made f32 about an eye
-//! ([`Hierarchy::top_about`]), outwards, so that an eye or a scene far from the world's zero loses nothing.
+//! obvhs builds the trees (its "medium" build: PLOC, then reinsertion). Boxes of triangles contain the f32 corners exactly.
+//! Boxes of placed objects are f64 in world space. [`Hierarchy::top_about`] rounds them outwards to f32 relative to an eye,
+//! so positions far from the world's origin lose no precision.
 
 use std::collections::BTreeMap;
 
@@ -25,24 +25,24 @@ use rayon::prelude::*;
 use crate::resident::{Cull, Placement};
 
 /// Most triangles that copies of one mesh may add to the merged object.
-const MOST_COPIES: usize = 1 << 16;
+const MAX_COPIED_TRIANGLES: usize = 1 << 16;
 /// Most triangles of a leaf.
-const A_LEAF: u32 = 8;
+const LEAF_TRIANGLES: u32 = 8;
 
-/// A triangle's [`Triangle::flags`].
+/// Bits of [`Triangle::flags`].
 pub(crate) mod flags {
-    /// Not seen from behind: where its corners, in the order that they are stored in, appear clockwise.
+    /// Not visible from behind. Seen from there, the stored corners are in clockwise order.
     pub(crate) const ONE_SIDED: u32 = 1;
-    /// A hit counts only where alpha reaches the cutoff.
+    /// Alpha-tested: a hit counts only if alpha reaches the material's cutoff.
     pub(crate) const CUTOUT: u32 = 2;
-    /// The second and third corner are exchanged, because the transform mirrors.
+    /// The second and third corner are exchanged, because the instance's transform mirrors.
     pub(crate) const MIRRORED: u32 = 4;
 }
 
-/// [`Triangle::instance`] of a triangle whose object says it.
+/// [`Triangle::instance`] of a triangle whose instance is [`PlacedObject::instance`].
 pub(crate) const OF_OBJECT: u32 = u32::MAX;
 
-/// A triangle as tracers read it.
+/// A triangle in the tracers' layout.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Triangle {
@@ -52,59 +52,60 @@ pub(crate) struct Triangle {
     pub(crate) instance: u32,
     /// Second corner.
     pub(crate) b: [f32; 3],
-    /// Which triangle of its mesh.
+    /// Index of the triangle within its mesh.
     pub(crate) primitive: u32,
     /// Third corner.
     pub(crate) c: [f32; 3],
-    /// See [`flags`].
+    /// Bits of [`flags`].
     pub(crate) flags: u32,
 }
 
-/// A node of a tree of triangles, or of the top tree about an eye. A leaf if `count` is not 0.
+/// A node of a tree of triangles, or of the top-level tree relative to an eye. A leaf if `count` is not 0.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(crate) struct Node {
     /// Smallest coordinates.
     pub(crate) min: [f32; 3],
-    /// Triangles of a leaf; 0 for an inner node.
+    /// Number of triangles of a leaf; 0 for an inner node.
     pub(crate) count: u32,
     /// Largest coordinates.
     pub(crate) max: [f32; 3],
-    /// Of an inner node: its first child in [`Hierarchy::nodes`] (of the top tree: in its own list), the second
-    /// follows it. Of a leaf: its first triangle in [`Hierarchy::triangles`] (of the top tree: its placed object).
+    /// Inner node: index of the first of its two children in [`Hierarchy::nodes`], or in the list of the top-level tree.
+    /// Leaf: index of its first triangle in [`Hierarchy::triangles`], or of its object in [`Hierarchy::placed`].
     pub(crate) first: u32,
 }
 
 /// A tree of triangles.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Object {
-    /// Its root in [`Hierarchy::nodes`].
+    /// Index of its root in [`Hierarchy::nodes`].
     pub(crate) root: u32,
-    /// Edges from the root to the deepest leaf: a traversal that pushes both children of a node and pops one
-    /// holds at most one more than that.
+    /// Edges from the root to the deepest leaf. The stack of a traversal that pushes both children of a node and pops one
+    /// has at most `depth + 1` entries.
     #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
     pub(crate) depth: u32,
-    /// How many triangles it has.
+    /// Number of its triangles.
     pub(crate) triangles: u32,
-    /// Box around its triangles.
+    /// Bounding box of its triangles: smallest coordinates.
     min: DVec3,
+    /// Largest coordinates of the box.
     max: DVec3,
 }
 
-/// An object in the world.
+/// An object with its transform from world space.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PlacedObject {
     /// Index into [`Hierarchy::objects`].
     pub(crate) object: u32,
-    /// Index into [`Scene::instances`]; [`OF_OBJECT`] for the merged one, whose triangles say it.
+    /// Index into [`Scene::instances`]; [`OF_OBJECT`] for the merged object, whose triangles have their own.
     pub(crate) instance: u32,
-    /// Directions and differences.
+    /// Linear part of the transform from world space to the object's space.
     pub(crate) object_from_world: DMat3,
-    /// World space position of the object's zero.
+    /// Position of the object's origin in world space.
     pub(crate) origin: DVec3,
 }
 
-/// A node of the top tree.
+/// A node of the top-level tree, in world space. The fields are those of [`Node`].
 #[derive(Debug, Clone, Copy)]
 struct TopNode {
     min: DVec3,
@@ -113,28 +114,28 @@ struct TopNode {
     first: u32,
 }
 
-/// What tracers traverse.
+/// The two-level hierarchy that tracers traverse.
 pub(crate) struct Hierarchy {
-    /// Of all objects, one tree after another.
+    /// Nodes of all objects, one tree after another.
     pub(crate) nodes: Vec<Node>,
-    /// Of all objects, leaf by leaf.
+    /// Triangles of all objects, leaf by leaf.
     pub(crate) triangles: Vec<Triangle>,
     pub(crate) objects: Vec<Object>,
-    /// In the order of the top tree's leaves, one to a leaf.
+    /// Placed objects, in the order of the top-level tree's leaves. Each leaf has one.
     pub(crate) placed: Vec<PlacedObject>,
-    /// As [`Object::depth`].
+    /// Edges from the top-level tree's root to its deepest leaf.
     #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
     pub(crate) top_depth: u32,
     top: Vec<TopNode>,
-    /// Which instances are part of the merged object, which never moves.
+    /// For each instance, whether it is part of the merged object.
     merged: Vec<bool>,
     merged_object: Option<PlacedObject>,
-    /// The object of each mesh that has one of its own.
+    /// Object of each mesh that is not merged; `None` for a mesh without triangles.
     object_of_mesh: BTreeMap<u32, Option<u32>>,
 }
 
 impl Hierarchy {
-    /// Over the instances that can be seen, on all of rayon's threads.
+    /// Builds the hierarchy over the visible instances, on all threads of rayon.
     pub(crate) fn new(scene: &Scene, placements: &[Placement]) -> Self {
         let moving = moving_nodes(scene);
         let mut copies = vec![0usize; scene.meshes.len()];
@@ -143,7 +144,7 @@ impl Hierarchy {
             let node = scene.instances[p.instance as usize].node;
             let moves = node.is_some_and(|node| moving.get(node as usize).copied().unwrap_or(false));
             let added = (copies[p.mesh as usize] - 1) * scene.meshes[p.mesh as usize].triangles();
-            !moves && added <= MOST_COPIES
+            !moves && added <= MAX_COPIED_TRIANGLES
         };
         let merged: Vec<Placement> = placements.iter().copied().filter(|p| merges(p)).collect();
         let origin = middle(scene, &merged);
@@ -170,17 +171,17 @@ impl Hierarchy {
         hierarchy
     }
 
-    /// Puts what has an object of its own where it is now; `placements` are those of all that can be seen.
+    /// Moves the instances that are not merged, and rebuilds the top-level tree. `placements`: all visible instances.
     pub(crate) fn pose(&mut self, scene: &Scene, placements: &[Placement]) {
         let apart = || placements.iter().filter(|p| !self.merged[p.instance as usize]);
-        // Meshes that were never seen before: all of them at first, later those that a scale of zero hid.
+        // Meshes without a tree: all of them at first; later those that a scale of zero hid until now.
         let mut missing: BTreeMap<u32, &Placement> = apart().map(|p| (p.mesh, p)).collect();
         missing.retain(|mesh, _| !self.object_of_mesh.contains_key(mesh));
         let missing: Vec<(u32, &Placement)> = missing.into_iter().collect();
         let trees: Vec<(u32, Tree)> =
             missing.par_iter().map(|&(mesh, p)| (mesh, Tree::new(own_triangles(scene, p)))).collect();
         for (mesh, tree) in trees {
-            // A mesh without triangles is nowhere.
+            // `None` for a mesh without triangles.
             let object = self.push(tree);
             self.object_of_mesh.insert(mesh, object);
         }
@@ -199,7 +200,7 @@ impl Hierarchy {
         self.place(placed);
     }
 
-    /// Builds the top tree over placed objects.
+    /// Builds the top-level tree over placed objects.
     fn place(&mut self, placed: Vec<PlacedObject>) {
         let boxes: Vec<(DVec3, DVec3)> = placed.iter().map(|p| self.world_box(p)).collect();
         let (min, max) = around(boxes.iter().copied());
@@ -221,13 +222,13 @@ impl Hierarchy {
             let (min, max) = around_node;
             top.push(TopNode { min, max, count: node.prim_count, first });
         }
-        widen(&mut top);
+        refit(&mut top);
         self.top = top;
         self.placed = order;
     }
 
-    /// The top tree, relative to `eye`; empty if there is nothing to see. Boxes are wider than what they hold by
-    /// more than rounding moves an object that is seen from there.
+    /// The top-level tree relative to `eye`; empty without visible instances. Boxes are padded by more than the rounding
+    /// error of objects seen from there.
     pub(crate) fn top_about(&self, eye: DVec3) -> Vec<Node> {
         let about = |node: &TopNode| {
             let (min, max) = box_about(eye, node.min, node.max);
@@ -236,8 +237,8 @@ impl Hierarchy {
         self.top.iter().map(about).collect()
     }
 
-    /// Hands the placed objects whose boxes a ray meets to `visit`, which says how far along the ray anything is
-    /// still of interest, in units of the direction; `inverse` is the direction's.
+    /// Calls `visit` with each placed object whose box a ray hits. `visit` returns the largest distance that is still of
+    /// interest, in units of the direction. `inverse`: inverse of the ray's direction, by component.
     pub(crate) fn visit_top(
         &self,
         origin: DVec3,
@@ -248,7 +249,7 @@ impl Hierarchy {
         let mut pending = vec![0u32];
         while let Some(node) = pending.pop().and_then(|index| self.top.get(index as usize)) {
             let (a, b) = ((node.min - origin) * inverse, (node.max - origin) * inverse);
-            // World boxes come from transformed corners, which rounding may move by more than the test does.
+            // The rounding error of world boxes, which are made of transformed corners, exceeds that of the test.
             let slack = (node.min.abs().max(node.max.abs()) * inverse.abs()).max_element() * 1e-12;
             let (from, to) = (a.min(b).max_element() - slack, a.max(b).min_element() + slack);
             if !(from <= to && to >= 0.0 && from <= limit) {
@@ -264,7 +265,7 @@ impl Hierarchy {
         }
     }
 
-    /// The box around a placed object in the world.
+    /// The bounding box of a placed object in world space.
     pub(crate) fn world_box(&self, placed: &PlacedObject) -> (DVec3, DVec3) {
         let object = &self.objects[placed.object as usize];
         let world_from_object = placed.object_from_world.inverse();
@@ -275,7 +276,7 @@ impl Hierarchy {
         around(corners.map(|corner| (corner, corner)))
     }
 
-    /// Takes a tree in; none if it is empty.
+    /// Appends a tree as an object. Returns its index, or `None` if the tree is empty.
     fn push(&mut self, tree: Tree) -> Option<u32> {
         let root = tree.nodes.first()?;
         let vector = |v: [f32; 3]| Vec3::from_array(v).as_dvec3();
@@ -292,7 +293,7 @@ impl Hierarchy {
     }
 }
 
-/// One object's tree, counted from zero.
+/// The tree of one object, with indices from 0.
 struct Tree {
     nodes: Vec<Node>,
     triangles: Vec<Triangle>,
@@ -300,6 +301,7 @@ struct Tree {
 }
 
 impl Tree {
+    /// Builds a tree over triangles.
     fn new(triangles: Vec<Triangle>) -> Self {
         let boxes: Vec<Aabb> = triangles
             .par_iter()
@@ -308,7 +310,7 @@ impl Tree {
                 Aabb::new(a.min(b).min(c), a.max(b).max(c))
             })
             .collect();
-        let bvh = build(&boxes, A_LEAF);
+        let bvh = build(&boxes, LEAF_TRIANGLES);
         let nodes = bvh.nodes.iter().map(|n| {
             let (min, max) = (n.min.to_array(), n.max.to_array());
             Node { min, count: n.prim_count, max, first: n.first_index }
@@ -321,9 +323,10 @@ impl Tree {
     }
 }
 
-/// obvhs' "medium" build, step by step: its helper function also validates the tree whenever debug assertions are
-/// on, which takes longer than the build. `max_depth` is exact afterwards.
-fn build(boxes: &[Aabb], a_leaf: u32) -> Bvh2 {
+/// Builds a binary tree over boxes, at most `leaf_size` per leaf. These are the steps of obvhs' "medium" build. Its own
+/// function would also validate the tree if debug assertions are on, which takes longer than the build. `max_depth` is
+/// exact.
+fn build(boxes: &[Aabb], leaf_size: u32) -> Bvh2 {
     if boxes.is_empty() {
         return Bvh2::default();
     }
@@ -338,10 +341,10 @@ fn build(boxes: &[Aabb], a_leaf: u32) -> Bvh2 {
     let mut optimizer = ReinsertionOptimizer::default();
     let ratio = params.reinsertion_batch_ratio;
     optimizer.run(&mut bvh, ratio, None);
-    collapse(&mut bvh, a_leaf, params.collapse_traversal_cost);
+    collapse(&mut bvh, leaf_size, params.collapse_traversal_cost);
     optimizer.run(&mut bvh, ratio * params.post_collapse_reinsertion_batch_ratio_multiplier, None);
     bvh.reorder_in_stack_traversal_order();
-    // Reinsertion can deepen the tree beyond what the builder noted.
+    // Reinsertion can deepen the tree beyond the builder's `max_depth`.
     let mut deepest = 0;
     let mut pending = vec![(0, 0)];
     while let Some((index, depth)) = pending.pop() {
@@ -354,9 +357,9 @@ fn build(boxes: &[Aabb], a_leaf: u32) -> Bvh2 {
     bvh
 }
 
-/// Gives inner nodes the boxes around their children.
-fn widen(top: &mut [TopNode]) {
-    // Children may lie before or after their parent: parents are noted first, and filled in reverse.
+/// Sets the boxes of inner nodes from those of their children.
+fn refit(top: &mut [TopNode]) {
+    // Children may be before or after their parent. So inner nodes are listed from the root, and set in reverse order.
     let mut order = Vec::with_capacity(top.len());
     let mut pending = vec![0u32];
     while let Some(index) = pending.pop() {
@@ -372,7 +375,7 @@ fn widen(top: &mut [TopNode]) {
     }
 }
 
-/// A box of the world relative to `eye`, wider by more than rounding moves an object that is seen from there.
+/// A box of the world relative to `eye`, padded by more than the rounding error of objects seen from there.
 pub(crate) fn box_about(eye: DVec3, min: DVec3, max: DVec3) -> ([f32; 3], [f32; 3]) {
     let (min, max) = (min - eye, max - eye);
     let slack = min.abs().max(max.abs()).max_element() * f64::from(f32::EPSILON) * 8.0;
@@ -381,11 +384,12 @@ pub(crate) fn box_about(eye: DVec3, min: DVec3, max: DVec3) -> ([f32; 3], [f32; 
     (min.to_array().map(below), max.to_array().map(above))
 }
 
+/// The box around boxes.
 fn around(boxes: impl Iterator<Item = (DVec3, DVec3)>) -> (DVec3, DVec3) {
     boxes.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), b| (min.min(b.0), max.max(b.1)))
 }
 
-/// The middle of instances' vertices, in the world.
+/// The centre of the bounding box of instances, in world space.
 fn middle(scene: &Scene, placements: &[Placement]) -> DVec3 {
     let boxes = placements.par_iter().map(|p| {
         let positions = scene.meshes[p.mesh as usize].positions.iter().filter(|p| p.is_finite());
@@ -395,12 +399,12 @@ fn middle(scene: &Scene, placements: &[Placement]) -> DVec3 {
     if min.cmple(max).all() { min + (max - min) * 0.5 } else { DVec3::ZERO }
 }
 
-/// A mesh's triangles in its own space.
+/// The triangles of a mesh in mesh space.
 fn own_triangles(scene: &Scene, placement: &Placement) -> Vec<Triangle> {
     triangles(scene, placement, OF_OBJECT, false, |p| p)
 }
 
-/// An instance's triangles in world axes about `origin`.
+/// The triangles of an instance in world axes, relative to `origin`.
 fn world_triangles(scene: &Scene, placement: &Placement, origin: DVec3) -> Vec<Triangle> {
     let offset = placement.origin - origin;
     let mirrored = placement.world_from_mesh.determinant() < 0.0;
@@ -409,7 +413,7 @@ fn world_triangles(scene: &Scene, placement: &Placement, origin: DVec3) -> Vec<T
     })
 }
 
-/// Triangles that have an area and three corners.
+/// The triangles of a mesh with finite corners and an area. `place` transforms each corner.
 fn triangles(
     scene: &Scene,
     placement: &Placement,
@@ -436,7 +440,7 @@ fn triangles(
     (0u32..).zip(mesh.indices.as_chunks::<3>().0).filter_map(place).collect()
 }
 
-/// Which nodes an animation moves, themselves or with a parent.
+/// For each node, whether an animation moves it or one of its ancestors.
 fn moving_nodes(scene: &Scene) -> Vec<bool> {
     let mut moving = vec![false; scene.nodes.len()];
     for channel in scene.animations.iter().flat_map(|a| &a.channels) {

@@ -1,7 +1,7 @@
 //! Renders reflection probes: maps of radiance and range around each reflective object, from an octree of the scene
 //! (ManyLoDs, Holländer et al. 2011, section 5). Samples, direct views and compositors share them.
 //!
-//! One traversal renders all maps, with a cut through the octree for each. Nodes that belong to one object alone are
+//! One traversal renders all probes, with a cut through the octree for each. Nodes that belong to one object alone are
 //! culled from its own probe. The octree's leaves are shaded as samples are, so reflections show only diffuse light.
 //!
 //! # Lifetime
@@ -10,7 +10,7 @@
 //! probes* turns each dual paraboloid into an octahedral map of radiance and range. *Blur probes* adds coarser levels,
 //! each blurred for its roughness.
 //!
-//! The probes of one time are one more sample of the set (`SampleId::SURROUNDINGS`), which plans name last. A sample's
+//! The probes of one time are one more sample of the set (`SampleId::REFLECTION_PROBES`), the last of a plan. A sample's
 //! *reflector* plane names the probe of each texel, and the light that passes through it. Both roles look up probes with
 //! one function (`shaders/shared/reflection_probes.wgsl`): the reflected ray is followed to the probe's stored range in
 //! three steps, and looked up at the level of the surface's roughness. Glass adds the refracted ray.
@@ -24,8 +24,8 @@ use std::time::Instant;
 use argus_gpu::many_views::{ManyViews, NodeOwners, ViewList, ViewPoint};
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
-    FaceMask, InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, Reflector,
-    RenderError, Sample, SampleCamera, SampleId, Scene, Stage, Surroundings,
+    FaceMask, InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind,
+    ReflectionProbeSet, Reflector, RenderError, Sample, SampleCamera, SampleId, Scene, Stage,
 };
 use bytes::BytesMut;
 use glam::DVec3;
@@ -41,7 +41,7 @@ const MOST_BYTES: u64 = 64 << 20;
 
 /// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
-    pub(crate) of: Surroundings,
+    pub(crate) set: ReflectionProbeSet,
     /// Instances that have a probe.
     reflectors: Vec<u32>,
     pub(crate) octree: LitOctree,
@@ -75,7 +75,7 @@ impl ProbeBindings {
     pub(crate) fn none(gpu: &Gpu) -> Self {
         Self {
             probes: argus_gpu::ReflectionProbes::none(gpu),
-            probe_of_instance: gpu.buffer("no maps of instances", 16, wgpu::BufferUsages::STORAGE),
+            probe_of_instance: gpu.buffer("no probes of instances", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 }
@@ -90,18 +90,18 @@ impl ProbeRenderer {
         scene: &Scene,
         resident: &Resident,
         sampler: &SamplerKnobs,
-        of: Surroundings,
+        set: ReflectionProbeSet,
     ) -> Result<Self, RenderError> {
         let guides = GuideUse::of(sampler);
-        let reflectors = scene.reflectors(of.knobs.most);
-        if reflectors.len() != of.count as usize {
-            let reason = format!("the scene has {} reflectors, not {}", reflectors.len(), of.count);
+        let reflectors = scene.reflectors(set.knobs.most);
+        if reflectors.len() != set.count as usize {
+            let reason = format!("the scene has {} reflectors, not {}", reflectors.len(), set.count);
             return Err(InvalidField::new("reflections.count", reason).into());
         }
         Ok(Self {
-            of,
+            set,
             reflectors,
-            octree: LitOctree::new(gpu, resident, guides, of.knobs.levels),
+            octree: LitOctree::new(gpu, resident, guides, set.knobs.levels),
             own_nodes: OwnNodes::new(gpu),
             resample: ResampleProbes::new(gpu, 1),
             views: None,
@@ -153,7 +153,7 @@ impl ProbeRenderer {
         time_secs: f64,
     ) -> Result<Vec<Stage>, RenderError> {
         let begin = Instant::now();
-        let side = self.of.knobs.side;
+        let side = self.set.knobs.side;
         let middle = scene.bounds().center();
         let posed = scene.at(time_secs);
         let reflectors = self.reflectors.iter().map(|&index| {
@@ -165,7 +165,7 @@ impl ProbeRenderer {
                 radius: 0.0,
             })
         });
-        let places: Vec<[f32; 4]> = reflectors
+        let spheres: Vec<[f32; 4]> = reflectors
             .map(|reflector| (reflector.center - middle).as_vec3().extend(reflector.radius as f32).to_array())
             .collect();
         let mut probe_of_instance = vec![0u32; resident.instance_count.max(1)];
@@ -173,7 +173,7 @@ impl ProbeRenderer {
             probe_of_instance[instance as usize] = number;
         }
         let probe_of_instance =
-            upload(gpu, "maps of instances", &probe_of_instance, wgpu::BufferUsages::STORAGE)?;
+            upload(gpu, "probes of instances", &probe_of_instance, wgpu::BufferUsages::STORAGE)?;
 
         let [mut radiance, mut inverse_range] = [BytesMut::new(), BytesMut::new()];
         if let Some(octree) = self.octree.octree().cloned() {
@@ -187,7 +187,7 @@ impl ProbeRenderer {
                 let [x, y, z, _] = place.map(f64::from);
                 ViewPoint::everywhere(middle + DVec3::new(x, y, z))
             };
-            let points: Vec<ViewPoint> = places.iter().map(seen_from).collect();
+            let points: Vec<ViewPoint> = spheres.iter().map(seen_from).collect();
             let eye = Eye::new(gpu, resident, middle, lighting)?;
             let most = (MOST_BYTES / ProbePlanes::bytes_of_map(side)).max(1) as usize;
             for (first, points) in (0..).step_by(most).zip(points.chunks(most)) {
@@ -217,7 +217,7 @@ impl ProbeRenderer {
                 self.views = Some(traversed);
             }
         }
-        let layout = OmniLayout::Surroundings { side, count: self.of.count };
+        let layout = OmniLayout::ReflectionProbes { side, count: self.set.count };
         let camera = SampleCamera::Omni { center: middle, layout };
         let plane = |kind, format, bytes| Plane {
             kind,
@@ -225,15 +225,15 @@ impl ProbeRenderer {
             size: Plane::size_of(kind, &camera),
             data: PlaneData::Host(bytes),
         };
-        let places = bytemuck::cast_slice(&places).to_vec();
+        let spheres = bytemuck::cast_slice(&spheres).to_vec();
         let sample = Sample {
-            id: SampleId { version: 0, camera: SampleId::SURROUNDINGS },
+            id: SampleId { version: 0, camera: SampleId::REFLECTION_PROBES },
             camera,
             faces: FaceMask::ALL,
             planes: vec![
                 plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, radiance.freeze()),
                 plane(PlaneKind::InverseRange, PlaneFormat::R32Float, inverse_range.freeze()),
-                plane(PlaneKind::Place, PlaneFormat::R32Float, places.into()),
+                plane(PlaneKind::ProbeSphere, PlaneFormat::R32Float, spheres.into()),
             ],
             stages: Vec::new(),
         };

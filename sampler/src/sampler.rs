@@ -128,7 +128,8 @@ impl GpuSampler {
         cancel: &Cancel,
         mut between: Option<BetweenTiles<'_>>,
     ) -> Vec<Result<Sample, RenderError>> {
-        let (around, of_rig): (Vec<_>, Vec<_>) = job.ids.iter().copied().partition(SampleId::is_surroundings);
+        let (of_probes, of_rig): (Vec<_>, Vec<_>) =
+            job.ids.iter().copied().partition(SampleId::is_reflection_probe);
         let job_of_rig = SampleJob { ids: of_rig, ..job.clone() };
         let of_rig = match job.info.sampling {
             Sampling::Triangles => {
@@ -147,11 +148,12 @@ impl GpuSampler {
             }
             Sampling::MegaViews(knobs) => self.render_from_octree(&job_of_rig, knobs, cancel),
         };
-        let around: Vec<_> = around.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
+        let of_probes: Vec<_> =
+            of_probes.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
         // In the order of the job's ids.
-        let (mut of_rig, mut around) = (of_rig.into_iter(), around.into_iter());
+        let (mut of_rig, mut of_probes) = (of_rig.into_iter(), of_probes.into_iter());
         let missing = || Err(RenderError::Internal("a sample was neither rendered nor refused".to_owned()));
-        let next = |id: &SampleId| if id.is_surroundings() { around.next() } else { of_rig.next() };
+        let next = |id: &SampleId| if id.is_reflection_probe() { of_probes.next() } else { of_rig.next() };
         job.ids.iter().map(next).map(|sample| sample.unwrap_or_else(missing)).collect()
     }
 
@@ -488,7 +490,7 @@ impl Sampler for GpuSampler {
         if self.gpu.is_software() { Visibility::Cpu } else { Visibility::Raster }
     }
 
-    fn ways(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+    fn measure_backends(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
         self.check_alive()?;
         if self.gpu.is_software() {
             // Views would wait for a second until the same is measured again (`argus study visibility`).

@@ -100,7 +100,7 @@ pub enum OmniLayout {
     },
     /// Reflection probes of `count` reflectors, one below another, each seen from its own position
     /// ([`crate::reflection`]).
-    Surroundings {
+    ReflectionProbes {
         /// Texels on a side of a map's finest level.
         side: u32,
         /// Number of probes.
@@ -159,7 +159,7 @@ impl SampleCamera {
             Self::Perspective { width, height, .. } => [width, height],
             Self::Omni { layout: OmniLayout::CubeFaces { face }, .. } => [3 * face, 2 * face],
             Self::Omni { layout: OmniLayout::DualParaboloid { side }, .. } => [2 * side, side],
-            Self::Omni { layout: OmniLayout::Surroundings { side, count }, .. } => {
+            Self::Omni { layout: OmniLayout::ReflectionProbes { side, count }, .. } => {
                 let [columns, rows] = map_size(side);
                 [columns, rows.saturating_mul(count)]
             }

@@ -27,8 +27,13 @@ impl History {
     pub fn of(frame: &Frame, camera: &Camera, before: Option<&Self>) -> Option<Self> {
         let Plan::Warp(warp) = &frame.provenance.plan else { return None };
         camera.validate().ok()?;
-        let samples: Vec<SampleId> =
-            warp.samples.iter().copied().filter(|id| !id.is_surroundings()).take(1 << SOURCE_BITS).collect();
+        let samples: Vec<SampleId> = warp
+            .samples
+            .iter()
+            .copied()
+            .filter(|id| !id.is_reflection_probe())
+            .take(1 << SOURCE_BITS)
+            .collect();
         let (ranges, rest) = frame.range.as_ref()?.as_chunks::<4>();
         let sources = frame.source.as_ref()?;
         let pixels = u64::from(frame.width) * u64::from(frame.height);
@@ -107,7 +112,7 @@ mod tests {
 
     fn frame(ranges: &[f32], sources: &[u8]) -> Frame {
         let id = |index| SampleId { version: 0, camera: index };
-        let samples = vec![id(7), id(4), id(SampleId::SURROUNDINGS)];
+        let samples = vec![id(7), id(4), id(SampleId::REFLECTION_PROBES)];
         Frame {
             width: ranges.len() as u32,
             height: 1,
@@ -136,7 +141,7 @@ mod tests {
     fn a_word_holds_the_inverse_range_and_the_sample() {
         let history = History::of(&frame(&[4.0, 0.1, f32::INFINITY], &[1, 2, 0]), &camera(), None).unwrap();
         let indices: Vec<u64> = history.samples().iter().map(|id| id.camera).collect();
-        assert_eq!(indices, [7, 4], "surroundings serve no pixel");
+        assert_eq!(indices, [7, 4], "reflection probes serve no pixel");
         let [near, far, sky] = history.words() else { panic!("a word a pixel") };
         assert_eq!((History::inverse_range(*near), near & 7), (0.25, 0));
         assert!((History::inverse_range(*far) / 10.0 - 1.0).abs() < 1e-5 && far & 7 == 1);

@@ -63,7 +63,7 @@ pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{is_procedural, open};
-pub use reflection::{Reflections, Reflector, Surroundings};
+pub use reflection::{ReflectionProbeSet, Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
 pub use sample::{

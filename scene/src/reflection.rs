@@ -1,6 +1,6 @@
-//! Reflection and refraction of the surrounding scene in glossy and transparent objects. Each such object has a map of
-//! all directions around it (ManyLoDs, Holländer et al. 2011, section 5 and figure 3). Its pixels look the map up along
-//! their reflected and refracted directions.
+//! Reflection and refraction of the scene in glossy and transparent objects. Each such object has a reflection probe: a
+//! map of all directions around it (ManyLoDs, Holländer et al. 2011, section 5 and figure 3). Its pixels look the probe
+//! up along their reflected and refracted directions.
 
 use std::fmt;
 
@@ -9,19 +9,19 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Bounds, Instance, InvalidField, Material, Scene};
 
-/// Settings of the maps around reflectors, the same for all samples of a set.
+/// Settings of the reflection probes, the same for all samples of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Reflections {
-    /// Texels on a side of a map's finest level: a power of two, 16 to 256. More show finer detail; cost
-    /// grows with its square.
+    /// Texels on a side of a probe's finest level: a power of two, 16 to 256. More texels show finer detail; cost grows
+    /// with the square of the side.
     pub side: u32,
-    /// Levels of the octree of the scene that maps show, below its root: 1 to 10.
+    /// Levels below the root of the octree that probes are rendered from: 1 to 10.
     pub levels: u32,
-    /// Largest number of maps of a scene, 1 to 1024: the largest reflectors have one, and the rest reflect only the sky.
+    /// Largest number of probes of a scene, 1 to 1024. The largest reflectors have one; the rest reflect only the sky.
     pub most: u32,
 }
 
-/// Texels on a side of a map's coarsest level, for surfaces of roughness 1. This and the ring equal those in
+/// Texels on a side of a probe's coarsest level, for surfaces of roughness 1. This and `RING` equal those in
 /// `shaders/shared/reflection_probes.wgsl`.
 const COARSEST: u32 = 4;
 /// Texels around a level, so that a bilinear fetch never leaves it.
@@ -31,7 +31,7 @@ const RING: u32 = 1;
 /// image.
 const ROUGHEST: f32 = 0.6;
 
-/// Most bytes of all maps of a scene: every sampler renders them, and every compositor holds them.
+/// Most bytes of all probes of a scene. Every sampler renders them, and every compositor holds them.
 const MOST_BYTES: u64 = 256 << 20;
 
 impl Default for Reflections {
@@ -74,30 +74,30 @@ impl Reflections {
     }
 }
 
-/// Texels on a side of each level of a map, finest first: each level has half as many, for rougher surfaces.
+/// Texels on a side of each level of a probe, finest first. Each level has half as many, for rougher surfaces.
 pub fn level_sides(side: u32) -> impl Iterator<Item = u32> {
     std::iter::successors(Some(side), |side| (*side / 2 >= COARSEST).then_some(*side / 2))
 }
 
-/// Columns and rows of a map: its levels below one another, each with a ring around it.
+/// Columns and rows of a probe's map: its levels below one another, each with a ring around it.
 pub fn map_size(side: u32) -> [u32; 2] {
     [side + 2 * RING, level_sides(side).map(|side| side + 2 * RING).sum()]
 }
 
-/// The maps around the reflectors of a scene.
+/// The reflection probes of a scene: their settings and number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Surroundings {
-    /// Settings of every map.
+pub struct ReflectionProbeSet {
+    /// Settings of every probe.
     pub knobs: Reflections,
-    /// Number of maps, at least 1.
+    /// Number of probes, at least 1.
     pub count: u32,
 }
 
-impl Surroundings {
-    /// The maps of a scene; `None` without a reflector.
+impl ReflectionProbeSet {
+    /// The probes of a scene; `None` if it has no reflector.
     ///
     /// # Errors
-    /// A setting out of range, or maps that take too much memory together, by name.
+    /// The setting that is out of range, or `reflections.side` if all probes together take too much memory.
     pub fn of(scene: &Scene, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
         knobs.validate()?;
         let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32 };
@@ -108,7 +108,7 @@ impl Surroundings {
         Ok(Some(maps))
     }
 
-    /// Rejects values that [`Surroundings::of`] never makes.
+    /// Rejects values that [`ReflectionProbeSet::of`] never makes.
     ///
     /// # Errors
     /// The field, by name.
@@ -123,33 +123,33 @@ impl Surroundings {
             let (mib, most) = (bytes >> 20, MOST_BYTES >> 20);
             let (count, side) = (self.count, self.knobs.side);
             let reason = format!(
-                "{count} maps of {side} take {mib} MiB, and {most} are the most: take fewer or smaller"
+                "{count} probes of {side} texels take {mib} MiB; the limit is {most} MiB: lower their number or side"
             );
             return Err(InvalidField::new("reflections.side", reason));
         }
         Ok(())
     }
 
-    /// Bytes of all maps: radiance and range.
+    /// Bytes of all probes: radiance and range.
     fn bytes(&self) -> u64 {
         let texels: u64 = map_size(self.knobs.side).map(u64::from).iter().product();
         texels * 8 * u64::from(self.count)
     }
 }
 
-/// An instance with a map around it.
+/// An instance with a reflection probe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reflector {
     /// Index into [`Scene::instances`].
     pub instance: u32,
-    /// The middle of its bounds, metres, world space: the viewpoint of its map.
+    /// The middle of its bounds, metres, world space: the viewpoint of its probe.
     pub center: DVec3,
     /// Half the diagonal of its bounds, metres.
     pub radius: f64,
 }
 
 impl Material {
-    /// Whether the material reflects an image of its surroundings, and not only light and dark. A textured roughness
+    /// Whether the material reflects an image of the scene around it, and not only light and dark. A textured roughness
     /// counts by its mean.
     fn mirrors(&self, scene: &Scene) -> bool {
         let in_mean = |reference: crate::TextureRef| {
@@ -169,7 +169,7 @@ impl Material {
 }
 
 impl Scene {
-    /// The instances with a map, ascending: all reflectors, or the `most` largest ones. They are those of time zero, so
+    /// The instances with a probe, ascending: all reflectors, or the `most` largest ones. They are chosen at time zero, so
     /// that they are the same at all times.
     pub fn reflectors(&self, most: u32) -> Vec<u32> {
         let mirrors: Vec<bool> = self.materials.iter().map(|material| material.mirrors(self)).collect();
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn every_reflector_has_a_map_up_to_the_limit_and_the_largest_come_first() {
+    fn every_reflector_has_a_probe_up_to_the_limit_and_the_largest_come_first() {
         let scene = scene();
         assert_eq!(scene.reflectors(10), [0, 2, 4], "neither matt nor rough in the mean, nor nowhere");
         assert_eq!(scene.reflectors(2), [0, 2], "of two of one size the first");
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_is_seen_from_the_middle_of_its_reflector() {
+    fn a_probe_is_seen_from_the_middle_of_its_reflector() {
         let scene = scene();
         let far = scene.reflector(2, &scene.instances[2]).unwrap();
         assert!((far.center - DVec3::new(1e6 + 1.0, 1.0, 1.0)).length() < 1e-6, "{far:?}");
@@ -290,14 +290,15 @@ mod tests {
     }
 
     #[test]
-    fn too_large_maps_and_a_wrong_number_of_them_are_refused() {
-        let field = |maps: Surroundings| maps.validate().unwrap_err().field;
-        let few = Surroundings { knobs: Reflections { most: 1024, ..Reflections::default() }, count: 1024 };
+    fn too_large_probes_and_a_wrong_number_of_them_are_refused() {
+        let field = |maps: ReflectionProbeSet| maps.validate().unwrap_err().field;
+        let few =
+            ReflectionProbeSet { knobs: Reflections { most: 1024, ..Reflections::default() }, count: 1024 };
         assert_eq!(few.validate(), Ok(()));
-        assert_eq!(field(Surroundings { count: 1025, ..few }), "reflections.count");
-        assert_eq!(field(Surroundings { count: 0, ..few }), "reflections.count");
-        let large = Surroundings { knobs: Reflections { side: 256, ..few.knobs }, ..few };
+        assert_eq!(field(ReflectionProbeSet { count: 1025, ..few }), "reflections.count");
+        assert_eq!(field(ReflectionProbeSet { count: 0, ..few }), "reflections.count");
+        let large = ReflectionProbeSet { knobs: Reflections { side: 256, ..few.knobs }, ..few };
         assert_eq!(field(large), "reflections.side");
-        assert_eq!(Surroundings::of(&scene(), Reflections::default()).unwrap().unwrap().count, 3);
+        assert_eq!(ReflectionProbeSet::of(&scene(), Reflections::default()).unwrap().unwrap().count, 3);
     }
 }

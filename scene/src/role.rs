@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytes::Bytes;
 
 use crate::{
-    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, Outputs, Plan, RenderError, Sample, SampleId,
-    SampleSet, SampleSetInfo, Stage, Surroundings, Visibility,
+    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, Outputs, Plan, ReflectionProbeSet,
+    RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Stage, Visibility,
 };
 
 /// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
@@ -84,8 +84,8 @@ pub struct ViewJob {
     pub time_secs: f64,
     /// Visibility backend of a view whose plan is [`Plan::Direct`].
     pub visibility: Visibility,
-    /// Reflections of a view whose plan is [`Plan::Direct`].
-    pub reflections: Option<Surroundings>,
+    /// Reflection probes of a view whose plan is [`Plan::Direct`].
+    pub reflections: Option<ReflectionProbeSet>,
     /// An earlier frame as the start of [`crate::Search::Seeded`], if it shows enough of this view; other searches ignore
     /// it. [`crate::Provenance::history`] says whether it was used.
     pub history: Option<Arc<History>>,
@@ -108,8 +108,8 @@ pub struct PixelJob {
     pub epoch: u64,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
-    /// Reflections of the pixels' surfaces.
-    pub reflections: Option<Surroundings>,
+    /// Reflection probes that the pixels' surfaces look up.
+    pub reflections: Option<ReflectionProbeSet>,
 }
 
 /// Some pixels of a view, in the order of the request.
@@ -133,7 +133,7 @@ pub trait Sampler: Send {
     ///
     /// # Errors
     /// Those of rendering the tile.
-    fn ways(&mut self, _info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
+    fn measure_backends(&mut self, _info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
         Ok(vec![(Visibility::Raster, 0.0)])
     }
 

@@ -8,8 +8,8 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, FaceMask, Indirect, InvalidField, LightEffects, Lighting, OmniLayout, Rig, SampleCamera,
-    Sampling, Scene, SceneHash, Specification, Stage, Surroundings, Visibility,
+    Bounds, FaceMask, Indirect, InvalidField, LightEffects, Lighting, OmniLayout, ReflectionProbeSet, Rig,
+    SampleCamera, Sampling, Scene, SceneHash, Specification, Stage, Visibility,
 };
 
 /// Names one sample.
@@ -46,13 +46,13 @@ impl Version {
 }
 
 impl SampleId {
-    /// The camera of a set's surroundings: no camera of a rig has its number.
-    pub const SURROUNDINGS: u64 = u64::MAX;
+    /// Camera number of the sample that holds a set's reflection probes. No camera of a rig has this number.
+    pub const REFLECTION_PROBES: u64 = u64::MAX;
 
-    /// Whether it names a set's surroundings: the maps that reflections are looked up in ([`crate::reflection`]), which no
-    /// view is warped from.
-    pub fn is_surroundings(&self) -> bool {
-        self.camera == Self::SURROUNDINGS
+    /// Whether the sample holds a set's reflection probes ([`crate::reflection`]). Reflections are looked up in them; no
+    /// view is warped from them.
+    pub fn is_reflection_probe(&self) -> bool {
+        self.camera == Self::REFLECTION_PROBES
     }
 }
 
@@ -74,16 +74,16 @@ pub enum PlaneKind {
     Normal,
     /// F0 in rgb, perceptual roughness in a; F0 is 0 where there is no specular lobe. Only with `Normal`.
     Specular,
-    /// Map of the set's surroundings that the surface looks up, and the light that passes through it. From the lowest
-    /// bits: 1 + the number of the map, 0 for none (11 bits), and the shares of red, green and blue that pass (7
+    /// Reflection probe that the surface looks up, and the light that passes through the surface. From the lowest bits:
+    /// 1 + the number of the probe, 0 for none (11 bits), and the shares of red, green and blue that pass (7 bits
     /// each). Only in sets with reflections.
     Reflector,
     /// Share of each light that the surface sees, in r and g of the two strongest lights, in b of the rest together, and in a
     /// of the sky: [`crate::Lighting::visibility_bytes`]. Only with `Normal`, in sets with effects of light.
     LightVisibility,
-    /// Only in surroundings, one row per map: its viewpoint as x, y and z from the sample's centre, and the radius of its
-    /// reflector around there; metres.
-    Place,
+    /// Only in samples of reflection probes, one row per probe: its viewpoint as x, y and z from the sample's centre, and
+    /// the radius of its reflector around that viewpoint; metres.
+    ProbeSphere,
 }
 
 /// Storage of a texel. Names, channel order and meaning are those of the wgpu texture format.
@@ -154,7 +154,7 @@ pub struct Sample {
     /// Faces that were rendered. Texels of all others are zero, and mean nothing: they are not seen.
     pub faces: FaceMask,
     /// `Radiance` and `InverseRange` always; `Normal` and `Specular` if the scene is glossy, and `Reflector` if also
-    /// the set has reflections. Surroundings have the first two, and `Place`.
+    /// the set has reflections. Reflection probes have `Radiance`, `InverseRange` and `ProbeSphere`.
     pub planes: Vec<Plane>,
     /// Cost of its rendering, by pass.
     pub stages: Vec<Stage>,
@@ -164,9 +164,10 @@ impl Plane {
     /// Texels of a plane of a kind in a sample of a camera.
     pub fn size_of(kind: PlaneKind, camera: &SampleCamera) -> [u32; 2] {
         match (kind, camera) {
-            (PlaneKind::Place, SampleCamera::Omni { layout: OmniLayout::Surroundings { count, .. }, .. }) => {
-                [4, *count]
-            }
+            (
+                PlaneKind::ProbeSphere,
+                SampleCamera::Omni { layout: OmniLayout::ReflectionProbes { count, .. }, .. },
+            ) => [4, *count],
             _ => camera.size(),
         }
     }
@@ -204,8 +205,8 @@ pub struct SampleSetInfo {
     pub effects: LightEffects,
     /// Indirect light, in samples and in direct views.
     pub indirect: Indirect,
-    /// The maps for glossy and transparent surfaces; `None` if these reflect only lights and the sky.
-    pub reflections: Option<Surroundings>,
+    /// Reflection probes of glossy and transparent surfaces; `None` if these reflect only lights and the sky.
+    pub reflections: Option<ReflectionProbeSet>,
 }
 
 impl SampleSetInfo {
@@ -227,24 +228,24 @@ impl SampleSetInfo {
         }
     }
 
-    /// The camera of a sample of the set: the rig's, or that of its surroundings.
+    /// The camera of a sample of the set: a camera of the rig, or the one of the reflection probes.
     ///
     /// # Errors
-    /// That of [`Rig::camera`]; also for surroundings of a set without reflections.
+    /// An index that [`Rig::camera`] refuses, or reflection probes of a set without reflections.
     pub fn camera(&self, index: u64) -> Result<SampleCamera, InvalidField> {
         match self.reflections {
-            Some(Surroundings { knobs, count }) if index == SampleId::SURROUNDINGS => {
-                let layout = OmniLayout::Surroundings { side: knobs.side, count };
+            Some(ReflectionProbeSet { knobs, count }) if index == SampleId::REFLECTION_PROBES => {
+                let layout = OmniLayout::ReflectionProbes { side: knobs.side, count };
                 Ok(SampleCamera::Omni { center: self.bounds.center(), layout })
             }
             _ => self.rig.camera(index),
         }
     }
 
-    /// The samples of a view: these of the rig, and the set's surroundings if it has any.
-    pub fn with_surroundings(&self, mut ids: Vec<SampleId>) -> Vec<SampleId> {
+    /// Appends the sample of the set's reflection probes, if it has any, to a view's samples of the rig.
+    pub fn with_reflection_probes(&self, mut ids: Vec<SampleId>) -> Vec<SampleId> {
         let version = ids.first().map_or(self.version.number, |id| id.version);
-        ids.extend(self.reflections.map(|_| SampleId { version, camera: SampleId::SURROUNDINGS }));
+        ids.extend(self.reflections.map(|_| SampleId { version, camera: SampleId::REFLECTION_PROBES }));
         ids
     }
 

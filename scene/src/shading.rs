@@ -115,7 +115,7 @@ pub fn specular_radiance(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -
     reflected_sky(surface, to_eye, lighting) + reflected_lights(surface, to_eye, lighting)
 }
 
-/// The sky's part of [`specular_radiance`], for a surface with no other surroundings.
+/// The sky's part of [`specular_radiance`], for a surface that reflects only the sky.
 pub fn reflected_sky(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Vec3 {
     let reflected = 2.0 * surface.normal.dot(to_eye) * surface.normal - to_eye;
     let sky = sky_radiance(&lighting.sky, reflected)
@@ -123,7 +123,7 @@ pub fn reflected_sky(surface: &Surface, to_eye: Vec3, lighting: &Lighting) -> Ve
     reflected_around(surface, to_eye, sky)
 }
 
-/// Radiance of a glossy surface towards the unit direction `to_eye`, reflected from surroundings of radiance
+/// Radiance of a glossy surface towards the unit direction `to_eye`, reflected from an environment of radiance
 /// `around`, which is blurred for the surface's roughness.
 pub fn reflected_around(surface: &Surface, to_eye: Vec3, around: Vec3) -> Vec3 {
     around * environment_brdf(surface.f0, surface.roughness, surface.normal.dot(to_eye).max(1e-3))

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Indirect, InvalidField, LightEffects, Plan, Sampling, Surroundings, Visibility};
+use crate::{Indirect, InvalidField, LightEffects, Plan, ReflectionProbeSet, Sampling, Visibility};
 
 /// How a sample set is rendered. All samples of a set have one specification, whichever worker renders them. The
 /// specification of a frame is that of its samples, or how it was rendered from triangles.
@@ -20,8 +20,8 @@ pub struct Specification {
     pub effects: LightEffects,
     /// Light that surfaces reflect onto one another, and glowing particles.
     pub indirect: Indirect,
-    /// The maps that glossy and transparent surfaces look up; `None` where they reflect lights and the sky alone.
-    pub reflections: Option<Surroundings>,
+    /// Reflection probes of glossy and transparent surfaces; `None` where these reflect lights and the sky alone.
+    pub reflections: Option<ReflectionProbeSet>,
     /// From linear radiance to display-linear values.
     pub exposure: f32,
 }
@@ -95,7 +95,7 @@ impl Specification {
             Sampling::MegaViews(knobs) => format!("{} {knobs}", sampling.name()),
         };
         let reflections = reflections
-            .map_or("off".to_owned(), |Surroundings { knobs, count }| format!("{count} maps {knobs}"));
+            .map_or("off".to_owned(), |ReflectionProbeSet { knobs, count }| format!("{count} maps {knobs}"));
         [
             ("visibility", visibility.name().to_owned()),
             ("sampling", sampling),
@@ -149,7 +149,7 @@ mod tests {
     /// Specifications that differ from the default in one field each.
     fn others() -> [(&'static str, Specification); 7] {
         let usual = Specification::default();
-        let maps = Surroundings { knobs: Reflections::default(), count: 3 };
+        let maps = ReflectionProbeSet { knobs: Reflections::default(), count: 3 };
         [
             ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
             ("sampling", Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual }),

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Method to find the triangle of each sub-sample. All agree except along edges. Which is cheapest depends on device,
 /// scene and size, so it is measured once, before the first sample is rendered
-/// ([`crate::Sampler::ways`]).
+/// ([`crate::Sampler::measure_backends`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Visibility {

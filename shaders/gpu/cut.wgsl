@@ -1,72 +1,73 @@
-// Program of gpu/src/many_views/cuts/passes.rs: a cut through a tree of balls for every view at once (ManyLoDs, section
-// 3), found from the root, or from the last frame's.
+// Program of gpu/src/many_views/cuts/passes.rs: finds a cut through a sphere tree for every view (ManyLoDs, section 3),
+// from the root or from the last frame's cut.
 //
-// What is kept of a cut lies in chunks of 64 entries that need not be looked at again before views have moved by
-// so much: each has a due time on a clock of motion, and a chunk that is not due is not touched. Chunks that are due
-// are taken apart and their entries put into others by how far off their verdicts now are.
+// Cuts are kept in chunks of 64 entries. Each chunk has a due time on a clock of motion: its entries stay valid until views
+// and spheres have moved that far. Chunks that are not due are not read. The entries of due chunks are tested again and
+// sorted into new chunks by their slack: the motion until the next test.
 
 import package::shared::cone::{direction_of, widened};
-import package::shared::cut::{Course, EYE_WORDS, Eye, VIEW_BITS, VIEW_MASK, cut_lasts, cut_value, eye_from};
+import package::shared::cut::{Course, EYE_WORDS, Eye, VIEW_BITS, VIEW_MASK, cut_margin, cut_slack, eye_from};
 import package::shared::linear::linear_index;
 
 struct CutStep {
-    // Views.
+    // Number of views.
     views: u32,
-    // The tree's root.
+    // Index of the tree's root.
     root: u32,
-    // Texels of a hemisphere's side by the threshold.
+    // Texels of a hemisphere's side, divided by the threshold.
     scale: f32,
-    // Motion of a view, edges, beyond which it starts over.
+    // Motion of a view, edges of the root, beyond which its cut restarts from the root.
     jump: f32,
-    // Entries that the queues and the cut hold.
+    // Capacity of the queues and of the cuts, entries.
     capacity: u32,
-    // Chunks of the cut.
+    // Number of chunks.
     chunks: u32,
-    // Entries of `counters` for the queue that is read and the one that is filled.
+    // Indices in `counters`: of the queue that is read, and of the queue that is filled.
     queue_in: u32,
     queue_out: u32,
-    // Where numbers of workgroups go.
+    // Index in `arguments` of the numbers of workgroups.
     arguments: u32,
-    // Units of motion by which chunks may be overdue while views move.
+    // Lazy cuts: units of motion by which chunks may be overdue while views move.
     lag: u32,
-    // 1: every view starts over.
+    // 1: the cuts of all views restart from the root.
     restart: u32,
-    // 0: of this step's queue only what started over is divided.
+    // 0: this step divides only nodes of views that restarted in this frame.
     deep: u32,
 }
 
 var<immediate> step: CutStep;
 
-// Whether what no view sees is culled.
+// Culls nodes outside a view's cone.
 override culls: bool = true;
-// Whether entries are kept in the order of their due times; else one after the other.
+// Sorts entries into chunks by slack. Otherwise entries are stored one after another.
 override ordered: bool = true;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(1) var<storage, read> spheres: array<vec4f>;
 @group(0) @binding(2) var<storage, read> parents: array<u32>;
-// Two a view: position and half the field of view; direction.
+// Two vectors per view: position and half the field of view; direction.
 @group(0) @binding(3) var<storage, read> views: array<vec4f>;
 @group(0) @binding(4) var<storage, read_write> eyes: array<vec4f>;
-// Nodes that must be divided, and for which view.
+// Nodes to divide: node and FRESH; view and generation.
 @group(0) @binding(5) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(6) var<storage, read_write> next: array<vec2u>;
-// Entries that are settled, and where they go: 25 bits of a number within a bin, below the bin.
+// Entries that are part of a cut, not sorted yet.
 @group(0) @binding(7) var<storage, read_write> settled: array<vec2u>;
-@group(0) @binding(8) var<storage, read_write> places: array<u32>;
+// Destination of each settled entry: its bin, then its number within the bin in the lower 25 bits.
+@group(0) @binding(8) var<storage, read_write> slots: array<u32>;
 @group(0) @binding(9) var<storage, read_write> entries: array<vec2u>;
-// Of each chunk when it is due and how many entries it has.
+// Due time and number of entries of each chunk.
 @group(0) @binding(10) var<storage, read_write> chunks: array<vec2u>;
-// Chunks that are empty, a stack.
+// Stack of empty chunks.
 @group(0) @binding(11) var<storage, read_write> free: array<u32>;
-// Chunks that are due and how many entries they had.
+// Due chunks and their numbers of entries.
 @group(0) @binding(12) var<storage, read_write> due: array<vec2u>;
-// Of this frame.
+// Counters of this frame.
 @group(0) @binding(13) var<storage, read_write> counters: array<atomic<u32>>;
 @group(0) @binding(14) var<storage, read_write> arguments: array<u32>;
-// How far the tree's balls moved and grew since it was made.
+// Accumulated motion and growth of the tree's spheres, units of motion.
 @group(0) @binding(15) var<storage, read> moved: array<u32>;
-// From frame to frame.
+// State that is kept from frame to frame.
 @group(0) @binding(16) var<storage, read_write> state: array<atomic<u32>>;
 
 // `counters`: words of gpu/src/many_views/cuts/counters.rs.
@@ -83,7 +84,7 @@ const FREE_BASE: u32 = 9u;
 const TURNING: u32 = 10u;
 const BINS: u32 = 16u;
 const BIN_COUNT: u32 = 128u;
-// Where each bin's chunks begin in the stack of free ones.
+// First chunk of each bin among the chunks that this frame takes from `free`.
 const BASES: u32 = 144u;
 
 // `state`
@@ -91,31 +92,34 @@ const CLOCK: u32 = 0u;
 const SEEN_SHIFT: u32 = 1u;
 const SEEN_GROWTH: u32 = 2u;
 const FREE: u32 = 3u;
-// One more than the last chunk that was ever in use.
+// 1 + the index of the last chunk that was ever used.
 const HIGH: u32 = 4u;
 const LATEST: u32 = 5u;
-// Radians by which courses turn in an edge of way at most, f32.
+// Largest curvature of the views' courses, radians per edge of the root, f32.
 const BEND: u32 = 6u;
-// Frames in which none turned by more.
-const CALM: u32 = 7u;
-// Whether due times may count on courses; whether any does; whether all chunks are due since one turned away.
-const COUNTS_ON: u32 = 8u;
-const COUNTED_ON: u32 = 9u;
-const FORCED: u32 = 10u;
+// Number of frames without a sharper turn.
+const STEADY: u32 = 7u;
+// 1: due times may follow the views' courses.
+const PREDICTS: u32 = 8u;
+// 1: some due times follow courses.
+const PREDICTED: u32 = 9u;
+// 1: all chunks are due, because a view left its course.
+const ALL_DUE: u32 = 10u;
 
 // Units of motion in an edge of the root: 2^22.
 const UNITS: f32 = 4194304.0;
-// Slack that is less than this many units, a power of two, is none.
+// Base-2 logarithm of the least slack, in units, that is told from none.
 const LEAST_OCTAVE: u32 = 6u;
-// The bin of entries that must be looked at in the next frame whatever moves.
+// Bin of entries that are tested again in the next frame, whatever the motion.
 const UNSETTLED: u32 = 127u;
 const NEVER: f32 = 8.0;
-// Courses that turn by more, radians an edge, are not worth counting on; nor are those after fewer calm frames.
+// Largest curvature, radians per edge, that raises BEND. Sharper turns are treated as exceptions.
 const SHARPEST: f32 = 200.0;
-// Courses are taken to turn by this much at least: straight ones do by what f32 rounds.
+// Least value of BEND: the rounding of f32 makes straight courses appear curved.
 const STRAIGHTEST: f32 = 2.0;
-const CALM_FRAMES: u32 = 2u;
-// Of a node in the queue: its view has started over in this frame, and is divided down to its cut whatever it takes.
+// Frames without a sharper turn before due times follow courses.
+const STEADY_FRAMES: u32 = 2u;
+// Flag of a node in the queue: its view restarted in this frame, and is divided down to its cut in this frame.
 const FRESH: u32 = 0x80000000u;
 
 fn eye_of(view: u32) -> Eye {
@@ -124,31 +128,31 @@ fn eye_of(view: u32) -> Eye {
 
 fn course_of(view: u32) -> Course {
     let direction = eyes[EYE_WORDS * view + 2u].xyz;
-    let known = atomicLoad(&state[COUNTS_ON]) != 0u && any(direction != vec3f(0.0));
+    let known = atomicLoad(&state[PREDICTS]) != 0u && any(direction != vec3f(0.0));
     return Course(direction, bitcast<f32>(atomicLoad(&state[BEND])), select(0u, 1u, known));
 }
 
-// How far a view may go before a node must be looked at again: it or what is above it may then be another matter.
-fn node_lasts(node: u32, eye: Eye, course: Course) -> f32 {
+// Motion of the view before this node of a cut must be tested again. The slack of its parent limits an entry, too.
+fn node_slack(node: u32, eye: Eye, course: Course) -> f32 {
     if is_leaf(node) {
         return NEVER;
     }
-    return cut_lasts(spheres[node], eye, course, step.scale, culls, true);
+    return cut_slack(spheres[node], eye, course, step.scale, culls, true);
 }
 
-fn parent_lasts(parent: u32, eye: Eye, course: Course) -> f32 {
-    return cut_lasts(spheres[parent], eye, course, step.scale, culls, false);
+fn parent_slack(parent: u32, eye: Eye, course: Course) -> f32 {
+    return cut_slack(spheres[parent], eye, course, step.scale, culls, false);
 }
 
-fn value_of(node: u32, eye: Eye) -> f32 {
-    return cut_value(spheres[node], eye, step.scale, culls);
+fn margin_of(node: u32, eye: Eye) -> f32 {
+    return cut_margin(spheres[node], eye, step.scale, culls);
 }
 
 fn is_leaf(node: u32) -> bool {
     return (nodes[node].w & 255u) == 0u;
 }
 
-// The bin by slack: eight to an octave, so that at most an eighth of it is given away.
+// The bin of a slack. An octave has eight bins, so rounding down loses at most an eighth of the slack.
 fn bin_of(slack: f32) -> u32 {
     let units = u32(clamp(slack * UNITS, 0.0, 4294967040.0));
     if units < (1u << LEAST_OCTAVE) {
@@ -159,14 +163,14 @@ fn bin_of(slack: f32) -> u32 {
     return min(1u + (octave - LEAST_OCTAVE) * 8u + eighth, UNSETTLED - 1u);
 }
 
-// The least slack of a bin's entries, units.
+// Least slack of the entries of a bin, units.
 fn slack_of(bin: u32) -> u32 {
     let octave = (bin - 1u) / 8u + LEAST_OCTAVE;
     let eighth = (bin - 1u) % 8u;
     return select((8u + eighth) << (octave - 3u), 1u, bin == 0u);
 }
 
-// Writes an entry that is settled where it was reserved; `bin` counts where order is kept.
+// Writes an entry of a cut at its reserved index. `bin` is used only if entries are sorted.
 fn settle(at: u32, node: u32, tagged: u32, bin: u32) {
     if at >= step.capacity {
         atomicMax(&counters[OVERFLOW], 1u);
@@ -175,7 +179,7 @@ fn settle(at: u32, node: u32, tagged: u32, bin: u32) {
     if ordered {
         let number = atomicAdd(&counters[BINS + bin], 1u);
         settled[at] = vec2u(node, tagged);
-        places[at] = (bin << 25u) | (number & 0x1ffffffu);
+        slots[at] = (bin << 25u) | (number & 0x1ffffffu);
     } else {
         entries[at] = vec2u(node, tagged);
     }
@@ -196,7 +200,7 @@ fn groups_for(count: u32) {
     arguments[step.arguments + 2u] = 1u;
 }
 
-// Puts every chunk on the stack of free ones, the first on top.
+// Pushes all chunks onto the stack of free chunks, the first on top.
 @compute @workgroup_size(64)
 fn reset_chunks(
     @builtin(workgroup_id) group: vec3u,
@@ -211,18 +215,18 @@ fn reset_chunks(
     if at == 0u {
         atomicStore(&state[FREE], step.chunks);
         atomicStore(&state[HIGH], 0u);
-        // Lag is taken off due times: it must not take them below zero.
+        // Lag is subtracted from due times, which must not go below zero.
         atomicStore(&state[CLOCK], 1u << 23u);
         atomicStore(&state[SEEN_SHIFT], moved[0]);
         atomicStore(&state[SEEN_GROWTH], moved[1]);
         atomicStore(&state[BEND], 0u);
-        atomicStore(&state[CALM], 0u);
-        atomicStore(&state[COUNTS_ON], 0u);
-        atomicStore(&state[COUNTED_ON], 0u);
+        atomicStore(&state[STEADY], 0u);
+        atomicStore(&state[PREDICTS], 0u);
+        atomicStore(&state[PREDICTED], 0u);
     }
 }
 
-// Where views are now and how far they moved; those that moved far, or see another angle, start over from the root.
+// Updates the views and measures their motion. Views that moved far, or whose field of view changed, restart.
 @compute @workgroup_size(64)
 fn move_views(
     @builtin(workgroup_id) group: vec3u,
@@ -243,7 +247,7 @@ fn move_views(
     if !starts {
         let before = eye_of(view);
         generation = before.generation;
-        // A turn moves what is seen by as much as its distance makes of it.
+        // A turn moves visible points in proportion to their distance.
         let reach = distance(position, vec3f(0.5)) + 0.9;
         let way = position - before.position;
         let ahead = length(way);
@@ -253,18 +257,18 @@ fn move_views(
         if starts {
             generation = (generation + 1u) & 255u;
             if generation == 0u {
-                // Entries of the generation that had this number before might still be there.
+                // Entries of the earlier generation of this number may still exist.
                 atomicMax(&counters[WRAPPED], 1u);
             }
         } else {
             atomicMax(&counters[MOTION], bitcast<u32>(motion));
             let last_course = eyes[EYE_WORDS * view + 2u].xyz;
             course = select(last_course, way / max(ahead, 1e-37), ahead > 0.0);
-            // An arc is at most this much longer than a chord of up to 1.
+            // An arc is at most 5% longer than its chord, for chords up to 1.
             let chord = distance(course, last_course);
             let arc = select(4.0, chord * 1.05, chord <= 1.0) / max(ahead, 1e-37);
             let turned = any(last_course != vec3f(0.0)) && chord > 0.0;
-            // What turns about itself has no course that says what it sees next.
+            // The course of a view that turns on the spot does not predict what it sees.
             let turning = select(select(0.0, arc, turned), 1e30, turn > 1e-4 * ahead);
             atomicMax(&counters[TURNING], bitcast<u32>(turning));
         }
@@ -277,9 +281,9 @@ fn move_views(
         atomicAdd(&counters[VISITS], 1u);
         let eye = Eye(position, generation, axis, cos_seen);
         let tagged = view | (generation << VIEW_BITS);
-        if value_of(step.root, eye) > 0.0 {
+        if margin_of(step.root, eye) > 0.0 {
             let nowhere = Course(course, 0.0, 0u);
-            let bin = bin_of(cut_lasts(spheres[step.root], eye, nowhere, step.scale, culls, true));
+            let bin = bin_of(cut_slack(spheres[step.root], eye, nowhere, step.scale, culls, true));
             settle(atomicAdd(&counters[SETTLED], 1u), step.root, tagged, bin);
         } else {
             enqueue(atomicAdd(&counters[step.queue_out], 1u), step.root | FRESH, tagged);
@@ -287,7 +291,7 @@ fn move_views(
     }
 }
 
-// Moves the clock on by as much as views and balls moved at most.
+// Advances the clock by the largest motion of any view and sphere.
 @compute @workgroup_size(1)
 fn tick() {
     let shift = moved[0] - atomicLoad(&state[SEEN_SHIFT]);
@@ -296,35 +300,35 @@ fn tick() {
     atomicStore(&state[SEEN_GROWTH], moved[1]);
     let motion = bitcast<f32>(atomicLoad(&counters[MOTION]));
     let of_views = select(0u, u32(ceil(motion * 1.00001 * UNITS)) + 1u, motion > 0.0);
-    // A verdict changes by at most scale / 2 + 1 times as much as a radius.
-    let of_balls = f32(shift) + f32(growth) * (0.5 * step.scale + 1.0);
-    let ticks = of_views + u32(min(ceil(of_balls * 1.00001), 16777216.0));
+    // A margin changes by at most scale / 2 + 1 times the change of a radius.
+    let of_spheres = f32(shift) + f32(growth) * (0.5 * step.scale + 1.0);
+    let ticks = of_views + u32(min(ceil(of_spheres * 1.00001), 16777216.0));
     atomicAdd(&state[CLOCK], ticks);
     atomicStore(&state[LATEST], ticks);
-    // Due times count on courses once those have been calm, and until one is not: then all chunks are due once.
+    // Due times follow courses after some steady frames, until a view leaves its course. Then all chunks are due once.
     let turning = bitcast<f32>(atomicLoad(&counters[TURNING]));
     let bend = max(bitcast<f32>(atomicLoad(&state[BEND])), STRAIGHTEST);
-    let strays = turning > bend || of_balls > 0.0;
-    let counted_on = atomicLoad(&state[COUNTED_ON]);
-    atomicStore(&state[FORCED], select(0u, counted_on, strays));
+    let strays = turning > bend || of_spheres > 0.0;
+    let predicted = atomicLoad(&state[PREDICTED]);
+    atomicStore(&state[ALL_DUE], select(0u, predicted, strays));
     if strays {
         let wider = select(bend, max(bend, 1.15 * turning), turning < SHARPEST);
         atomicStore(&state[BEND], bitcast<u32>(wider));
-        atomicStore(&state[CALM], 0u);
-        atomicStore(&state[COUNTS_ON], 0u);
-        atomicStore(&state[COUNTED_ON], 0u);
+        atomicStore(&state[STEADY], 0u);
+        atomicStore(&state[PREDICTS], 0u);
+        atomicStore(&state[PREDICTED], 0u);
     } else if ticks > 0u {
         atomicStore(&state[BEND], bitcast<u32>(max(max(0.9 * bend, 1.15 * turning), STRAIGHTEST)));
-        let calm = atomicAdd(&state[CALM], 1u) + 1u;
-        if calm >= CALM_FRAMES {
-            atomicStore(&state[COUNTS_ON], 1u);
-            atomicStore(&state[COUNTED_ON], 1u);
+        let steady = atomicAdd(&state[STEADY], 1u) + 1u;
+        if steady >= STEADY_FRAMES {
+            atomicStore(&state[PREDICTS], 1u);
+            atomicStore(&state[PREDICTED], 1u);
         }
     }
     groups_for((atomicLoad(&state[HIGH]) + 63u) / 64u);
 }
 
-// Which chunks are due. They are free from now on, though what they hold stays until `place`.
+// Finds due chunks and pushes them onto the stack of free chunks. Their entries stay intact until `place`.
 @compute @workgroup_size(64)
 fn find_due(
     @builtin(workgroup_id) group: vec3u,
@@ -337,7 +341,7 @@ fn find_due(
     }
     let chunk = chunks[at];
     let lag = select(0u, step.lag, atomicLoad(&state[LATEST]) > 0u);
-    let is_due = chunk.x + lag <= atomicLoad(&state[CLOCK]) || atomicLoad(&state[FORCED]) != 0u;
+    let is_due = chunk.x + lag <= atomicLoad(&state[CLOCK]) || atomicLoad(&state[ALL_DUE]) != 0u;
     if chunk.y > 0u && is_due {
         due[atomicAdd(&counters[DUE], 1u)] = vec2u(at, chunk.y);
         chunks[at].y = 0u;
@@ -345,12 +349,13 @@ fn find_due(
     }
 }
 
+// Sets one workgroup of `visit` for each due chunk.
 @compute @workgroup_size(1)
 fn prepare_visits() {
     groups_for(atomicLoad(&counters[DUE]));
 }
 
-// After an overflow nothing follows: the frame is run again.
+// Sets the workgroups of `split`. After an overflow there are none, since the frame is run again.
 @compute @workgroup_size(1)
 fn prepare() {
     let overflowed = atomicLoad(&counters[OVERFLOW]) != 0u;
@@ -358,8 +363,9 @@ fn prepare() {
     groups_for((count + 63u) / 64u);
 }
 
-// Looks at an entry again: it stays, is to be divided, or gives way to the highest node above it that will do. All
-// below that node are looked at in the same frame, since each of them depends on it, and only first children go up.
+// Tests an entry again. It stays, is queued to be divided, or is replaced by its highest ancestor that is fine enough.
+// Only first children are replaced by their parent; the other children are dropped. All descendants of that ancestor are
+// tested in the same frame, since the slack of each is limited by its parent's.
 @compute @workgroup_size(64)
 fn visit(
     @builtin(workgroup_id) group: vec3u,
@@ -384,7 +390,7 @@ fn visit(
         visits = 1u;
         var parent = parents[node];
         if node != step.root {
-            above = value_of(parent, eye);
+            above = margin_of(parent, eye);
         }
         if above > 0.0 {
             stays = true;
@@ -398,19 +404,19 @@ fn visit(
                 node = parent;
                 own = above;
                 parent = parents[node];
-                // The root is its own.
+                // The root is its own parent.
                 if parent == node {
                     above = -NEVER;
                     break;
                 }
-                above = value_of(parent, eye);
+                above = margin_of(parent, eye);
                 if above <= 0.0 {
                     break;
                 }
             }
         } else {
             if !is_leaf(node) {
-                own = value_of(node, eye);
+                own = margin_of(node, eye);
             }
             stays = own > 0.0;
             divides = !stays;
@@ -436,19 +442,19 @@ fn visit(
     divide_base = subgroupBroadcastFirst(divide_base) + divides_before;
     if stays {
         let course = course_of(entry.y & VIEW_MASK);
-        var lasts = node_lasts(node, eye, course);
+        var slack = node_slack(node, eye, course);
         if node != step.root {
-            lasts = min(lasts, parent_lasts(parents[node], eye, course));
+            slack = min(slack, parent_slack(parents[node], eye, course));
         }
-        settle(stay_base, node, entry.y, bin_of(lasts));
+        settle(stay_base, node, entry.y, bin_of(slack));
     }
     if divides {
         enqueue(divide_base, node, entry.y);
     }
 }
 
-// Divides each node of the queue: its children are settled, or are divided next. What may not be divided any further in
-// this frame stays as it is until the next.
+// Divides each node of the queue. Each child becomes part of the cut, or is queued for the next step. Nodes that may not be
+// divided further in this frame stay in the cut until the next frame.
 @compute @workgroup_size(64)
 fn split(
     @builtin(workgroup_id) group: vec3u,
@@ -468,10 +474,10 @@ fn split(
     let first = links >> 8u;
     let children = select(0u, countOneBits(links & 255u), is_pair && !waits);
     let course = course_of(pair.y & VIEW_MASK);
-    // What is above the children is this node.
+    // Slack of the children's parent.
     var above = NEVER;
     if ordered && is_pair {
-        above = parent_lasts(node, eye, course);
+        above = parent_slack(node, eye, course);
     }
     var settles = 0u;
     var divides = 0u;
@@ -481,12 +487,12 @@ fn split(
         let child = first + i;
         var own = NEVER;
         if !is_leaf(child) {
-            own = value_of(child, eye);
+            own = margin_of(child, eye);
         }
         if own > 0.0 {
             settles |= 1u << i;
             if ordered {
-                let bin = bin_of(min(above, node_lasts(child, eye, course))) << (8u * (i & 3u));
+                let bin = bin_of(min(above, node_slack(child, eye, course))) << (8u * (i & 3u));
                 low_bins |= select(bin, 0u, i >= 4u);
                 high_bins |= select(0u, bin, i >= 4u);
             }
@@ -529,7 +535,7 @@ fn split(
     }
 }
 
-// Takes as many free chunks for each bin as its entries fill; or, without order, as many from the first on.
+// Allocates chunks for the entries of each bin from the stack of free chunks. Unsorted entries use the first chunks.
 @compute @workgroup_size(1)
 fn allot() {
     let all = min(atomicLoad(&counters[SETTLED]), step.capacity);
@@ -555,6 +561,7 @@ fn allot() {
     groups_for(select((all + 63u) / 64u, 0u, overflowed));
 }
 
+// Writes settled entries to their chunks.
 @compute @workgroup_size(64)
 fn place(
     @builtin(workgroup_id) group: vec3u,
@@ -572,13 +579,13 @@ fn place(
         }
         return;
     }
-    let bin = places[at] >> 25u;
-    let number = places[at] & 0x1ffffffu;
+    let bin = slots[at] >> 25u;
+    let number = slots[at] & 0x1ffffffu;
     let chunk = free[atomicLoad(&counters[FREE_BASE]) + atomicLoad(&counters[BASES + bin]) + number / 64u];
     entries[chunk * 64u + number % 64u] = settled[at];
     if number % 64u == 0u {
         let clock = atomicLoad(&state[CLOCK]);
-        // Without regard to the lag: this is due in any case.
+        // Subtracts the lag, so that this chunk is due in any case.
         let when = select(clock + slack_of(bin), clock - step.lag, bin == UNSETTLED);
         chunks[chunk] = vec2u(when, min(64u, atomicLoad(&counters[BINS + bin]) - number));
         atomicMax(&state[HIGH], chunk + 1u);

@@ -1,4 +1,4 @@
-// Program of gpu/src/many_views/cuts/draw.rs: the cuts of all views drawn into their maps (ManyLoDs, section 4.2).
+// Program of gpu/src/many_views/cuts/draw.rs: draws the cuts of all views into their maps (ManyLoDs, section 4.2).
 
 import package::shared::cut::{EYE_WORDS, VIEW_BITS, VIEW_MASK, cut_unseen, eye_from};
 import package::shared::linear::linear_index;
@@ -8,24 +8,24 @@ import package::shared::paraboloid::{paraboloid_area, paraboloid_ray, paraboloid
 struct DrawStep {
     views: u32,
     side: u32,
-    // How large a node may appear and be drawn whole, texels.
+    // Largest apparent size of a node that is drawn as one disc, texels.
     threshold: f32,
     // Length of the root's edge, metres.
     edge: f32,
-    // Maps of one of the arrays: 2 to the power of this.
+    // Base-2 logarithm of the number of maps in one array.
     map_shift: u32,
-    // Entries that the queue holds, and its entry of `counters`.
+    // Capacity of the queue, entries, and its index in `counters`.
     capacity: u32,
     queue: u32,
-    // Where the number of workgroups goes.
+    // Index in `arguments` of the number of workgroups.
     arguments: u32,
 }
 
 var<immediate> step: DrawStep;
 
-// Whether what is drawn are discs of surfaces rather than cells.
+// Leaves are surface points, drawn as discs. Otherwise they are cells.
 override surfels: bool = false;
-// Texels that a node may cover in each direction.
+// Most texels that a disc covers in each direction.
 override reach: u32 = 1u;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
@@ -45,8 +45,8 @@ const OVERFLOW: u32 = 0u;
 const DRAWN: u32 = 11u;
 const HIGH: u32 = 4u;
 
-// A disc in radii of its ball. A point's ball has the area that it stands for by its square, and points are spread less
-// evenly than cells.
+// Radius of a disc relative to its sphere's radius. The squared radius of a surface point's sphere is the area that the
+// point represents. Points get larger discs, since they are spread less evenly than cells.
 override disc_of_cell: f32 = 0.5;
 const DISC_OF_POINT: f32 = 1.0;
 
@@ -61,20 +61,22 @@ fn groups_for(count: u32) {
     arguments[step.arguments + 2u] = 1u;
 }
 
+// Sets one workgroup of `draw` for each used chunk; none after an overflow.
 @compute @workgroup_size(1)
 fn prepare_draw() {
     let overflowed = atomicLoad(&counters[OVERFLOW]) != 0u;
     groups_for(select(atomicLoad(&state[HIGH]), 0u, overflowed));
 }
 
+// Sets the workgroups of `fill_large`; none after an overflow.
 @compute @workgroup_size(1)
 fn prepare_fill() {
     let overflowed = atomicLoad(&counters[OVERFLOW]) != 0u;
     groups_for((select(atomicLoad(&counters[step.queue]), 0u, overflowed) + 63u) / 64u);
 }
 
-// A node leaves itself in the texels whose sample points its disc covers; a leaf larger than the threshold is kept for
-// `fill`. What no view sees is not drawn.
+// Draws each node into the texels whose sample points its disc covers. Leaves larger than the threshold are queued for
+// `fill_large`. Nodes outside the view's cone are not drawn.
 @compute @workgroup_size(64)
 fn draw(
     @builtin(workgroup_id) group: vec3u,
@@ -88,20 +90,20 @@ fn draw(
     let view = entry.y & VIEW_MASK;
     let eye = eye_from(eyes[EYE_WORDS * view], eyes[EYE_WORDS * view + 1u]);
     let is_entry = exists && (entry.y >> VIEW_BITS) == eye.generation;
-    let ball = spheres[entry.x];
-    let radius = ball.w;
+    let sphere = spheres[entry.x];
+    let radius = sphere.w;
     let mean = bitcast<vec3f>(nodes[entry.x].xyz);
     let d = mean - eye.position;
     let range = length(d);
-    let unseen = cut_unseen(ball, eye) > 0.0;
+    let unseen = cut_unseen(sphere, eye) > 0.0;
     let tangent = sqrt(max(range * range - radius * radius, 0.0));
-    // In the hemisphere's plane, -1..1.
+    // Centre and radius of the disc in the hemisphere's plane, -1..1.
     let at = d.yz / max(range + abs(d.x), 1e-37);
     let disc = radius / max(abs(d.x) + tangent, 1e-37);
     let side = f32(step.side);
     let leaf = (nodes[entry.x].w & 255u) == 0u;
     let large = leaf && !(range > radius && disc * side <= step.threshold);
-    // The surface that the views of a hemisphere lie on is not seen from there.
+    // A view that sees one hemisphere does not see the surface that it lies on.
     let before_it = eye.cos_seen < -0.95 || dot(d, eye.axis) >= 0.5 * radius;
     let fills = is_entry && !unseen && large && before_it;
     if is_entry && !unseen && !large {
@@ -138,8 +140,8 @@ fn draw(
     }
 }
 
-// A leaf that covers many texels is in each whose ray meets its cell, with the range of what the cell holds; or its
-// disc, with the range of where.
+// Writes a large leaf to each texel whose ray hits it. A cell has the range of its mean position; a disc has the range of
+// the hit.
 @compute @workgroup_size(64)
 fn fill_large(
     @builtin(workgroup_id) group: vec3u,
@@ -152,16 +154,16 @@ fn fill_large(
     }
     let pair = queue[nth];
     let eye = eyes[EYE_WORDS * pair.y].xyz;
-    let ball = spheres[pair.x];
-    let to_center = ball.xyz - eye;
+    let sphere = spheres[pair.x];
+    let to_center = sphere.xyz - eye;
     let to_mean = bitcast<vec3f>(nodes[pair.x].xyz) - eye;
-    let half_cell = ball.w * 0.57735026;
+    let half_cell = sphere.w * 0.57735026;
     let normal = cones[pair.x].xyz;
     let height = dot(normal, to_mean);
     let far = 1.0 / max(length(to_mean) * step.edge, 1e-37);
     let side = f32(step.side);
-    let one_side = paraboloid_area(to_center, ball.w * 1.001, 0u, side);
-    let other_side = paraboloid_area(to_center, ball.w * 1.001, 1u, side);
+    let one_side = paraboloid_area(to_center, sphere.w * 1.001, 0u, side);
+    let other_side = paraboloid_area(to_center, sphere.w * 1.001, 1u, side);
     let texels = one_side.z * one_side.w;
     let all_texels = texels + other_side.z * other_side.w;
     var area = one_side;
@@ -179,10 +181,10 @@ fn fill_large(
         if surfels {
             let slant = dot(normal, ray);
             let t = height / select(slant, 1e-20, abs(slant) < 1e-20);
-            meets = t > 0.0 && distance(ray * t, to_mean) <= disc_radius(ball.w);
+            meets = t > 0.0 && distance(ray * t, to_mean) <= disc_radius(sphere.w);
             inverse_range = 1.0 / max(t * length(ray) * step.edge, 1e-30);
         } else {
-            // Where the ray enters and leaves the cell, along each axis.
+            // Distances at which the ray enters and leaves the cell's slab on each axis.
             let inverse = 1.0 / select(ray, vec3f(1e-20), abs(ray) < vec3f(1e-20));
             let one = (to_center - half_cell) * inverse;
             let other = (to_center + half_cell) * inverse;
@@ -194,7 +196,7 @@ fn fill_large(
             let texel = (hemisphere * step.side + cell.y) * step.side + cell.x;
             put_texel(texel_place(pair.y, step.map_shift, step.side, texel), MapTexel(inverse_range, pair.x));
         }
-        // Row by row, without dividing.
+        // Next texel, row by row, without an integer division.
         let ends_row = cell.x + 1u == area.x + area.z;
         cell = select(vec2u(cell.x + 1u, cell.y), vec2u(area.x, cell.y + 1u), ends_row);
     }

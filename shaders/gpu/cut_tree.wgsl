@@ -1,16 +1,15 @@
-// Program of gpu/src/many_views/cuts/tree.rs: what cuts need of an octree beside its nodes: balls around cells, and
-// parents.
+// Program of gpu/src/many_views/cuts/tree.rs: bounding spheres and parents of an octree's nodes.
 
 import package::shared::linear::linear_index;
 
 struct CellStep {
-    // Nodes of the level, and the first of them.
+    // Number of nodes of the level, and the first of them.
     count: u32,
     first: u32,
     // Cells along an edge of the root on the level.
     cells: f32,
-    // By how much a ball is larger than its cell's: the more, the nearer to the root, so that whatever is computed of a
-    // node in f32 is never less than what is computed of its children.
+    // Padding of the spheres' radii. It grows towards the root, so that f32 tests of a node never contradict those of its
+    // children.
     pad: f32,
 }
 
@@ -40,7 +39,7 @@ fn cells(
     for (var i = 0u; i < countOneBits(links & 255u); i++) {
         parents[first + i] = node;
     }
-    // The root is its own.
+    // The root is its own parent.
     if step.cells == 1.0 {
         parents[node] = node;
     }

@@ -1,5 +1,5 @@
-// Program of gpu/src/many_views/fill.rs: leaves that are so near that they cover many texels (MegaViews, section
-// 3.2.4): each texel whose ray meets the leaf's cell holds it.
+// Program of gpu/src/many_views/fill.rs: renders leaves that are near and cover many texels (MegaViews, section 3.2.4). A
+// leaf is written to each texel whose ray hits its cell.
 
 import package::shared::linear::linear_index;
 import package::shared::map_texels::{MapTexel, put_texel, texel_place};
@@ -13,13 +13,12 @@ struct FillStep {
     // Length of the root's edge, metres.
     edge: f32,
     capacity: u32,
-    // Entry of `counters` for the queue.
+    // Index of the queue in `counters`.
     counters: u32,
     map_shift: u32,
 }
 
 var<immediate> step: FillStep;
-
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
 @group(0) @binding(1) var<storage, read> view_links: array<vec4u>;
@@ -27,7 +26,7 @@ var<immediate> step: FillStep;
 @group(0) @binding(3) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(4) var<storage, read_write> counters: array<atomic<u32>>;
 
-// Whether a map holds what is in the cell that it is seen from, which is then in all directions.
+// Maps show the leaf whose cell contains the viewpoint; its rays hit that cell in all directions.
 override own_cell: bool = true;
 
 @compute @workgroup_size(64)
@@ -50,7 +49,7 @@ fn fill(
     let half_cell = 0.5 / step.cells;
     let to_center = (floor(mean * step.cells) + 0.5) / step.cells - eye;
     let side = f32(step.side);
-    // A little larger than the cell's own ball, so that no corner of it is lost to rounding.
+    // Slightly larger than the cell's bounding sphere, so that rounding loses no corner of the cell.
     let one_side = paraboloid_area(to_center, step.radius * 1.001, 0u, side);
     let other_side = paraboloid_area(to_center, step.radius * 1.001, 1u, side);
     let texels = one_side.z * one_side.w;
@@ -65,7 +64,7 @@ fn fill(
             cell = area.xy;
         }
         let ray = paraboloid_ray(hemisphere, cell, side);
-        // Where the ray enters and leaves the cell, along each axis.
+        // Distances at which the ray enters and leaves the cell's slab on each axis.
         let inverse = 1.0 / select(ray, vec3f(1e-20), abs(ray) < vec3f(1e-20));
         let one = (to_center - half_cell) * inverse;
         let other = (to_center + half_cell) * inverse;
@@ -75,7 +74,7 @@ fn fill(
             let texel = (hemisphere * step.side + cell.y) * step.side + cell.x;
             put_texel(texel_place(map, step.map_shift, step.side, texel), value);
         }
-        // Row by row, without dividing.
+        // Next texel, row by row, without an integer division.
         let ends_row = cell.x + 1u == area.x + area.z;
         cell = select(vec2u(cell.x + 1u, cell.y), vec2u(area.x, cell.y + 1u), ends_row);
     }

@@ -1,17 +1,18 @@
-// Program of gpu/src/many_views/fuse.rs: maps of view nodes, from the root down, take what the maps above them hold; or
-// single texels are looked up without that, from the root's map down.
+// Program of gpu/src/many_views/fuse.rs: merges the map of each view node into the maps of its descendants, from the root
+// down. Or looks up single texels without such a merge.
 
 import package::shared::linear::linear_index;
 import package::shared::map_fusion::{fusion, map_texel, maps, nearer, nodes, seen_from};
 import package::shared::map_texels::{MapTexel, put_texel, texel_place};
 
-// First map and number of maps whose nodes are on a level.
+// For each level, its first map and its number of maps.
 @group(0) @binding(2) var<storage, read> map_levels: array<vec2u>;
-// Map and texel.
+// Map and texel of each query.
 @group(0) @binding(3) var<storage, read> queries: array<vec2u>;
-// Inverse range and node.
+// Inverse range (f32 bits) and node of each query.
 @group(0) @binding(4) var<storage, read_write> answers: array<vec2u>;
 
+// Merges the parent's map into each map of a level. A workgroup takes 64 texels of one map.
 @compute @workgroup_size(64)
 fn fuse(
     @builtin(workgroup_id) group: vec3u,
@@ -38,6 +39,7 @@ fn fuse(
     }
 }
 
+// Answers queries: merges one texel of all maps from the root's to the asked one.
 @compute @workgroup_size(64)
 fn query(
     @builtin(workgroup_id) group: vec3u,
@@ -49,7 +51,7 @@ fn query(
         return;
     }
     let asked = queries[at];
-    // From the map to the root's, and back down.
+    // The maps from the asked one up to the root's.
     var path: array<u32, 12>;
     var length_ = 1u;
     path[0] = asked.x;

@@ -1,27 +1,27 @@
 // Program of gpu/src/many_views/imperfect.rs: imperfect maps (Ritschel et al., "Imperfect Shadow Maps for Efficient
-// Computation of Indirect Illumination", 2008). Random points of surfaces are splatted into each view's map, and gaps are
-// filled from coarser levels: pulled from what there is, and pushed back (Marroquim et al., "Efficient Point-Based
-// Rendering Using Image Reconstruction", 2007).
+// Computation of Indirect Illumination", 2008). Random surface points are splatted into each view's map. Gaps are filled by
+// pull-push: coarser levels are averaged from filled texels, and empty texels take the coarser value (Marroquim et al.,
+// "Efficient Point-Based Rendering Using Image Reconstruction", 2007).
 
 import package::shared::linear::linear_index;
 import package::shared::map_texels::{MapTexel, load_texel, put_texel, texel_place};
 import package::shared::paraboloid::paraboloid_index;
 
 struct ImperfectStep {
-    // Maps, points to each, and points to choose from.
+    // Number of maps, of points per map, and of points to choose from.
     count: u32,
     points: u32,
     pool: u32,
-    // Where points begin among the nodes.
+    // Index of the first point among the nodes.
     first: u32,
     side: u32,
     // Length of the root's edge, metres.
     edge: f32,
     map_shift: u32,
-    // Texels on a side of the level that is written, and of the finer (pull) or coarser (push) one that is read; where
-    // both begin in the pyramid. Level 0 is in the maps.
+    // Texels on a side of the written level, and of the read level: the finer one (pull) or the coarser one (push).
     to_side: u32,
     from_side: u32,
+    // Offsets of both levels in `pyramid`. Level 0 is in the maps.
     to_begin: u32,
     from_begin: u32,
 }
@@ -29,21 +29,22 @@ struct ImperfectStep {
 var<immediate> step: ImperfectStep;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
-// Two a view: position and half the field of view; direction.
+// Two vectors per view: position and half the field of view; direction.
 @group(0) @binding(1) var<storage, read> views: array<vec4f>;
-// Coarser levels, each of all maps: inverse ranges, 0 where there is nothing.
+// Coarser levels, each of all maps: inverse ranges, 0 for none.
 @group(0) @binding(2) var<storage, read_write> pyramid: array<f32>;
 
-// Ranges this many times the nearest belong to another surface.
+// Largest ratio of ranges within one surface.
 const SAME: f32 = 1.25;
 
-// Jarzynski, Olano: "Hash Functions for GPU Rendering", 2020: pcg.
+// PCG hash (Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020).
 fn hashed(seed: u32) -> u32 {
     let state = seed * 747796405u + 2891336453u;
     let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
     return (word >> 22u) ^ word;
 }
 
+// Splats random points into their maps.
 @compute @workgroup_size(64)
 fn splat_points(
     @builtin(workgroup_id) group: vec3u,
@@ -71,7 +72,7 @@ fn from_level(map: u32, texel: u32) -> f32 {
     return pyramid[step.from_begin + map * 2u * step.from_side * step.from_side + texel];
 }
 
-// The mean of the nearest surface among four texels.
+// Pull: the mean inverse range of the nearest surface among four finer texels.
 @compute @workgroup_size(64)
 fn pull_up(
     @builtin(workgroup_id) group: vec3u,
@@ -94,7 +95,7 @@ fn pull_up(
     pyramid[step.to_begin + at] = dot(four, same) / max(dot(same, vec4f(1.0)), 1.0);
 }
 
-// What is nothing takes what the coarser level has there.
+// Push: empty texels take the coarser level's value.
 @compute @workgroup_size(64)
 fn push_down(
     @builtin(workgroup_id) group: vec3u,

@@ -1,13 +1,13 @@
-// Program of gpu/src/hierarchy/levels.rs: from sorted Morton codes to the nodes of an octree, level by level upwards.
+// Program of gpu/src/hierarchy/levels.rs: makes the nodes of an octree from sorted Morton codes, level by level upwards.
 //
-// Nodes of all levels lie in one array, the leaves first and the root last; children of a node lie side by side.
+// The nodes of all levels are in one array, the leaves first and the root last. The children of a node are adjacent.
 
 import package::shared::linear::linear_index;
 
 struct LevelStep {
-    // Sorted elements, or most nodes there can be.
+    // Number of sorted elements, or bound on the number of nodes.
     count: u32,
-    // The level that is made; its children are one further down.
+    // The level that is made; its children are on the next one.
     level: u32,
     // Levels below the root.
     depth: u32,
@@ -15,12 +15,12 @@ struct LevelStep {
 
 var<immediate> step: LevelStep;
 
-// Sorted; the Morton code of a leaf is in the upper half.
+// Sorted elements: element, Morton code of its leaf.
 @group(0) @binding(0) var<storage, read> sorted: array<vec2u>;
-// Ones where something begins, and after a scan, its number.
+// 1 at the first element of each leaf or node, else 0. After a scan: index of the leaf or node.
 @group(0) @binding(1) var<storage, read_write> heads: array<u32>;
 @group(0) @binding(2) var<storage, read> total: array<u32>;
-// Where a leaf's elements begin in `sorted`, and after the last leaf, their number.
+// Index in `sorted` of each leaf's first element; after the last leaf, the number of elements.
 @group(0) @binding(3) var<storage, read_write> starts: array<u32>;
 @group(0) @binding(4) var<storage, read_write> codes: array<u32>;
 // First node and number of nodes of each level.
@@ -32,6 +32,7 @@ fn index_of(group: vec3u, groups: vec3u, local: u32) -> u32 {
     return linear_index(group, groups, local);
 }
 
+// Marks the first element of each leaf.
 @compute @workgroup_size(64)
 fn leaf_heads(
     @builtin(workgroup_id) group: vec3u,
@@ -44,6 +45,7 @@ fn leaf_heads(
     }
 }
 
+// Writes the start and code of each leaf, and counts the nodes that begin on each level.
 @compute @workgroup_size(64)
 fn leaf_starts(
     @builtin(workgroup_id) group: vec3u,
@@ -60,7 +62,7 @@ fn leaf_starts(
         let leaf = heads[at];
         starts[leaf] = at;
         codes[leaf] = code;
-        // The level from which on this leaf's ancestors are others than those of the leaf before it.
+        // The highest level on which this leaf and the previous one have different ancestors.
         let differs = step.depth - firstLeadingBit(max(code ^ before, 1u)) / 3u;
         atomicAdd(&histogram[select(differs, 0u, at == 0u)], 1u);
     }
@@ -69,6 +71,7 @@ fn leaf_starts(
     }
 }
 
+// Sums the counts to the first node and number of nodes of each level.
 @compute @workgroup_size(1)
 fn level_ranges() {
     var nodes = 0u;
@@ -85,6 +88,7 @@ fn level_ranges() {
     }
 }
 
+// Marks the first child of each node.
 @compute @workgroup_size(64)
 fn node_heads(
     @builtin(workgroup_id) group: vec3u,
@@ -101,6 +105,7 @@ fn node_heads(
     heads[at] = select(0u, 1u, at < children.y && (at == 0u || code != before));
 }
 
+// Writes the code and first child of each node.
 @compute @workgroup_size(64)
 fn node_links(
     @builtin(workgroup_id) group: vec3u,

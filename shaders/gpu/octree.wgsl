@@ -1,5 +1,5 @@
-// Program of gpu/src/hierarchy/octree.rs: what a cell of the scene holds, averaged; leaves from their triangles, nodes
-// from their children.
+// Program of gpu/src/hierarchy/octree.rs: averages the content of each cell of the scene: of leaves from their triangles,
+// of nodes from their children.
 //
 // Coordinates are in edges of the root cube, 0..1.
 
@@ -9,7 +9,7 @@ import package::shared::linear::linear_index;
 import package::shared::morton::morton_cell;
 
 struct Average {
-    // Most nodes there can be on the level.
+    // Bound on the number of nodes of the level.
     count: u32,
     level: u32,
     // Cells along an edge of the root on the level.
@@ -18,29 +18,29 @@ struct Average {
 
 var<immediate> average: Average;
 
-// Linear reflectance of each triangle, eight bits a channel.
+// Linear reflectance of each triangle, eight bits per channel.
 @group(0) @binding(1) var<storage, read> triangle_colors: array<u32>;
 @group(0) @binding(2) var<storage, read> sorted: array<vec2u>;
 @group(0) @binding(3) var<storage, read> starts: array<u32>;
 @group(0) @binding(4) var<storage, read> levels: array<vec2u>;
 @group(0) @binding(5) var<storage, read> codes: array<u32>;
 @group(0) @binding(6) var<storage, read> first_children: array<u32>;
-// Mean position, and 256 times the first child plus a bit for each octant that has one.
+// Mean position (f32 bits); 256 × the first child + a bit for each octant with a child.
 @group(0) @binding(7) var<storage, read_write> nodes: array<vec4u>;
 // Axis of the cone of normals, and the cosine of its half angle.
 @group(0) @binding(8) var<storage, read_write> cones: array<vec4f>;
 @group(0) @binding(9) var<storage, read_write> colors: array<u32>;
 @group(0) @binding(10) var<storage, read_write> weights: array<f32>;
-// For each leaf the triangle that it shows from the front, and the one that it shows from the back; the same if no other
-// faces that way.
+// For each leaf, the triangle that represents its front, and the one that represents its back. Both are the same if no
+// triangle faces the other way.
 @group(0) @binding(11) var<storage, read_write> facing: array<vec2u>;
 
-// A mean stays inside its cell by a share of the cell's size, so that the cell can be told from the mean.
+// Largest offset of a mean from its cell's centre, in edges of the cell. The cell can thus be found from the mean.
 const INSIDE: f32 = 0.499;
 
-// What one triangle adds to a cell.
+// Contribution of a triangle to a cell.
 struct Share {
-    // From the cell's centre, in edges of the cell; within it.
+    // Position relative to the cell's centre, clamped to the cell, in edges of the cell.
     offset: vec3f,
     normal: vec3f,
     weight: f32,
@@ -53,12 +53,12 @@ fn share_of(triangle: u32, center: vec3f, side: f32) -> Share {
     let normal = cross(ab, ac);
     let squared = dot(normal, normal);
     let reach = max(max(abs(a), abs(a + ab)), abs(a + ac));
-    // The point of the triangle's plane that is nearest to the centre, drawn into the triangle.
+    // The point of the triangle's plane that is nearest to the centre, moved into the triangle.
     let v = max(dot(cross(-a, ac), normal), 0.0) / max(squared, 1e-37);
     let w = max(dot(cross(ab, -a), normal), 0.0) / max(squared, 1e-37);
     let beyond = max(v + w, 1.0);
     let nearest = a + (ab * v + ac * w) / beyond;
-    // A triangle that lies within the cell is its own centroid.
+    // A triangle inside the cell contributes its centroid.
     let point = select(nearest, a + (ab + ac) / 3.0, all(reach <= vec3f(0.5)));
     let area = 0.5 * sqrt(squared);
     return Share(clamp(point, vec3f(-0.5), vec3f(0.5)), direction_of(normal), clamp(area, 1e-12, 1.0));
@@ -71,6 +71,7 @@ fn store(node: u32, mean: vec3f, links: u32, cone: vec4f, color: vec3f, weight: 
     weights[node] = weight;
 }
 
+// Averages leaves from their triangles.
 @compute @workgroup_size(64)
 fn average_leaves(
     @builtin(workgroup_id) group: vec3u,
@@ -106,11 +107,12 @@ fn average_leaves(
     store(leaf, center + inside * side, 0u, vec4f(axis, widened(cosine)), color / weight, weight * side * side);
 }
 
-// What is shown of a triangle: most of what lies across the middle of the cell.
+// Weight of a triangle as the representative of a leaf: large and near the cell's centre.
 fn prominence(share: Share) -> f32 {
     return share.weight * (1.0 - dot(share.offset, share.offset));
 }
 
+// Chooses the triangles that represent the two sides of each leaf.
 @compute @workgroup_size(64)
 fn face_leaves(
     @builtin(workgroup_id) group: vec3u,
@@ -125,7 +127,7 @@ fn face_leaves(
     let center = (vec3f(morton_cell(codes[leaf])) + 0.5) * side;
     let first = starts[leaf];
     let end = starts[leaf + 1u];
-    // Pieces of a cell are in the order of the triangles: of equals the first is shown.
+    // Pieces of a cell are sorted by triangle. Of equal ones the first is chosen.
     var front = sorted[first].x;
     var normal = vec3f(0.0);
     var most = 0.0;
@@ -147,6 +149,7 @@ fn face_leaves(
     facing[leaf] = vec2u(front, back);
 }
 
+// Averages nodes from their children.
 @compute @workgroup_size(64)
 fn average_nodes(
     @builtin(workgroup_id) group: vec3u,

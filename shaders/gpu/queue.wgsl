@@ -1,24 +1,24 @@
-// Program of gpu/src/many_views/queue.rs: how many workgroups the next step of a traversal takes, and the first pairs.
+// Program of gpu/src/many_views/queue.rs: computes the workgroups of the next step of a traversal, and the first pairs.
 
 import package::shared::linear::{LINEAR_GROUP, linear_index};
 
 struct QueueStep {
-    // Entry of `counters` for the queue.
+    // Index of the queue in `counters`.
     counters: u32,
-    // Entry that says whether a queue of this part of the frame overflowed; the first of all is the maps'.
+    // Index in `counters` of the overflow flag of this part of the frame. Index 0 is the flag of the maps.
     overflow: u32,
-    // Where the three numbers of workgroups go.
+    // Index in `arguments` of the three numbers of workgroups.
     arguments: u32,
-    // Pairs that a workgroup takes.
+    // Pairs per workgroup.
     group: u32,
     // The scene's root, or the first of its leaves.
     scene_node: u32,
     first_view: u32,
-    // Pairs that a traversal begins with.
+    // Number of pairs that the traversal starts with.
     count: u32,
-    // Of the view octree.
+    // Level of the view octree.
     level: u32,
-    // Maps that there is room for.
+    // Number of allocated maps.
     maps: u32,
 }
 
@@ -38,7 +38,7 @@ fn arguments_for(groups: u32) {
     arguments[step.arguments + 2u] = 1u;
 }
 
-// After an overflow nothing follows: the frame is run again.
+// Sets the workgroups for a queue. After an overflow there are none, since the frame is run again.
 @compute @workgroup_size(1)
 fn prepare() {
     let overflowed = (atomicLoad(&counters[0]) | atomicLoad(&counters[step.overflow])) != 0u;
@@ -46,7 +46,7 @@ fn prepare() {
     arguments_for((pairs + step.group - 1u) / step.group);
 }
 
-// As many workgroups as the maps of a level have parts of 64 texels; `group` is those of one map.
+// Sets the workgroups for the maps of a level. `group` is the number of parts of 64 texels in one map.
 @compute @workgroup_size(1)
 fn prepare_fusion() {
     let overflowed = atomicLoad(&counters[0]) != 0u;
@@ -54,7 +54,7 @@ fn prepare_fusion() {
     arguments_for(maps * step.group);
 }
 
-// The scene's root with each of a range of views.
+// Fills the queue with pairs of the scene's root and each view of a range.
 @compute @workgroup_size(64)
 fn seed_views(
     @builtin(workgroup_id) group: vec3u,
@@ -70,8 +70,8 @@ fn seed_views(
     }
 }
 
-// The scene's root, or every leaf of it, with the root of the view octree. Says so where there are more maps than there is room
-// for.
+// Fills the queue with pairs of the scene's root, or each of its leaves, and the root of the view octree. Sets the overflow
+// flag if there are more maps than were allocated.
 @compute @workgroup_size(64)
 fn seed_nodes(
     @builtin(workgroup_id) group: vec3u,

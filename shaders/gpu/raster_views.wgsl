@@ -1,5 +1,5 @@
-// Program of gpu/src/many_views/raster.rs: maps of many views from the scene's triangles, every triangle for every view.
-// Each texel whose ray meets a triangle holds its range: what hierarchies are compared with.
+// Program of gpu/src/many_views/raster.rs: renders maps of many views from the scene's triangles, every triangle for every
+// view. Each texel has the range of the nearest triangle that its ray hits. Hierarchies are compared with this.
 
 import package::shared::corners::corner;
 import package::shared::map_texels::{MapTexel, put_texel, texel_place};
@@ -16,7 +16,7 @@ struct RasterStep {
 
 var<immediate> step: RasterStep;
 
-// Two a view: position and half the field of view; direction.
+// Two vectors per view: position and half the field of view; direction.
 @group(0) @binding(1) var<storage, read> views: array<vec4f>;
 
 @compute @workgroup_size(64)
@@ -34,7 +34,7 @@ fn raster(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
     let radius = max(max(distance(a, center), distance(b, center)), distance(c, center)) * 1.001 + 1e-7;
     let normal = cross(b - a, c - a);
     let height = dot(normal, a);
-    // Nothing of it in what a hemisphere looks at.
+    // The triangle is behind a view that sees one hemisphere.
     let unseen = eye.w < 1.5708 && dot(views[2u * view + 1u].xyz, center) < -radius;
     let side = f32(step.side);
     let one_side = paraboloid_area(center, radius, 0u, side);
@@ -51,13 +51,13 @@ fn raster(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) 
             cell = area.xy;
         }
         let ray = paraboloid_ray(hemisphere, cell, side);
-        // Signed volumes of the ray with each edge: all of one sign inside.
+        // Signed volumes of the ray with each edge. All have the same sign inside the triangle.
         let u = dot(ray, cross(b, a));
         let v = dot(ray, cross(c, b));
         let w = dot(ray, cross(a, c));
         let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
         let along = height / select(dot(normal, ray), 1e-37, dot(normal, ray) == 0.0);
-        // The surface that a view lies on is not seen from there.
+        // A view does not see the surface that it lies on.
         if inside && along * length(ray) > 1e-6 {
             let texel = (hemisphere * step.side + cell.y) * step.side + cell.x;
             let value = MapTexel(1.0 / (along * length(ray) * step.edge), triangle);

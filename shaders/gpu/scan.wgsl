@@ -1,6 +1,6 @@
 // Program of gpu/src/hierarchy/scan.rs: exclusive prefix sums, in place.
 //
-// An invocation takes a run of values, so that nothing waits at a barrier; sums of runs are scanned in turn.
+// Each invocation sums a run of values, so there are no barriers. The sums of runs are scanned in the same way.
 
 import package::shared::linear::linear_index;
 
@@ -13,9 +13,10 @@ var<immediate> range: ScanRange;
 @group(0) @binding(0) var<storage, read_write> values: array<u32>;
 @group(0) @binding(1) var<storage, read_write> sums: array<u32>;
 
-// `RUN` of scan.rs is reflected from nowhere: a test scans sizes around it.
+// Values of a run. Must equal `RUN` of scan.rs; a test scans arrays of sizes around it.
 const RUN: u32 = 32u;
 
+// Sums each run.
 @compute @workgroup_size(64)
 fn reduce(
     @builtin(workgroup_id) group: vec3u,
@@ -37,6 +38,7 @@ fn reduce(
     sums[at] = sum;
 }
 
+// Replaces the values of a run by their exclusive prefix sums, starting from `before`.
 fn spread_run(first: u32, before: u32) {
     var sum = before;
     for (var i = 0u; i < RUN; i++) {
@@ -49,6 +51,7 @@ fn spread_run(first: u32, before: u32) {
     }
 }
 
+// Scans each run, starting from its scanned sum.
 @compute @workgroup_size(64)
 fn spread(
     @builtin(workgroup_id) group: vec3u,
@@ -61,7 +64,7 @@ fn spread(
     }
 }
 
-// The last level, one run: its sum, the total, stays where `reduce` put it.
+// Scans the last level, which is one run. Its sum is the total, which `reduce` wrote to `sums`.
 @compute @workgroup_size(1)
 fn spread_top(@builtin(local_invocation_index) local: u32) {
     spread_run(local, 0u);

@@ -1,31 +1,32 @@
-// Program of gpu/src/scattered_atomics.rs: maxima at pseudo-random places of a buffer, as traversals leave them in maps.
+// Program of gpu/src/scattered_atomics.rs: measures atomic maxima at pseudo-random words of a buffer. Traversals write maps
+// in this pattern.
 
 import package::shared::linear::linear_index;
 
 struct Scatter {
-    // Words of the buffer, of 32 or of 64 bits.
+    // Number of words of the buffer, of 32 or 64 bits.
     words: u32,
-    // Tells dispatches apart, so that none finds its places cached.
+    // Differs between dispatches, so that no dispatch finds its words in a cache.
     seed: u32,
 }
 
 var<immediate> scatter: Scatter;
 
-// Operations of an invocation; `EACH` of scattered_atomics.rs, whose test counts them.
+// Operations of an invocation. Must equal `EACH` of scattered_atomics.rs, whose test counts them.
 const EACH: u32 = 16u;
 
 @group(0) @binding(0) var<storage, read_write> words_32: array<atomic<u32>>;
 @group(0) @binding(1) var<storage, read_write> words_64: array<atomic<u64>>;
 
-// PCG hash: Jarzynski and Olano, Hash Functions for GPU Rendering, JCGT 9(3), 2020.
+// PCG hash (Jarzynski and Olano, "Hash Functions for GPU Rendering", 2020).
 fn hash(n: u32) -> u32 {
     let state = n * 747796405u + 2891336453u;
     let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
     return (word >> 22u) ^ word;
 }
 
-// Even over the buffer whatever its size: the upper half of a product, which needs no division.
-fn place(n: u32) -> u32 {
+// A uniformly distributed index: the upper half of a product, which needs no division.
+fn word_index(n: u32) -> u32 {
     return u32((u64(hash(n ^ scatter.seed)) * u64(scatter.words)) >> 32u);
 }
 
@@ -37,7 +38,7 @@ fn scatter_32(
 ) {
     let first = linear_index(group, groups, local) * EACH;
     for (var i = 0u; i < EACH; i++) {
-        atomicMax(&words_32[place(first + i)], hash(first - i) | 1u);
+        atomicMax(&words_32[word_index(first + i)], hash(first - i) | 1u);
     }
 }
 
@@ -50,6 +51,6 @@ fn scatter_64(
     let first = linear_index(group, groups, local) * EACH;
     for (var i = 0u; i < EACH; i++) {
         let value = hash(first - i) | 1u;
-        atomicMax(&words_64[place(first + i)], (u64(value) << 32u) | u64(first));
+        atomicMax(&words_64[word_index(first + i)], (u64(value) << 32u) | u64(first));
     }
 }

@@ -1,13 +1,13 @@
-// Program of gpu/src/hierarchy/sort.rs: one digit of a stable radix sort of 64-bit keys.
+// Program of gpu/src/hierarchy/sort.rs: sorts 64-bit keys by one digit of 4 bits; a stable radix sort.
 //
-// An invocation takes a run of keys and counts them by digit in two 64-bit words of eight 8-bit counters, so that the
-// order within a run needs neither barriers nor memory of its own.
+// Each invocation counts a run of keys by digit, in two 64-bit words of eight 8-bit counters each. So ranks within a run
+// need neither barriers nor memory.
 
 import package::shared::linear::linear_index;
 
 struct Digit {
     count: u32,
-    // Runs that the keys fall into.
+    // Number of runs of keys.
     runs: u32,
     // Lowest bit of the digit.
     shift: u32,
@@ -16,12 +16,14 @@ struct Digit {
 var<immediate> digit: Digit;
 
 @group(0) @binding(0) var<storage, read> keys: array<u64>;
-// By digit, then by run: how many keys, and after a scan, where the first goes.
+// Number of keys by digit, then by run. After a scan: index of the first such key in `sorted`.
 @group(0) @binding(1) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sorted: array<u64>;
 
+// Keys of a run.
 const RUN: u32 = 64u;
 
+// Counts the keys of each run by digit.
 @compute @workgroup_size(64)
 fn histogram(
     @builtin(workgroup_id) group: vec3u,
@@ -52,6 +54,7 @@ fn histogram(
     }
 }
 
+// Moves each key to its sorted position.
 @compute @workgroup_size(64)
 fn scatter(
     @builtin(workgroup_id) group: vec3u,

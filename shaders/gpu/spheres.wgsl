@@ -1,7 +1,7 @@
-// Program of gpu/src/hierarchy/spheres.rs: a perfect binary tree of balls and cones of normals over points of surfaces
-// (ManyLoDs, section 4), made anew or fitted to where the triangles are now.
+// Program of gpu/src/hierarchy/spheres.rs: a perfect binary tree of bounding spheres and normal cones over surface points
+// (ManyLoDs, section 4). It is built once, and refitted when triangles move.
 //
-// Nodes are in the order of a heap, the root first. Coordinates are in edges of the root cube.
+// Nodes are in heap order, the root first. Coordinates are in edges of the root cube.
 
 import package::shared::cone::{cos_of_sum, direction_of, widened};
 import package::shared::corners::corner;
@@ -9,7 +9,7 @@ import package::shared::hilbert::hilbert_code;
 import package::shared::linear::linear_index;
 
 struct SphereStep {
-    // Points, or nodes of the level.
+    // Number of points, or of nodes of the level.
     count: u32,
     // First node of the level.
     first: u32,
@@ -17,24 +17,23 @@ struct SphereStep {
 
 var<immediate> step: SphereStep;
 
-// Triangle, barycentric coordinates of its second and third corner (f32), share of its area (f32).
+// Surface points: triangle; barycentric weights of its second and third corner (f32 bits); share of its area (f32 bits).
 @group(0) @binding(1) var<storage, read> samples: array<vec4u>;
 @group(0) @binding(2) var<storage, read_write> ordered: array<vec4u>;
 @group(0) @binding(3) var<storage, read_write> keys: array<vec2u>;
 @group(0) @binding(4) var<storage, read> sorted: array<vec2u>;
-// Mean position (f32), and 256 times the first child plus a bit for each of both children.
+// Mean position (f32 bits); 256 × the first child + a bit for each child.
 @group(0) @binding(5) var<storage, read_write> nodes: array<vec4u>;
-// Center and radius.
+// Centre and radius of each node's sphere.
 @group(0) @binding(6) var<storage, read_write> spheres: array<vec4f>;
 // Axis of the cone of normals, and the cosine of its half angle.
 @group(0) @binding(7) var<storage, read_write> cones: array<vec4f>;
 @group(0) @binding(8) var<storage, read_write> parents: array<u32>;
-// How far balls moved and grew since they were first fitted, in units of `MOVES`, each level's most summed; then the
-// most of the update at hand, f32 bits.
+// Accumulated motion and growth of the spheres since the build, in units of 1 / `MOVES` edges; then the largest motion and
+// growth of the current update, f32 bits.
 @group(0) @binding(9) var<storage, read_write> moved: array<atomic<u32>, 4>;
 
-// What a parent's ball is larger than it must be, so that whatever is computed of it in f32 is never less than what is
-// computed of its children's.
+// Relative and absolute padding of a parent's radius, so that f32 tests of a parent never contradict those of its children.
 const WIDER: f32 = 1e-5;
 const PAD: f32 = 2e-6;
 // Units of motion in an edge of the root: 2^22.
@@ -47,6 +46,7 @@ fn position_of(sample: vec4u) -> vec3f {
     return a + (corner(sample.x, 1u) - a) * s + (corner(sample.x, 2u) - a) * t;
 }
 
+// Writes the position of each point along a Hilbert curve, to sort by.
 @compute @workgroup_size(64)
 fn sample_keys(
     @builtin(workgroup_id) group: vec3u,
@@ -60,6 +60,7 @@ fn sample_keys(
     }
 }
 
+// Writes the points in sorted order.
 @compute @workgroup_size(64)
 fn order_samples(
     @builtin(workgroup_id) group: vec3u,
@@ -72,12 +73,12 @@ fn order_samples(
     }
 }
 
-// Leaves a node, and how much its ball is another than before.
+// Writes a node, and records the motion and growth of its sphere.
 fn store(node: u32, mean: vec3f, links: u32, sphere: vec4f, cone: vec4f) {
     let before = spheres[node];
     let shift = bitcast<u32>(distance(before.xyz, sphere.xyz));
     let growth = bitcast<u32>(abs(before.w - sphere.w));
-    // Most are less than what others found: an atomic load is cheaper than a maximum.
+    // Most values are below the maximum so far, and an atomic load is cheaper than an atomic maximum.
     if shift > atomicLoad(&moved[2]) {
         atomicMax(&moved[2], shift);
     }
@@ -90,7 +91,7 @@ fn store(node: u32, mean: vec3f, links: u32, sphere: vec4f, cone: vec4f) {
     parents[node] = (max(node, 1u) - 1u) / 2u;
 }
 
-// A leaf's ball has the area that the point stands for by its square.
+// Fits leaves. The squared radius of a leaf's sphere is the area that its point represents.
 @compute @workgroup_size(64)
 fn fit_leaves(
     @builtin(workgroup_id) group: vec3u,
@@ -110,7 +111,7 @@ fn fit_leaves(
     store(step.first + at, position, 0u, sphere, vec4f(direction_of(normal), 1.0));
 }
 
-// The smallest ball about two, and the cone about two cones.
+// Fits inner nodes: the smallest sphere around the children's spheres, and a cone around their cones.
 @compute @workgroup_size(64)
 fn fit_nodes(
     @builtin(workgroup_id) group: vec3u,
@@ -127,7 +128,7 @@ fn fit_nodes(
     let b = spheres[child + 1u];
     let apart = distance(a.xyz, b.xyz);
     let larger = max(a.w, b.w);
-    // One of them may hold the other.
+    // One child's sphere may contain the other's.
     let held = apart + min(a.w, b.w) <= larger;
     let radius = select(0.5 * (apart + a.w + b.w), larger, held);
     let along = clamp((radius - a.w) / max(apart, 1e-37), 0.0, 1.0);
@@ -139,12 +140,13 @@ fn fit_nodes(
     store(node, mean, child * 256u + 3u, vec4f(center, radius * (1.0 + WIDER) + PAD), vec4f(axis, widened(min(one, other))));
 }
 
+// A length in edges, f32 bits, as units of motion, rounded up.
 fn moves(bits: u32) -> u32 {
     let amount = bitcast<f32>(bits);
     return select(0u, u32(min(amount, 64.0) * MOVES) + 2u, bits != 0u);
 }
 
-// Adds the update at hand to what came before it.
+// Adds the motion and growth of the current update to the accumulated ones.
 @compute @workgroup_size(1)
 fn sum_moves() {
     atomicAdd(&moved[0], moves(atomicExchange(&moved[2], 0u)));

@@ -1,60 +1,60 @@
-// Program of gpu/src/many_views/traverse.rs: one step of the traversal of scene and views together (MegaViews, section
-// 3.2): each pair of the queue is divided, and each pair that comes of it is culled, rendered or queued.
+// Program of gpu/src/many_views/traverse.rs: one step of the simultaneous traversal of scene and views (MegaViews, section
+// 3.2). Each pair of nodes in the queue is divided, and each resulting pair is culled, rendered or queued.
 //
-// Every leaf of either octree is on its lowest level, so that all pairs of a queue are on the same two levels, and
-// which of the two is divided is known beforehand. Coordinates are in edges of the scene's root cube.
+// All leaves of an octree are on its lowest level. So all pairs of a queue are on the same two levels, and the host knows
+// which node of a pair to divide. Coordinates are in edges of the scene's root cube.
 
 import package::shared::linear::linear_index;
 import package::shared::map_texels::{MapTexel, load_texel, put_texel, stays, stored, texel_place};
 import package::shared::paraboloid::{paraboloid_area, paraboloid_sample};
 
 struct PairStep {
-    // Of the pairs that are tested: cells along an edge of the scene's root, and the radius of a cell's sphere.
+    // Of the scene nodes of the tested pairs: cells along an edge of the root, and the radius of a cell's sphere.
     cells: f32,
     radius: f32,
     // Texels of a hemisphere's side.
     side: f32,
-    // How large a node may appear and still be rendered whole, texels.
+    // Largest apparent size of a node that is rendered, texels.
     threshold: f32,
     // Length of the root's edge, metres.
     edge: f32,
-    // Pairs that the queues hold.
+    // Capacity of the queues, pairs.
     capacity: u32,
-    // Entries of `counters` for this step's queue and the one that it fills.
+    // Indices in `counters`: of the queue that is read, and of the queue that is filled.
     counters_in: u32,
     counters_out: u32,
-    // Entry that says whether a queue of this part of the frame overflowed.
+    // Index in `counters` of the overflow flag of this part of the frame.
     overflow: u32,
-    // The only octant of the view node that this pass follows; 8: all.
+    // The octant of the view node that this pass descends to; 8: all octants.
     octant: u32,
-    // 1: the pairs of this step are counted (by the first of the passes that share them).
+    // 1: this pass counts the pairs of the step. Of several passes over the same pairs, only the first does.
     counted: u32,
-    // Maps of one of the arrays: 2 to the power of this.
+    // Base-2 logarithm of the number of maps in one array.
     map_shift: u32,
-    // Only pairs whose centers are that far apart are rendered: from the first on, before the second.
+    // Pairs are rendered only if the distance of their centres is at least `near` and less than `far`.
     near: f32,
     far: f32,
-    // 1: the view nodes of the pairs tested are leaves.
+    // 1: the view nodes of the tested pairs are leaves.
     leaf_views: u32,
-    // The owner of what belongs to the first view.
+    // Owner number of the first view.
     first_owner: u32,
 }
 
 var<immediate> step: PairStep;
 
-// Whether the view nodes are divided rather than the scene's.
+// Divides the view nodes; otherwise the scene nodes.
 override divides_views: bool = false;
-// Whether what comes of it are pairs of leaves.
+// The resulting pairs are pairs of leaves.
 override leaves: bool = false;
-// Whether what no view sees is culled.
+// Culls scene nodes outside the views' cones.
 override culls: bool = true;
-// Texels that a node may cover in each direction.
+// Most texels that a node covers in each direction.
 override reach: u32 = 1u;
-// Whether pairs are met from near to far, and left out behind what a map already holds.
+// Traverses pairs from near to far, and culls pairs that are hidden by nearer texels of the map.
 override occludes: bool = false;
-// Whether every view is a node of its own.
+// Every view is a node of its own.
 override alone: bool = false;
-// Whether a view sees nothing of what is its own; every view is then a node of its own.
+// Culls scene nodes that belong to the view itself. Requires `alone`.
 override leaves_out: bool = false;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
@@ -64,10 +64,10 @@ override leaves_out: bool = false;
 @group(0) @binding(4) var<storage, read> queue: array<vec2u>;
 @group(0) @binding(5) var<storage, read_write> next: array<vec2u>;
 @group(0) @binding(6) var<storage, read_write> counters: array<atomic<u32>>;
-// For each node 1 + the index of the view that everything in it belongs to; 0 for none or several.
+// For each scene node 1 + the number of the view that owns all of it; 0 for none or several.
 @group(0) @binding(7) var<storage, read> owners: array<u32>;
 
-// Entries of a step in `counters`.
+// Offsets of a step's counters.
 const QUEUED: u32 = 0u;
 const TESTED: u32 = 1u;
 const CULLED: u32 = 2u;
@@ -91,31 +91,31 @@ fn view_node(index: u32) -> ViewNode {
     return ViewNode(sphere.xyz, sphere.w, cone.xyz, cone.w, bitcast<vec3f>(links.xyz), index);
 }
 
-// What becomes of a pair.
+// Result of a pair's test.
 const CULL: u32 = 0u;
 const RENDER: u32 = 1u;
 const DIVIDE: u32 = 2u;
 const HIDE: u32 = 3u;
-// It belongs to the next shell, not to this one.
+// Outside this shell of distances, and rendered with another one.
 const LATER: u32 = 4u;
 
-// Whether the pairs of this step have leaves of the view octree, whose maps are theirs alone.
+// Whether the view nodes of the tested pairs are leaves, which do not share their maps.
 fn leaf_views() -> bool {
     return step.leaf_views != 0u;
 }
 
-// Texels that are looked at to tell whether a node is hidden, at most.
+// Most texels that the test for occlusion reads.
 const LOOKED_AT: u32 = 16u;
 
-// Whether every texel that anything below a node may be written to holds what is nearer than all of it. What is rendered
-// of a node is its mean position, in a disc about that: both lie within twice the ball of its cell.
+// Whether a node is hidden: all texels that its descendants may be written to have nearer values. A node is rendered as a
+// disc around its mean position, which is inside a sphere of twice the cell's radius.
 fn is_hidden(center: vec3f, view: ViewNode) -> bool {
     let d = center - view.mean;
     let nearest = length(d) - step.radius * 1.0001;
     if nearest <= step.radius || step.near == 0.0 {
         return false;
     }
-    // Nearer by more than rounding, and by more than a texel leaves away.
+    // Includes rounding and the precision of a texel.
     let least = stored(MapTexel(1.0001 / (nearest * step.edge), 0u)).inverse_range;
     let map = view_maps[view.node].x;
     let side = u32(step.side);
@@ -137,18 +137,18 @@ fn is_hidden(center: vec3f, view: ViewNode) -> bool {
     return hidden;
 }
 
-// The verdict on a node of the scene and a node of views. Without a single angle: sines and cosines of the sums that
-// the paper's figures 4 and 6 compare follow from lengths.
-fn verdict(mean: vec3f, view: ViewNode) -> u32 {
+// Tests a pair of a scene node and a view node. It computes no angle: sines and cosines of the sums in the paper's figures 4
+// and 6 follow from lengths.
+fn test_pair(mean: vec3f, view: ViewNode) -> u32 {
     let center = (floor(mean * step.cells) + 0.5) / step.cells;
     let vs = center - view.center;
     let squared = dot(vs, vs);
     let length_ = sqrt(squared);
-    // Along the cone's axis and away from it.
+    // Components along the cone's axis and perpendicular to it.
     let along = dot(view.axis, vs);
     let away = sqrt(max(squared - along * along, 0.0));
     let sin_seen = sqrt(max(1.0 - view.cos_seen * view.cos_seen, 0.0));
-    // The distance from the cone: of a point beside it, from its surface; of one behind, from its tip.
+    // Distance from the cone: of a point beside it, from its surface; of a point behind it, from its tip.
     let beside = away * view.cos_seen - along * sin_seen;
     let behind = along * view.cos_seen + away * sin_seen < 0.0;
     let outside = select(beside, length_, behind);
@@ -156,7 +156,7 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
         return CULL;
     }
     if occludes {
-        // Nothing below the pair lies in this shell; what lies in a nearer one was met before.
+        // No pair below this one is in the shell. Pairs of nearer shells were rendered before.
         let apart = (step.radius + view.radius) * 1.00001 + 1e-6;
         if length_ - apart >= step.far || length_ + apart < step.near {
             return CULL;
@@ -165,27 +165,27 @@ fn verdict(mean: vec3f, view: ViewNode) -> u32 {
             return HIDE;
         }
     }
-    // A ball of radius R at the distance D and the angle α from the map's axis covers side · sin β / (cos α + cos β)
-    // texels, sin β = R / D; D is that from the nearest of the views.
+    // A sphere of radius R at the distance D and the angle α from the map's axis covers side · sin β / (cos α + cos β)
+    // texels, where sin β = R / D. D is the distance from the nearest view.
     let nearest = length_ - view.radius;
     let tangent = sqrt(max(nearest * nearest - step.radius * step.radius, 0.0));
     let texels_over = step.threshold * (abs(vs.x) / max(length_, 1e-37) * nearest + tangent);
     return select(DIVIDE, RENDER, nearest > step.radius && step.side * step.radius < texels_over);
 }
 
-// A node's disc in radii of its cell's sphere: in a map of one view or leaf of views, and in one that several continue.
+// Radius of a node's disc relative to its cell's sphere: in a map of one view or leaf, and in a map that others inherit.
 override own_disc: f32 = 0.5;
 override shared_disc: f32 = 0.4;
 
-// What becomes of a node that is rendered.
+// Result of rendering a node.
 const DRAWN: u32 = 0u;
-// Its cell's sphere is larger than the threshold.
+// The node is larger than the threshold, and is queued to be filled.
 const LARGE: u32 = 1u;
-// Nothing of it is nearer than what is there.
+// All texels already had nearer values.
 const BEHIND: u32 = 2u;
 
-// Leaves a value in a texel; what then becomes of the node.
-fn leave(map: u32, texel: u32, value: MapTexel, before: u32) -> u32 {
+// Writes a value to a texel, unless a nearer one is there. Returns DRAWN, or else `before`.
+fn write_texel(map: u32, texel: u32, value: MapTexel, before: u32) -> u32 {
     let place = texel_place(map, step.map_shift, u32(step.side), texel);
     if occludes && stays(load_texel(place), stored(value)) {
         return before;
@@ -194,18 +194,18 @@ fn leave(map: u32, texel: u32, value: MapTexel, before: u32) -> u32 {
     return DRAWN;
 }
 
-// Leaves a node in the texels whose sample points its disc covers, as seen from the views' mean position.
+// Renders a node into the texels whose sample points its disc covers, seen from the views' mean position.
 fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
     let d = mean - view.mean;
     let range = length(d);
     let tangent = sqrt(max(range * range - step.radius * step.radius, 0.0));
-    // In the hemisphere's plane, -1..1.
+    // Centre and radius of the disc in the hemisphere's plane, -1..1.
     let at = d.yz / max(range + abs(d.x), 1e-37);
     let disc = step.radius / max(abs(d.x) + tangent, 1e-37);
     if leaves && !(range > step.radius && disc * step.side <= step.threshold) {
         return LARGE;
     }
-    // What covers no sample point is behind none, and counts as rendered with and without occlusion.
+    // A node that covers no sample point counts as rendered, with and without occlusion.
     var became = DRAWN;
     let hemisphere = select(0u, 1u, d.x < 0.0);
     let reaches = disc * select(shared_disc, own_disc, alone || leaf_views());
@@ -216,7 +216,7 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
         let cell = min(vec2u((at * 0.5 + 0.5) * step.side), vec2u(side - 1u));
         if distance(paraboloid_sample(cell, step.side), at) <= reaches {
             let texel = (hemisphere * side + cell.y) * side + cell.x;
-            became = leave(map, texel, value, BEHIND);
+            became = write_texel(map, texel, value, BEHIND);
         }
     } else {
         var covered = false;
@@ -225,7 +225,7 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
             let cell = first + vec2u(i % (reach + 1u), i / (reach + 1u));
             if all(cell < vec2u(side)) && distance(paraboloid_sample(cell, step.side), at) <= reaches {
                 let texel = (hemisphere * side + cell.y) * side + cell.x;
-                became = leave(map, texel, value, select(BEHIND, became, covered));
+                became = write_texel(map, texel, value, select(BEHIND, became, covered));
                 covered = true;
             }
         }
@@ -233,12 +233,13 @@ fn render(mean: vec3f, node: u32, view: ViewNode) -> u32 {
     return became;
 }
 
-// A leaf so near that it covers many texels is kept for them, unless it is part of the surface that the views of a
-// hemisphere lie on.
+// Whether a leaf that covers many texels is queued to be filled. Views that see one hemisphere do not see the surface that
+// they lie on.
 fn fills(mean: vec3f, view: ViewNode) -> bool {
     return view.cos_seen < -0.95 || dot(mean - view.mean, view.axis) >= 0.5 * step.radius;
 }
 
+// Divides each pair of the queue, and tests the resulting pairs.
 @compute @workgroup_size(64)
 fn divide(
     @builtin(workgroup_id) group: vec3u,
@@ -249,7 +250,7 @@ fn divide(
     let at = linear_index(group, groups, local);
     let count = min(atomicLoad(&counters[step.counters_in + QUEUED]), step.capacity);
     let is_pair = at < count;
-    // Beyond the queue's end nothing is done, but the subgroup's sums below need every lane.
+    // Lanes beyond the queue's end divide nothing, but take part in the subgroup's sums below.
     let pair = select(vec2u(0u), queue[min(at, step.capacity - 1u)], is_pair);
     var mean = bitcast<vec3f>(nodes[pair.x].xyz);
     var view = view_node(pair.y);
@@ -274,7 +275,7 @@ fn divide(
             mean = bitcast<vec3f>(nodes[child].xyz);
         }
         let scene_node = select(child, pair.x, divides_views);
-        var outcome = verdict(mean, view);
+        var outcome = test_pair(mean, view);
         if leaves_out && owners[scene_node] == step.first_owner + view.node + 1u {
             outcome = CULL;
         }

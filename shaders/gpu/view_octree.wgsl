@@ -1,29 +1,29 @@
-// Program of gpu/src/many_views/view_octree.rs: views gathered in the cells of an octree, and what each node of it
-// bounds: positions by a sphere, directions of view by a cone (MegaViews, section 3.1).
+// Program of gpu/src/many_views/view_octree.rs: builds an octree over views. Each node has a bounding sphere of positions
+// and a bounding cone of view directions (MegaViews, section 3.1).
 //
-// Coordinates are in edges of the scene's root cube. A node whose views are those of its only child shares its map.
+// Coordinates are in edges of the scene's root cube. A node with one child shares the child's map, since both have the same
+// views.
 
 import package::shared::cone::{cos_of_sum, direction_of, widened};
 import package::shared::linear::linear_index;
 import package::shared::morton::{morton_cell, morton_code};
 
 struct ViewStep {
-    // The views' root cube, in edges of the scene's.
+    // Corner and edge of the views' root cube, in edges of the scene's root cube.
     origin: vec3f,
     edge: f32,
-    // Views, or most nodes there can be.
+    // Number of views, or bound on the number of nodes.
     count: u32,
     level: u32,
     // Cells along an edge of the root on the level.
     cells: f32,
-    // Bits: spheres around the views themselves, where those are smaller than the cell's; nodes of this level tell views
-    // of the cell above apart by which way they look.
+    // Bits TIGHT and BY_DIRECTION.
     flags: u32,
 }
 
 var<immediate> step: ViewStep;
 
-// Two a view: position and half the field of view (π: all directions); direction.
+// Two vectors per view: position and half the field of view (π: all directions); direction.
 @group(0) @binding(0) var<storage, read> views: array<vec4f>;
 @group(0) @binding(1) var<storage, read_write> keys: array<vec2u>;
 @group(0) @binding(2) var<storage, read> sorted: array<vec2u>;
@@ -31,28 +31,30 @@ var<immediate> step: ViewStep;
 @group(0) @binding(4) var<storage, read> levels: array<vec2u>;
 @group(0) @binding(5) var<storage, read> codes: array<u32>;
 @group(0) @binding(6) var<storage, read> first_children: array<u32>;
-// Two a node: center and radius of the sphere of positions; axis of the cone of what is seen, cosine of its half angle.
+// Two vectors per node: centre and radius of the sphere of positions; axis of the view cone and cosine of its half angle.
 @group(0) @binding(7) var<storage, read_write> view_bounds: array<vec4f>;
-// Mean position, and 256 times the first child plus a bit for each octant that has one.
+// Mean position (f32 bits); 256 × the first child + a bit for each octant with a child.
 @group(0) @binding(8) var<storage, read_write> view_links: array<vec4u>;
-// A node's map, and how many views share it.
+// Map of each node, and the number of views that share it.
 @group(0) @binding(9) var<storage, read_write> view_maps: array<vec2u>;
 // Leaf of each view.
 @group(0) @binding(10) var<storage, read_write> leaf_of_view: array<u32>;
-// Ones where a node has a map of its own, and after a scan, its number.
+// 1 for each node with a map of its own, else 0. After a scan: index of the map.
 @group(0) @binding(11) var<storage, read_write> heads: array<u32>;
 @group(0) @binding(12) var<storage, read> total: array<u32>;
-// Two a map: mean position of its views (f32) and the map that it continues; itself at the root.
+// Mean position of each map's views (f32 bits), and the map that it inherits from; the root's map names itself.
 @group(0) @binding(13) var<storage, read_write> maps: array<vec4u>;
-// First map and number of maps whose nodes are on a level.
+// For each level, its first map and its number of maps.
 @group(0) @binding(14) var<storage, read_write> map_levels: array<vec2u>;
 
+// Uses a sphere around the views themselves if it is smaller than the cell's.
 const TIGHT: u32 = 1u;
+// The nodes of this level divide the views of a cell by their direction, not by position.
 const BY_DIRECTION: u32 = 2u;
 
 const HALF_DIAGONAL: f32 = 0.8660255;
 
-// The axis nearest to a direction: 0 to 5.
+// The nearest of the six axis directions: 0 to 5 for +x, -x, +y, -y, +z, -z.
 fn facing(direction: vec3f) -> u32 {
     let along = abs(direction);
     var axis = select(0u, 1u, along.y > along.x);
@@ -60,6 +62,7 @@ fn facing(direction: vec3f) -> u32 {
     return 2u * axis + select(0u, 1u, direction[axis] < 0.0);
 }
 
+// Writes the Morton code of each view, to sort by.
 @compute @workgroup_size(64)
 fn view_keys(
     @builtin(workgroup_id) group: vec3u,
@@ -76,7 +79,7 @@ fn view_keys(
     }
 }
 
-// Every view as a node of its own, without a hierarchy.
+// Makes every view a node of its own, without a hierarchy.
 @compute @workgroup_size(64)
 fn single_views(
     @builtin(workgroup_id) group: vec3u,
@@ -96,12 +99,12 @@ fn single_views(
     }
 }
 
-// The smaller sphere: about the mean, or the cell's.
+// Writes a node with the smaller sphere: the one around the mean, or the cell's.
 fn store(node: u32, mean: vec3f, radius: f32, links: u32, cone: vec4f, code: u32) {
     let by_direction = (step.flags & BY_DIRECTION) != 0u;
     let side = step.edge / select(step.cells, 0.5 * step.cells, by_direction);
     let center = step.origin + (vec3f(morton_cell(select(code, code >> 3u, by_direction))) + 0.5) * side;
-    // More than the mean and the distances to it were rounded by.
+    // Padding covers the rounding of the mean and of distances to it.
     let reach = radius * 1.00001 + 4e-7;
     let is_tight = (step.flags & TIGHT) != 0u && reach < HALF_DIAGONAL * side;
     let sphere = select(vec4f(center, HALF_DIAGONAL * side), vec4f(mean, select(reach, 0.0, radius == 0.0)), is_tight);
@@ -110,6 +113,7 @@ fn store(node: u32, mean: vec3f, radius: f32, links: u32, cone: vec4f, code: u32
     view_links[node] = vec4u(bitcast<vec3u>(mean), links);
 }
 
+// Bounds leaves from their views.
 @compute @workgroup_size(64)
 fn view_leaves(
     @builtin(workgroup_id) group: vec3u,
@@ -145,6 +149,7 @@ fn view_leaves(
     view_maps[leaf] = vec2u(leaf, end - first);
 }
 
+// Bounds nodes from their children.
 @compute @workgroup_size(64)
 fn view_nodes(
     @builtin(workgroup_id) group: vec3u,
@@ -175,7 +180,7 @@ fn view_nodes(
             count += views_below;
         }
     }
-    // One child: the same views, and so the very same mean.
+    // A single child has the same views, so its axis is taken unchanged.
     let mean = origin + offset / f32(count);
     let axis = select(direction_of(direction), view_bounds[2u * first + 1u].xyz, countOneBits(mask) == 1u);
     var cosine = 1.0;
@@ -192,10 +197,12 @@ fn view_nodes(
     view_maps[node] = vec2u(0u, count);
 }
 
+// Whether a node has a map of its own.
 fn has_map(links: u32) -> bool {
     return countOneBits(links & 255u) != 1u;
 }
 
+// Marks nodes with a map of their own.
 @compute @workgroup_size(64)
 fn map_heads(
     @builtin(workgroup_id) group: vec3u,
@@ -209,7 +216,7 @@ fn map_heads(
     }
 }
 
-// The node that has the map of a node: itself, or the first below it that has several children or none.
+// The node whose map a node uses: itself, or its first descendant with no child or several children.
 fn owner_of(node: u32) -> u32 {
     var owner = node;
     for (var down = 0u; down < 10u; down++) {
@@ -222,6 +229,7 @@ fn owner_of(node: u32) -> u32 {
     return owner;
 }
 
+// Writes the map of each node, and the mean position of each map.
 @compute @workgroup_size(64)
 fn map_links(
     @builtin(workgroup_id) group: vec3u,
@@ -241,6 +249,7 @@ fn map_links(
     }
 }
 
+// Writes the map that each map inherits from.
 @compute @workgroup_size(64)
 fn map_parents(
     @builtin(workgroup_id) group: vec3u,
@@ -265,6 +274,7 @@ fn map_parents(
     }
 }
 
+// Writes the first map and number of maps of each level.
 @compute @workgroup_size(1)
 fn map_ranges() {
     for (var level = 0u; level <= 10u; level++) {

@@ -1,38 +1,39 @@
-// Program of gpu/src/hierarchy/voxelize.rs: which cells a triangle meets, one level of the octree after the other.
+// Program of gpu/src/hierarchy/voxelize.rs: finds the cells that each triangle overlaps, one level of the octree at a time.
 //
-// Coordinates are in edges of the root cube, 0..1. The test is that of Schwarz and Seidel ("Fast Parallel Surface and
-// Solid Voxelization on GPUs", 2010, section 3.1), a separating axis test, with cells that are larger than they are by
-// more than f32 rounds: a triangle is never lost, and a cell that it all but touches may be kept.
+// Coordinates are in edges of the root cube, 0..1. The separating axis test is from Schwarz and Seidel ("Fast Parallel
+// Surface and Solid Voxelization on GPUs", 2010, section 3.1). Cells are padded by more than the rounding of f32: no overlap
+// is missed, but a cell that a triangle nearly touches may be kept.
 
 import package::shared::corners::corner;
 import package::shared::linear::linear_index;
 import package::shared::morton::{morton_cell, octant_corner};
 
 struct Split {
-    // Pairs of a triangle and a cell that it meets.
+    // Number of pieces: pairs of a triangle and a cell that it overlaps.
     count: u32,
-    // Cells along an edge of the root, one level further down.
+    // Cells along an edge of the root, on the next level.
     cells: f32,
 }
 
 var<immediate> split: Split;
 
-// Triangle and Morton code of a cell: as one 64-bit number, ordered by cell.
+// Triangle, and Morton code of the cell. As 64-bit numbers, pieces sort by cell.
 @group(0) @binding(1) var<storage, read> pieces: array<vec2u>;
+// Overlapped octants of each piece's cell, one bit each.
 @group(0) @binding(2) var<storage, read_write> masks: array<u32>;
-// Bits in each mask, and after a scan, where its children go.
-@group(0) @binding(3) var<storage, read_write> places: array<u32>;
+// Number of bits of each mask. After a scan: index of the piece's first child.
+@group(0) @binding(3) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read_write> children: array<vec2u>;
 
-// More than all that the test rounds, and a thousandth of the smallest cell.
+// Padding of a cell: more than the rounding of the test, and a thousandth of the smallest cell.
 const MARGIN: f32 = 1e-6;
 
-// An edge's line in one plane of projection, against squares of `side` whose least corner is p: dot(xy, p) + z is
-// not negative where the square reaches the inner side of the line.
+// Edge function in one projection plane, for squares of `side` with the least corner p. dot(xy, p) + z is at least 0 if the
+// square overlaps the inner side of the edge.
 fn edge(from_: vec2f, along: vec2f, turn: f32, side: f32) -> vec3f {
     let inner = vec2f(-along.y, along.x) * turn;
     let reach = max(inner.x * side, 0.0) + max(inner.y * side, 0.0);
-    // What the products round, which is relative to the edge's length and not to the square's.
+    // Rounding of the products, which is relative to the edge's length.
     return vec3f(inner, reach - dot(inner, from_) + 4e-7 * (abs(inner.x) + abs(inner.y)));
 }
 
@@ -40,6 +41,7 @@ fn meets(line: vec3f, p: vec2f) -> bool {
     return dot(line.xy, p) + line.z >= 0.0;
 }
 
+// Finds the octants that each piece overlaps.
 @compute @workgroup_size(64)
 fn mark(
     @builtin(workgroup_id) group: vec3u,
@@ -56,7 +58,7 @@ fn mark(
     let ac = corner(piece.x, 2u) - a;
     let normal = cross(ab, ac);
     let side = 1.0 / split.cells + 2.0 * MARGIN;
-    // All relative to the first corner, so that small triangles keep their precision.
+    // Coordinates are relative to the first corner, which keeps the precision of small triangles.
     let least = min(min(ab, ac), vec3f(0.0));
     let most = max(max(ab, ac), vec3f(0.0));
     let toward = select(vec3f(0.0), vec3f(side), normal > vec3f(0.0));
@@ -87,9 +89,10 @@ fn mark(
         }
     }
     masks[at] = mask;
-    places[at] = countOneBits(mask);
+    offsets[at] = countOneBits(mask);
 }
 
+// Writes the pieces of the next level.
 @compute @workgroup_size(64)
 fn divide(
     @builtin(workgroup_id) group: vec3u,
@@ -102,7 +105,7 @@ fn divide(
     }
     let piece = pieces[at];
     var rest = masks[at];
-    var to = places[at];
+    var to = offsets[at];
     while rest != 0u {
         children[to] = vec2u(piece.x, piece.y * 8u + countTrailingZeros(rest));
         rest &= rest - 1u;

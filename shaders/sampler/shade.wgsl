@@ -5,7 +5,7 @@ import package::shared::guide::{keep_guide};
 import package::shared::rays::{list_index, listed_sub_sample};
 import package::shared::surface::{has_specular, lighting, lit_by_rays, radiance};
 import package::shared::reflection_probes::{ProbeUniform, reflected_radiance};
-import package::shared::visible::{hit_at, map_of, rays, sky_along, surface_of};
+import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of};
 
 @group(0) @binding(3) var visibility: texture_2d<u32>;
 // Radiance.
@@ -21,13 +21,13 @@ fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
         return vec4f(sky_along(place), 0.0);
     }
     let hit = hit_at(ids, place, 1.0);
-    let map = map_of(ids.x);
-    let surface = surface_of(hit, map);
-    keep_guide(at, surface, map);
+    let probe = probe_of(ids.x);
+    let surface = surface_of(hit, probe);
+    keep_guide(at, surface, probe);
     var seen = radiance(surface, true);
     // The sky's reflection is added with the light, where rays find what blocks it.
-    if has_specular && any(surface.f0 != vec3f(0.0)) && !(lit_by_rays && map == 0u) {
-        seen += reflected_radiance(surface, -normalize(surface.position), lighting, probes, map);
+    if has_specular && any(surface.f0 != vec3f(0.0)) && !(lit_by_rays && probe == 0u) {
+        seen += reflected_radiance(surface, -normalize(surface.position), lighting, probes, probe);
     }
     return vec4f(finite_or_zero(seen), 1.0 / hit.range);
 }

@@ -15,7 +15,7 @@ import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{ray_through};
 import package::shared::surface::{radiance, reflects};
 import package::shared::reflection_probes::{reflector_word};
-import package::shared::visible::{hit_at, map_of, rays, sky_along, surface_of};
+import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of};
 
 // Sub-samples along a texel's side, at most four. Constant, so that loops are unrolled.
 override side: u32 = 2u;
@@ -73,8 +73,8 @@ fn add(texel: ptr<function, Texel>, ids: vec2u, place: vec2f, width: f32, member
         return 0.0;
     }
     let hit = hit_at(ids, place, width);
-    let map = map_of(ids.x);
-    let surface = surface_of(hit, map);
+    let probe = probe_of(ids.x);
+    let surface = surface_of(hit, probe);
     if keeps_guides {
         (*texel).surface = surface;
         (*texel).albedo += surface.albedo * members;
@@ -90,7 +90,7 @@ fn add(texel: ptr<function, Texel>, ids: vec2u, place: vec2f, width: f32, member
         (*texel).lobe = kept * (*texel).lobe + added * vec4f(surface.f0, surface.roughness);
         (*texel).lobes = kept * (*texel).lobes + added;
         if reflects {
-            (*texel).word = max((*texel).word, reflector_word(map, surface.transmitted));
+            (*texel).word = max((*texel).word, reflector_word(probe, surface.transmitted));
         }
     }
     return hit.range;

@@ -1,4 +1,4 @@
-// Triangles as plain corners, nine f32 each, in edges of the root cube.
+// Triangles as nine f32 each: three corners, in edges of the root cube.
 
 @group(0) @binding(0) var<storage, read> triangles: array<f32>;
 

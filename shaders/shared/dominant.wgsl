@@ -12,7 +12,7 @@ fn same_surface(a: f32, b: f32) -> bool {
     return abs(a - b) <= SAME_SURFACE * max(a, b);
 }
 
-// The first `count` inverse ranges' most shared one; of equals the nearest.
+// The inverse range that most of the first `count` share; of equally shared ones, the nearest.
 fn dominant(inverse: ptr<function, array<f32, MOST_SUB_SAMPLES>>, count: u32) -> f32 {
     var best = 0.0;
     var best_share = 0u;

@@ -1,6 +1,6 @@
-// What keeps NaN and infinity from travelling: exponent bits, since a compiler may fold x != x.
+// Removes NaN and infinity. Tests exponent bits, since a compiler may fold x != x.
 
-// x where it is finite, else 0.
+// Each component of x if it is finite, else 0.
 fn finite_or_zero(x: vec3f) -> vec3f {
     let special = (bitcast<vec3u>(x) & vec3u(0x7f800000u)) == vec3u(0x7f800000u);
     return select(x, vec3f(0.0), special);

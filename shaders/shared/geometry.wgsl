@@ -1,62 +1,65 @@
-// A scene's triangles as they lie in storage, and what is known of them at a point.
+// Buffers of a scene's triangles, and functions that read and interpolate them.
 
-// Where a mesh's data begin, and which attributes its vertices have.
+// Offsets of a mesh's data, and its vertex attributes.
 struct MeshLayout {
-    // First of its `indices`; first of its `vertices`, from which indices count; first of its `attributes`;
-    // records of attributes to a vertex.
+    // Offset in `indices`; offset in `vertices`, to which indices are relative; offset in `attributes`; records of
+    // attributes per vertex.
     first: vec4u,
-    // Whether its vertices have texture coordinates, colours, tangents; its material.
+    // 1 if its vertices have texture coordinates, colours, tangents; index of its material.
     has: vec4u,
 }
 
-// An instance as one sample camera sees it.
+// An instance's transform relative to a camera's eye.
 struct InstanceTransform {
-    // Rows of the transform from world axes about the eye to the mesh's vertices.
+    // Rows of the transform from world axes relative to the eye to mesh space.
     mesh_from_eye_x: vec4f,
     mesh_from_eye_y: vec4f,
     mesh_from_eye_z: vec4f,
     mesh: u32,
 }
 
+// A material.
 struct MaterialData {
     base_color: vec4f,
     emissive: vec3f,
     metallic: f32,
-    // Roughness; scale of the normal map; the dielectric's reflectance at normal incidence; alpha below which
-    // there is no surface.
+    // Roughness; scale of the normal map; reflectance of the dielectric at normal incidence; alpha cutoff.
     factors: vec4f,
-    // Its textures in `slots`: the first that is sRGB-encoded and how many, the first of the others and how many.
+    // Its textures in `slots`: first and number of those encoded as sRGB, first and number of the others.
     textures: vec4u,
-    // Whether it has a specular lobe at all; 1 + the index of the base colour's slot, 0 if it has no texture; the share of
-    // light that passes through, f32 bits.
+    // 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; transmitted share of light, f32
+    // bits.
     traits: vec4u,
 }
 
-// Bits of the position, and the normal as `normal_from_word` reads it.
+// Position (f32 bits) and normal (see `normal_from_word`) of each vertex.
 @group(1) @binding(0) var<storage, read> vertices: array<vec4u>;
-// Texture coordinates and colour (4x16float); in meshes with tangents another record follows, whose first word
-// is the tangent.
+// Records of attributes: texture coordinates (f32 bits) and colour (4x16float). In meshes with tangents a second record
+// follows, whose first word is the tangent.
 @group(1) @binding(1) var<storage, read> attributes: array<vec4u>;
 @group(1) @binding(2) var<storage, read> indices: array<u32>;
 @group(1) @binding(3) var<storage, read> meshes: array<MeshLayout>;
 @group(1) @binding(4) var<storage, read> instances: array<InstanceTransform>;
 @group(1) @binding(5) var<storage, read> materials: array<MaterialData>;
 
-// A triangle in mesh space, about the eye.
+// A triangle in mesh space.
 struct Triangle {
+    // Indices of its vertices within the mesh.
     corners: vec3u,
+    // First corner relative to the eye, and the edges to the others.
     a: vec3f,
     e1: vec3f,
     e2: vec3f,
-    // Of each corner, as a vertex holds it.
+    // Encoded normal of each corner.
     normals: vec3u,
 }
 
+// The eye's position in mesh space.
 fn eye_in_mesh(instance: InstanceTransform) -> vec3f {
     return vec3f(instance.mesh_from_eye_x.w, instance.mesh_from_eye_y.w, instance.mesh_from_eye_z.w);
 }
 
-// A direction of the world in mesh space.
+// Transforms a direction from world axes to mesh space.
 fn mesh_from_world(instance: InstanceTransform, d: vec3f) -> vec3f {
     return vec3f(
         dot(instance.mesh_from_eye_x.xyz, d), dot(instance.mesh_from_eye_y.xyz, d),
@@ -64,13 +67,13 @@ fn mesh_from_world(instance: InstanceTransform, d: vec3f) -> vec3f {
     );
 }
 
-// A normal of mesh space in the world, not a unit vector: by the inverse transpose.
+// Transforms a normal from mesh space to world axes, by the inverse transpose. Not a unit vector.
 fn normal_from_mesh(instance: InstanceTransform, n: vec3f) -> vec3f {
     return instance.mesh_from_eye_x.xyz * n.x + instance.mesh_from_eye_y.xyz * n.y
         + instance.mesh_from_eye_z.xyz * n.z;
 }
 
-// The corners about the eye: differences of nearby numbers, exact even where the numbers are large.
+// The triangle relative to the eye. Differences of nearby numbers are exact, even of large ones.
 fn triangle_about_eye(instance: InstanceTransform, mesh: MeshLayout, primitive: u32) -> Triangle {
     let first = mesh.first.x + 3u * primitive;
     let corners = vec3u(indices[first], indices[first + 1u], indices[first + 2u]);
@@ -84,7 +87,7 @@ fn triangle_about_eye(instance: InstanceTransform, mesh: MeshLayout, primitive: 
     );
 }
 
-// Octahedral normal; zero where the vertex has none.
+// Decodes an octahedral normal; zero if the vertex has none.
 fn normal_from_word(word: u32) -> vec3f {
     if word == 0x80008000u {
         return vec3f(0.0);

@@ -1,15 +1,16 @@
-// Position along a Hilbert curve of ten levels: neighbours along the curve are neighbours in space, so that any run of
-// it is one blob, where a Morton curve's may be two (Skilling, "Programming the Hilbert curve", 2004).
+// Position along a Hilbert curve of ten levels (Skilling, "Programming the Hilbert curve", 2004). Neighbours along the curve
+// are neighbours in space, so each of its runs is connected; a run of a Morton curve may not be.
 
 import package::shared::morton::morton_spread;
 
-// The first axis and another one, turned or exchanged below a bit by whether the other has it.
+// The first axis and another one. If the other has `bit`, the first is inverted below it; else both exchange lower bits.
 fn hilbert_turned(first: u32, own: u32, bit: u32) -> vec2u {
     let below = bit - 1u;
     let differ = (first ^ own) & below;
     return select(vec2u(first ^ differ, own ^ differ), vec2u(first ^ below, own), (own & bit) != 0u);
 }
 
+// Position of a cell along the curve.
 fn hilbert_code(cell: vec3u) -> u32 {
     var x = cell;
     for (var bit = 512u; bit > 1u; bit = bit >> 1u) {

@@ -1,5 +1,5 @@
-// One invocation a number, over workgroups of 64 in two dimensions: one dimension ends at 65,535 workgroups, and an
-// indirect dispatch beyond that runs none at all.
+// A linear index for each invocation of a two-dimensional dispatch of workgroups of 64. One dimension has at most 65,535
+// workgroups, and an indirect dispatch of more runs none.
 
 const LINEAR_GROUP: u32 = 64u;
 

@@ -1,4 +1,4 @@
-// What a map holds, as seen from the middle of views that its own views contain (MegaViews, section 3.2.5).
+// Merges texels of a view node's map into the maps of its descendants (MegaViews, section 3.2.5).
 
 import package::shared::map_texels::{MapTexel, load_texel, names_nodes, stays, stored, texel_place};
 import package::shared::paraboloid::{paraboloid_cell, paraboloid_ray};
@@ -15,16 +15,16 @@ struct Fusion {
 var<immediate> fusion: Fusion;
 
 @group(0) @binding(0) var<storage, read> nodes: array<vec4u>;
-// Mean position of a map's views, and the map that it continues.
+// Mean position of each map's views (f32 bits), and the map that it inherits from.
 @group(0) @binding(1) var<storage, read> maps: array<vec4u>;
 
 fn map_texel(map: u32, texel: u32) -> MapTexel {
     return load_texel(texel_place(map, fusion.map_shift, fusion.side, texel));
 }
 
-// What the map `above` holds in a texel, with the range from the middle of the views of `map`, as that map would store it.
-// Texels stay where they are: moving them would tear holes. Where they name nodes, ranges of few bits are found anew from
-// those, and do not drift from map to map; else each map on the way may add its step.
+// The value of a texel of the map `above`, with its range relative to the views of `map`, in stored precision. It keeps the
+// index of its texel, since moving texels would leave holes. Texels that name nodes get exact ranges from them. Otherwise
+// each merge may add a rounding error.
 fn seen_from(value: MapTexel, above: u32, map: u32, texel: u32) -> MapTexel {
     let eye = bitcast<vec3f>(maps[map].xyz);
     let there = bitcast<vec3f>(maps[above].xyz);
@@ -38,7 +38,7 @@ fn seen_from(value: MapTexel, above: u32, map: u32, texel: u32) -> MapTexel {
     return stored(MapTexel(select(inverse_range, 0.0, value.inverse_range == 0.0), value.node));
 }
 
-// The one that a texel keeps where both are put.
+// The value that a texel keeps if both are written.
 fn nearer(a: MapTexel, b: MapTexel) -> MapTexel {
     let first = stays(a, b);
     return MapTexel(select(b.inverse_range, a.inverse_range, first), select(b.node, a.node, first));

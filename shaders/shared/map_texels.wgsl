@@ -1,18 +1,17 @@
-// Texels of the maps of many views, and how they are written; `gpu/src/many_views/texels.rs` divides their bits.
+// Reads and writes texels of the maps of many views. `gpu/src/many_views/texels.rs` decides their bits.
 //
-// A map has 2 side² texels (`paraboloid.wgsl`), and maps lie one after the other in up to four arrays, since one binding
-// ends at 128 MiB on some devices. A texel is a code of the inverse range over the number of the scene's node, or the
-// code alone; either way the greater is the nearer, and 0 is the sky's. Texels of 16 bits lie in pairs, the first one
-// in the lower half of its word.
+// A map has 2 side² texels (`paraboloid.wgsl`). Maps are stored in up to four arrays, since some devices limit a binding to
+// 128 MiB. A texel has a code of the inverse range in its upper bits and a scene node in its lower bits, or only the code.
+// A greater texel is nearer, and 0 is sky. Texels of 16 bits are stored in pairs, the first one in the lower half of a word.
 
-// Arrays that maps are spread over.
+// Number of arrays of maps.
 override arrays: u32 = 1u;
 // Bits of a texel: 64, 32 or 16.
 override texel_bits: u32 = 64u;
-// Whether texels name the node that is seen, and in texels of 32 bits, in how many bits.
+// Whether texels name the visible node, and the bits of a node in texels of 32 bits.
 override names_nodes: bool = true;
 override node_bits: u32 = 0u;
-// Lower bits of an f32 inverse range that are left away, and what is left of the least and of the greatest one stored.
+// Dropped lower bits of an f32 inverse range. Codes of the least and the greatest inverse range, after dropping.
 override dropped_bits: u32 = 0u;
 override least_code: u32 = 1u;
 override greatest_code: u32 = 0xffffffffu;
@@ -26,40 +25,41 @@ override greatest_code: u32 = 0xffffffffu;
 @group(1) @binding(6) var<storage, read_write> narrow2: array<atomic<u32>>;
 @group(1) @binding(7) var<storage, read_write> narrow3: array<atomic<u32>>;
 
-// Inverse range in 1/metres, 0 where nothing was seen, and node; 0 where texels name none.
+// Inverse range in 1/metres, 0 for sky; node, 0 if texels name none.
 struct MapTexel {
     inverse_range: f32,
     node: u32,
 }
 
-// Where a texel lies: which array, and its index there; maps of one array are 2 to the power of `shift`.
+// Array of a texel, and its index there. An array has 2^shift maps.
 fn texel_place(map: u32, shift: u32, side: u32, texel: u32) -> vec2u {
     let array_ = map >> shift;
     return vec2u(array_, (map - (array_ << shift)) * side * side * 2u + texel);
 }
 
-// Never nearer than what it stands for.
+// Encodes an inverse range, rounded down: never nearer than the value.
 fn range_code(inverse_range: f32) -> u32 {
     let code = clamp(bitcast<u32>(inverse_range) >> dropped_bits, least_code, greatest_code) - least_code + 1u;
     return select(code, 0u, inverse_range == 0.0);
 }
 
+// Decodes an inverse range.
 fn coded_range(code: u32) -> f32 {
     return select(bitcast<f32>((code - 1u + least_code) << dropped_bits), 0.0, code == 0u);
 }
 
-// What a texel would hold of a value.
+// A value in stored precision.
 fn stored(value: MapTexel) -> MapTexel {
     return MapTexel(coded_range(range_code(value.inverse_range)), select(0u, value.node, names_nodes));
 }
 
-// Whether a stored value would stay where another is put: the nearer, or of equally near ones the greater node.
+// Whether a stored value stays when another is written. The nearer stays; of equally near ones, the greater node.
 fn stays(there: MapTexel, other: MapTexel) -> bool {
     let as_near = there.inverse_range == other.inverse_range && there.node >= other.node;
     return there.inverse_range > other.inverse_range || as_near;
 }
 
-// The nearer of what is there and what is given stays.
+// Writes a value to a texel, unless a nearer one is there.
 fn put_texel(place: vec2u, value: MapTexel) {
     let code = range_code(value.inverse_range);
     if texel_bits == 64u {
@@ -142,7 +142,7 @@ fn put_half(place: vec2u, code: u32) {
     }
 }
 
-// Puts a word where another is; what is there then.
+// Replaces the word `before` by `after`, unless it changed. Returns the word that is there afterwards.
 fn exchange(place: vec2u, before: u32, after: u32) -> u32 {
     if arrays == 1u || place.x == 0u {
         let found = atomicCompareExchangeWeak(&narrow0[place.y], before, after);

@@ -1,11 +1,12 @@
-// What passes that add indirect light know of a sub-sample's surface: its guide, as `guide.wgsl` keeps it.
+// Reads the surface of a sub-sample for passes that add indirect light. `guide.wgsl` writes it.
 
 import package::shared::encode::{unit_from_octahedral};
 
 struct Receiver {
-    // About the eye.
+    // Relative to the eye, metres.
     position: vec3f,
     normal: vec3f,
+    // False for sky.
     exists: bool,
 }
 
@@ -15,7 +16,7 @@ fn receiver_of(guide: vec4u) -> Receiver {
     );
 }
 
-// Diffuse albedo from its rgb9e5 bits.
+// Decodes an rgb9e5 albedo.
 fn albedo_of(word: u32) -> vec3f {
     let scale = exp2(f32(word >> 27u) - 24.0);
     return vec3f(vec3u(word, word >> 9u, word >> 18u) & vec3u(511u)) * scale;

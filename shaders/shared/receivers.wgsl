@@ -1,29 +1,31 @@
-// Receivers: surfaces of a tile that receive light for those around them. Each block of sub-samples has up to two.
+// Receivers: surfaces of a tile whose indirect light is computed, and interpolated for their neighbours. Each block of
+// sub-samples has up to two.
 
-// What passes are told of a tile.
+// The blocks of a tile.
 struct Blocks {
-    // Sub-samples of the tile.
+    // Columns and rows of the tile, sub-samples.
     size: vec2u,
-    // Sub-samples of a block: columns, rows.
+    // Columns and rows of a block, sub-samples.
     block: vec2u,
-    // Blocks of the tile: columns, rows.
+    // Columns and rows of the tile's blocks.
     count: vec2u,
-    // How many blocks away a sub-sample looks for receivers, in each direction.
+    // Distance in blocks within which a sub-sample uses receivers, in each direction.
     reach: u32,
 }
 
 // Most sub-samples of a block.
 const MOST_OF_BLOCK: u32 = 256u;
 
-// Receivers of a block, at most.
+// Most receivers of a block.
 const OF_BLOCK: u32 = 2u;
 
+// A receiver.
 struct Chosen {
-    // About the eye.
+    // Relative to the eye, metres.
     position: vec3f,
     // Column and row of its sub-sample in the tile, 16 bits each.
     place: u32,
     normal: vec3f,
-    // 0 where there is none.
+    // 0 for a missing receiver.
     exists: u32,
 }

@@ -1,28 +1,26 @@
-// The sampling rule of `scene/src/texture.rs`, over texels that lie one after another in memory.
+// Texture sampling by the rule of `scene/src/texture.rs`, from texels in one linear address space.
 //
-// Every level of every texture of a scene is a run of texels in one address space, which is folded into the
-// rows and layers of a texture array: nothing is resized, any number of textures of any shape fit, and reading
-// four texels by hand is exact where a filtering unit rounds weights to 8 bits. Neighbouring rows lie a
-// texture's width apart, which a cache forgives.
+// Each level of each texture is a run of texels. The address space is folded into the rows and layers of one texture array.
+// So no texture is resized, and any number of textures of any size fit. Filtering in the shader is exact; a filtering unit
+// would round weights to 8 bits.
 
-// A row and a layer of the array are powers of two of texels.
+// Base-2 logarithms of the texels of a row and of a layer.
 const TEXEL_ROW_BITS: u32 = 11;
 const TEXEL_LAYER_BITS: u32 = 22;
 
 const WRAP_REPEAT: u32 = 0;
 const WRAP_CLAMP: u32 = 1;
 
-// A material's reference to a texture. Storage that many lanes read at places of their own is read in vectors of
-// four: the software driver takes hardly longer for one than for a scalar.
+// A material's reference to a texture. The fields are vectors of four, since the software driver reads one in about the
+// time of a scalar when lanes read different addresses.
 struct TextureSlot {
     // Rows of the linear part of the transform from a mesh's uv to the texture's.
     texture_from_uv: vec4f,
-    // Added last; z and w are not used.
+    // Translation of that transform; z and w are unused.
     offset: vec4f,
-    // Texels of level 0: width, height; where the addresses of its levels begin in `texel_levels`; how many.
+    // Width and height of level 0, texels; index of level 0 in `texel_levels`; number of levels.
     extent: vec4u,
-    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror; what the material uses it for: one of the constants
-    // below; w is not used.
+    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror; role in the material: one of the constants below; w is unused.
     usage: vec4u,
 }
 
@@ -32,43 +30,46 @@ const ROLE_METALLIC_ROUGHNESS: u32 = 2;
 const ROLE_NORMAL: u32 = 3;
 const ROLE_NONE: u32 = 4;
 
-// One entry for each texture of each material, those of a material together.
+// References of all materials. Those of one material are adjacent.
 @group(1) @binding(6) var<storage, read> slots: array<TextureSlot>;
 // Address of the first texel of each level of each texture.
 @group(1) @binding(7) var<storage, read> texel_levels: array<u32>;
-// The texels as they are stored.
+// The stored texels.
 @group(1) @binding(8) var texels: texture_2d_array<f32>;
-// The same texels, colours decoded from sRGB.
+// A view of the stored texels that decodes sRGB colours.
 @group(1) @binding(9) var texels_srgb: texture_2d_array<f32>;
 
+// Transforms a difference of a mesh's uv to the texture's.
 fn transform_duv(slot: TextureSlot, duv: vec2f) -> vec2f {
     return vec2f(dot(slot.texture_from_uv.xy, duv), dot(slot.texture_from_uv.zw, duv));
 }
 
+// Transforms a mesh's uv to the texture's.
 fn transform_uv(slot: TextureSlot, uv: vec2f) -> vec2f {
     return transform_duv(slot, uv) + slot.offset.xy;
 }
 
-// The level for a pixel across which the transformed uv changes by these.
+// The mip level of a pixel, by the differences of transformed uv across it.
 fn texture_level(slot: TextureSlot, duv_dx: vec2f, duv_dy: vec2f) -> f32 {
     let size = vec2f(slot.extent.xy);
     let texels_squared = max(dot(duv_dx * size, duv_dx * size), dot(duv_dy * size, duv_dy * size));
     if !(texels_squared > 1.0) {
         return 0.0;
     }
-    // Half of a logarithm that is infinite for infinity is the last level, as is any other.
+    // Bounded, so that infinite differences give the last level.
     return min(0.5 * log2(min(texels_squared, 1e38)), f32(slot.extent.w - 1));
 }
 
+// Two texels of a row or column, and the weight of the second.
 struct Taps {
     first: u32,
     second: u32,
     fraction: f32,
 }
 
-// The two texels of a row or column that a coordinate lies between.
+// The two texels of a row or column around a coordinate.
 fn taps(coordinate: f32, side: u32, wrap: u32) -> Taps {
-    // What is not finite counts as 0.
+    // A coordinate that is not finite counts as 0.
     var c = select(0.0, coordinate, abs(coordinate) < 1e38);
     if wrap == WRAP_REPEAT {
         c -= floor(c);
@@ -90,7 +91,7 @@ fn taps(coordinate: f32, side: u32, wrap: u32) -> Taps {
     return Taps(u32(clamp(i, 0, last)), u32(clamp(i + 1, 0, last)), x - floored);
 }
 
-// Folds an address into the array.
+// Column, row and layer of an address.
 fn texel_place(address: u32) -> vec3u {
     let column = address & ((1u << TEXEL_ROW_BITS) - 1u);
     let row = (address >> TEXEL_ROW_BITS) & ((1u << (TEXEL_LAYER_BITS - TEXEL_ROW_BITS)) - 1u);
@@ -114,7 +115,7 @@ fn bilinear(source: texture_2d_array<f32>, slot: TextureSlot, uv: vec2f, level: 
     return mix(above, below, y.fraction);
 }
 
-// Value at a mesh's uv, trilinear, from either view of the texels.
+// Trilinear value at a mesh's uv, from either view of the texels.
 fn sample_texture(
     source: texture_2d_array<f32>, slot: TextureSlot, uv: vec2f, duv_dx: vec2f, duv_dy: vec2f,
 ) -> vec4f {
@@ -125,7 +126,7 @@ fn sample_texture(
     return mix(bilinear(source, slot, at, fine), bilinear(source, slot, at, coarse), level - f32(fine));
 }
 
-// Alpha for an alpha test at a mesh's uv: level 0, at any distance.
+// Alpha at a mesh's uv for an alpha test: always from level 0.
 fn sample_alpha(slot: TextureSlot, uv: vec2f) -> f32 {
     return bilinear(texels, slot, transform_uv(slot, uv), 0u).a;
 }

@@ -1,4 +1,4 @@
-// What is visible at a place of a tile, where its triangle is known: what direct views and samples shade alike.
+// Hits and surfaces of visible triangles. Direct views and samples both shade with this.
 
 import package::shared::finite::{finite_or_zero};
 import package::shared::geometry::{attributes, instances, mesh_from_world, meshes, triangle_about_eye};
@@ -8,11 +8,11 @@ import package::shared::shading::{Surface, sky_radiance};
 import package::shared::surface::{Hit, lighting, reflects, surface_at};
 
 @group(0) @binding(0) var<uniform> rays: Rays;
-// Of each instance, 1 + the number of the map that it looks up; 0 for none.
+// 1 + the index of each instance's reflection probe; 0 for none.
 @group(2) @binding(4) var<storage, read> probe_of_instance: array<u32>;
 
-// Where the ray through an image position meets the triangle that is seen there. Textures are filtered over `width` times
-// the distance of neighbouring rays.
+// The hit of the ray through an image position with its visible triangle. Textures are filtered over `width` times the
+// distance of neighbouring rays.
 fn hit_at(ids: vec2u, at: vec2f, width: f32) -> Hit {
     let instance = instances[ids.x - 1u];
     let mesh = meshes[instance.mesh];
@@ -23,7 +23,7 @@ fn hit_at(ids: vec2u, at: vec2f, width: f32) -> Hit {
     let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
     let records = mesh.first.z + triangle.corners * mesh.first.w;
     let weights = vec3f(1.0 - crossing.barycentric.x - crossing.barycentric.y, crossing.barycentric);
-    // The range is bounded so that its inverse is finite, and so is everything that follows.
+    // The range is bounded, so that its inverse and all results are finite.
     let range = clamp(crossing.t, 1e-18, 1e18);
     return Hit(
         instance, mesh, triangle, records, attributes[records.x], attributes[records.y], attributes[records.z],
@@ -32,22 +32,23 @@ fn hit_at(ids: vec2u, at: vec2f, width: f32) -> Hit {
     );
 }
 
+// Radiance of the sky at an image position.
 fn sky_along(at: vec2f) -> vec3f {
     return finite_or_zero(sky_radiance(lighting, normalize(ray_through(rays, at))));
 }
 
-// The surface at a hit; what would pass through it is not seen where it looks no map up.
-fn surface_of(hit: Hit, map: u32) -> Surface {
+// The surface at a hit. Without a reflection probe it is opaque: transmitted light is reflected as albedo.
+fn surface_of(hit: Hit, probe: u32) -> Surface {
     var surface = surface_at(hit);
-    if reflects && map == 0u {
+    if reflects && probe == 0u {
         surface.albedo += surface.transmitted;
         surface.transmitted = vec3f(0.0);
     }
     return surface;
 }
 
-// 1 + the number of the map that a visible instance looks up, 0 for none.
-fn map_of(instance: u32) -> u32 {
+// 1 + the index of a visible instance's reflection probe; 0 for none.
+fn probe_of(instance: u32) -> u32 {
     if !reflects {
         return 0u;
     }

@@ -1,70 +1,74 @@
-// Virtual point lights: what passes that gather their light are told.
+// Virtual point lights (VPLs), and parameters of the passes that gather their light.
 
-// Most groups of VPLs that a block's list holds.
+// Most groups of VPLs in a block's list.
 const MOST_GROUPS: u32 = 256u;
-// Words of a list: how many groups, how many VPLs, the sum of what groups are worth (f32); then for each group its
-// first VPL, the number of VPLs up to its last, the sum of worth up to its own (f32), and for how many like it it
-// stands (f32).
+// Words of a list. Head: number of groups, number of VPLs, sum of the groups' weights (f32 bits). Then for each group: its
+// first VPL; number of VPLs up to its last one; sum of weights up to its own (f32 bits); number of similar groups that it
+// represents (f32 bits).
 const LIST_HEAD: u32 = 3u;
 const GROUP_WORDS: u32 = 4u;
 const LIST_WORDS: u32 = LIST_HEAD + GROUP_WORDS * MOST_GROUPS;
 // Sub-samples on a side of a block that shares a list.
 const BLOCK: u32 = 16u;
 
-// Positions are relative to the root, the middle of the scene.
+// A virtual point light. Positions are relative to the centre of the scene.
 struct Vpl {
     position: vec3f,
-    // Unit normal, by whose cosine light leaves; zero for a particle, from which it leaves everywhere.
+    // Unit normal of a cosine-weighted emitter; zero for a particle, which emits in all directions.
     normal: vec3f,
-    // Flux by π², of a particle by 4π², so that a sum of cosines by squared distance is irradiance by π.
+    // Flux / π², of a particle flux / 4π². The sum of intensity · cosines / distance² is thus irradiance / π.
     intensity: vec3f,
 }
 
+// A node of the tree over VPLs.
 struct VplNode {
-    // A ball around the positions.
+    // Bounding sphere of the positions.
     center: vec3f,
     radius: f32,
-    // A cone around the normals: the cosine of its half angle is -1 where they face everywhere.
+    // Bounding cone of the normals. The cosine of its half angle is -1 if it holds all directions.
     axis: vec3f,
     cosine: f32,
-    // The run of VPLs.
+    // First VPL and number of VPLs; they are contiguous.
     first: u32,
     count: u32,
-    // The node after all that are below this one.
+    // The next node after all descendants of this one.
     skip: u32,
+    // 1: a leaf.
     leaf: u32,
-    // Sum of the intensities, mean of the channels.
+    // Sum of the intensities, averaged over the channels.
     power: f32,
 }
 
+// Parameters of the passes that gather light from VPLs.
 struct Gathering {
+    // Vector from the centre of the scene to the eye, metres: added to positions relative to the eye.
     root_from_eye: vec3f,
-    // VPLs that a sub-sample gathers from.
+    // VPLs that each sub-sample gathers from.
     samples: u32,
-    // Blocks of the tile: columns, rows.
+    // Columns and rows of the tile's blocks.
     blocks: vec2u,
-    // Sub-samples of the tile.
+    // Columns and rows of the tile, sub-samples.
     size: vec2u,
-    // Where the tile begins in the image, sub-samples.
+    // Position of the tile in the image, sub-samples.
     origin: vec2u,
     // Texels on a side of a hemisphere's map.
     map_side: u32,
-    // Maps of one array: 2 to the power of this.
+    // Base-2 logarithm of the number of maps in one array.
     map_shift: u32,
-    // Sub-samples that the filter reaches on each side.
+    // Radius of the filter, sub-samples.
     reach: u32,
-    // Metres: nearer than this no VPL lights more strongly.
+    // Distance in metres below which a VPL's light is clamped.
     least_distance: f32,
-    // Metres: farther than this no VPL lights.
+    // Distance in metres beyond which a VPL has no effect.
     cutoff: f32,
-    // Widths of a texel.
+    // Depth bias of shadow maps, in widths of a texel.
     bias: f32,
-    // Metres by which the maps' surfaces may lie before the true ones.
+    // Metres by which surfaces in the maps may be in front of the true ones.
     slack: f32,
-    // Whether groups are left out.
+    // 1: groups that cannot light a block are culled.
     culls: u32,
-    // Whether groups are chosen by what they are worth rather than by how many VPLs they have.
+    // 1: groups are drawn by their estimated light; 0: by their number of VPLs.
     weighs: u32,
-    // Groups that a block keeps on average; 0 for all that may light it.
+    // Average number of groups in a block's list; 0: all groups that may light it.
     kept_groups: u32,
 }

@@ -48,13 +48,7 @@ pub(crate) struct Args {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
-    rig: args::Rig,
-    #[command(flatten)]
-    source: args::SampleSource,
-    #[command(flatten)]
-    sampling: args::Sampling,
-    #[command(flatten)]
-    visibility: args::VisibilityArgs,
+    samples: args::PassedOn<args::Samples>,
 }
 
 /// Samples a side of a reference's pixel.
@@ -81,10 +75,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
-    let (scene, mut more) = (args.scene.clone(), args.rig.to_arguments());
-    more.extend(args.source.to_arguments());
-    more.extend(args.sampling.to_arguments());
-    more.extend(args.visibility.to_arguments());
+    let (scene, more) = (args.scene.clone(), args.samples.arguments);
     let starting = move || LocalCluster::start(&program, &scene, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
     let first = connect(&cluster, workers).await?;

@@ -1,18 +1,29 @@
 //! Converts settings to the configuration of each part, and checks their ranges.
 
-use std::path::PathBuf;
+use std::io::Write as _;
 use std::time::Duration;
 
 use argus_cluster::leadership::nats_host;
 use argus_cluster::{coordinator, core, worker};
 use argus_scene::{MegaViews, Reflections, Sampling};
+use tempfile::{Builder, NamedTempFile};
 
-use super::{Coordinator, Limits, Security, Settings, Worker};
+use super::{Coordinator, Limits, Settings, Worker};
 
 /// The longest duration that can be set, in seconds: one year, which every clock can represent.
 const MOST_SECS: f64 = 31_536_000.0;
 
 impl Settings {
+    /// Writes the settings to a private file, for another process of this machine. It is removed when dropped.
+    ///
+    /// # Errors
+    /// The folder of temporary files cannot be written to.
+    pub(crate) fn to_file(&self) -> anyhow::Result<NamedTempFile> {
+        let mut file = Builder::new().prefix("argus-").suffix(".toml").tempfile()?;
+        file.write_all(toml::to_string(self)?.as_bytes())?;
+        Ok(file)
+    }
+
     /// The first setting out of its range, and the reason.
     pub(super) fn out_of_range(&self) -> Option<(&'static str, String)> {
         let Self { coordinator, worker, limits, .. } = self;
@@ -78,17 +89,6 @@ impl Settings {
         .into_iter()
         .flatten()
         .next()
-    }
-}
-
-impl Security {
-    /// Arguments that give another process of this machine the same certificates.
-    pub(crate) fn to_arguments(&self) -> Vec<String> {
-        let files = [("certificate", &self.certificate), ("key", &self.key), ("ca", &self.ca)];
-        let flag = |(name, path): (&str, &Option<PathBuf>)| {
-            path.as_ref().map(|path| format!("--set=security.{name}={}", path.display()))
-        };
-        files.into_iter().filter_map(flag).collect()
     }
 }
 

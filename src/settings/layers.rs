@@ -24,7 +24,7 @@ const FILE_VARIABLE: &str = "ARGUS_CONFIG";
 const PREFIX: &str = "ARGUS_";
 /// Settings with an older variable of their own.
 const ALIASES: [(&str, &str); 1] = [("ARGUS_SERVER", "client.server")];
-/// Settings that are paths. In a file they are relative to its folder.
+/// Settings that are paths. In a file they are relative to its folder, elsewhere to the current one.
 const PATHS: [&str; 11] = [
     "client.ca",
     "client.token_file",
@@ -114,13 +114,11 @@ impl Sources {
         if let Some(path) = &file {
             layers.add_file(path)?;
         }
-        for (name, value) in std::env::vars_os() {
-            let Some(key) = name.to_str().and_then(setting_of_variable) else { continue };
-            let name = name.to_string_lossy();
+        for (name, key, value) in variables() {
             let value = value.to_str().with_context(|| format!("{name} is not UTF-8"))?;
             // An empty variable, such as `${X:-}` in a compose file, sets nothing.
             if !value.is_empty() {
-                layers.add_text(&key, value, Source::Environment(name.into_owned()))?;
+                layers.add_text(&key, value, Source::Environment(name))?;
             }
         }
         for setting in &self.settings {
@@ -135,17 +133,6 @@ impl Sources {
         layers.merge(file)
     }
 
-    /// Arguments that give a child process the same settings. It inherits the environment anyway.
-    ///
-    /// # Errors
-    /// Any error of [`Sources::load`].
-    pub(crate) fn to_arguments(&self) -> anyhow::Result<Vec<String>> {
-        let file = self.file()?.map(|path| path.display().to_string()).unwrap_or_default();
-        Ok(std::iter::once(format!("--config={file}"))
-            .chain(self.settings.iter().map(|setting| format!("--set={setting}")))
-            .collect())
-    }
-
     fn file(&self) -> anyhow::Result<Option<PathBuf>> {
         let variable = || std::env::var_os(FILE_VARIABLE).filter(|path| !path.is_empty());
         let path = match self.config.clone().or_else(variable) {
@@ -157,6 +144,24 @@ impl Sources {
         // An absolute path, so that a process in another folder finds the same file.
         std::path::absolute(&path).map(Some).with_context(|| format!("{}", path.display()))
     }
+}
+
+/// Name, setting and value of each environment variable that is a setting.
+pub(crate) fn variables() -> impl Iterator<Item = (String, String, OsString)> {
+    std::env::vars_os().filter_map(|(name, value)| {
+        let name = name.into_string().ok()?;
+        setting_of_variable(&name).map(|key| (name, key, value))
+    })
+}
+
+/// Makes a setting's value absolute if it is a path.
+fn located(key: &str, value: Value, source: &Source) -> Value {
+    let (true, Value::String(path)) = (PATHS.contains(&key), &value) else { return value };
+    let folder = match source {
+        Source::File(file) => file.parent().unwrap_or(Path::new("")),
+        _ => Path::new(""),
+    };
+    std::path::absolute(folder.join(path)).map_or(value, |path| path.display().to_string().into())
 }
 
 /// The setting of an environment variable.
@@ -195,12 +200,8 @@ impl Layers {
             };
             for (key, value) in keys {
                 let key = format!("{section}.{key}");
-                let mut value =
+                let value =
                     from_toml(value).map_err(|reason| bad_arguments(format!("{at}: {key}: {reason}")))?;
-                if let (true, Value::String(relative)) = (PATHS.contains(&key.as_str()), &value) {
-                    let folder = path.parent().unwrap_or(Path::new("."));
-                    value = Value::String(folder.join(relative).display().to_string());
-                }
                 self.add(&key, [value], Source::File(path.to_path_buf()))?;
             }
         }
@@ -233,7 +234,7 @@ impl Layers {
     ) -> anyhow::Result<()> {
         let mut fault = self.known(key).err();
         if fault.is_none() {
-            for value in values {
+            for value in values.into_iter().map(|value| located(key, value, &source)) {
                 match self.tried(key, value.clone()) {
                     Ok(()) => {
                         self.set.insert(key.to_owned(), (value, source));
@@ -416,6 +417,20 @@ mod tests {
         let security = layers.merge(None).unwrap().settings.security;
         assert!(security.ca.as_ref().is_some_and(|ca| ca.is_absolute() && ca.ends_with("certs/ca.pem")));
         assert_eq!(security.key, Some(PathBuf::from("/etc/argus/key.pem")));
+    }
+
+    #[test]
+    fn a_file_for_another_process_is_private_and_has_the_same_settings() {
+        let mut layers =
+            layers("[limits]\npixels_per_sec = 1e6\n[worker]\nlisten = \"a \\\"b\\\"\"\n").unwrap();
+        layers.add_flag("security.ca", "certs/ca.pem", "--ca".to_owned()).unwrap();
+        let settings = layers.merge(None).unwrap().settings;
+        let file = settings.to_file().unwrap();
+        let mut again = Layers::default();
+        again.add_file(file.path()).unwrap();
+        assert_eq!(again.merge(None).unwrap().settings, settings);
+        #[cfg(unix)]
+        assert_eq!(std::os::unix::fs::MetadataExt::mode(&file.path().metadata().unwrap()) & 0o077, 0);
     }
 
     #[test]

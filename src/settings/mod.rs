@@ -14,7 +14,7 @@ use argus_scene::{MegaViews, Reflections, Sampling};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use convert::{mib, secs};
-pub(crate) use layers::{Flags, Sources, path};
+pub(crate) use layers::{Flags, Sources, path, variables};
 
 /// All settings. Units are in the names.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

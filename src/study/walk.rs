@@ -29,7 +29,7 @@ pub(super) struct Walk {
     #[arg(long, value_name = "SECONDS", value_parser = args::positive)]
     pause: Option<f64>,
     #[command(flatten)]
-    rig: args::Rig,
+    rig: args::PassedOn<args::Rig>,
 }
 
 impl Walk {
@@ -41,7 +41,7 @@ impl Walk {
         options.views = self.views.map_or(options.views, usize::from);
         options.laps = self.laps.map_or(options.laps, usize::from);
         options.pause_secs = self.pause.unwrap_or(options.pause_secs);
-        options.serve = self.rig.to_arguments();
+        options.serve = self.rig.arguments;
         run(&std::env::current_exe()?, &options, progress).await
     }
 }

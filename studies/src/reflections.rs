@@ -15,8 +15,8 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::{
-    Camera, Cancel, Frame, Outputs, Plan, Reflections, RenderError, RigKind, RigKnobs, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Stage, Surroundings, Version, ViewJob, Warp,
+    Camera, Cancel, Frame, Outputs, Plan, ReflectionProbeSet, Reflections, RenderError, RigKind, RigKnobs,
+    SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -183,7 +183,7 @@ impl Subject {
         differs: &str,
         knobs: Option<Reflections>,
     ) -> Result<(Map<String, Value>, Vec<Frame>)> {
-        let maps = knobs.map(|knobs| Surroundings::of(&self.bench.scene, knobs)).transpose()?.flatten();
+        let maps = knobs.map(|knobs| ReflectionProbeSet::of(&self.bench.scene, knobs)).transpose()?.flatten();
         let info = SampleSetInfo {
             reflections: maps,
             version: self.bench.next_version(),
@@ -194,10 +194,10 @@ impl Subject {
         let brute_force_ms = maps.map(|maps| self.brute_force(gpu, maps)).transpose()?;
 
         let mut ids = self.bench.all_ids(&self.views, SAMPLES);
-        ids = self.bench.info.with_surroundings(ids);
+        ids = self.bench.info.with_reflection_probes(ids);
         let taken = self.bench.render_timed(ids.clone(), 0)?;
         let plan = |camera: &Camera| {
-            let samples = self.bench.info.with_surroundings(self.bench.sample_ids(camera, SAMPLES));
+            let samples = self.bench.info.with_reflection_probes(self.bench.sample_ids(camera, SAMPLES));
             Plan::Warp(Warp { supersampling: SUPERSAMPLING, samples, ..Warp::default() })
         };
         let direct = Plan::Direct { samples_per_pixel: SUPERSAMPLING * SUPERSAMPLING };
@@ -246,7 +246,7 @@ impl Subject {
         // The first moment also compiles pipelines. The last one is the moment of the views.
         for epoch in (0..=self.rounds as u64 + 1).rev() {
             let info = self.bench.info.at_version(&self.bench.scene, Version::of_epoch(epoch, epoch));
-            let id = SampleId { version: epoch, camera: SampleId::SURROUNDINGS };
+            let id = SampleId { version: epoch, camera: SampleId::REFLECTION_PROBES };
             let job = SampleJob::new(Arc::new(info), vec![id], true);
             let begin = Instant::now();
             let found = self.bench.sampler.render_samples(&job, &Cancel::new());
@@ -265,7 +265,7 @@ impl Subject {
     }
 
     /// Milliseconds to rasterise the same maps without a hierarchy: visibility only, without light.
-    fn brute_force(&self, gpu: &Arc<Gpu>, maps: Surroundings) -> Result<f64> {
+    fn brute_force(&self, gpu: &Arc<Gpu>, maps: ReflectionProbeSet) -> Result<f64> {
         let scene = &self.bench.scene;
         let (pose, root) = (scene.at(0.0), RootCube::around(&scene.bounds()));
         let centers = scene.reflectors(maps.knobs.most).into_iter();

@@ -34,8 +34,8 @@ async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
     };
     let (frame, _) = of_many.render((&view).into()).await.unwrap();
     let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
-    let around = warp.samples.iter().filter(|id| id.is_surroundings()).count();
-    assert_eq!(around, 1, "beside samples of the rig: {:?}", warp.samples);
+    let of_probes = warp.samples.iter().filter(|id| id.is_reflection_probe()).count();
+    assert_eq!(of_probes, 1, "beside samples of the rig: {:?}", warp.samples);
     let specification = frame.provenance.specification.unwrap().to_string();
     assert!(specification.contains(" maps of 32 from 7 levels, at most 256;"), "{specification}");
 
@@ -86,7 +86,7 @@ async fn moving_objects_are_reflected_at_their_positions() {
         let (frame, _) = wire.render((&view).into()).await.unwrap();
         let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
         assert!(warp.samples.iter().all(|id| id.version == warp.samples[0].version), "{:?}", warp.samples);
-        assert!(warp.samples.iter().any(argus_scene::SampleId::is_surroundings));
+        assert!(warp.samples.iter().any(argus_scene::SampleId::is_reflection_probe));
         if epochs.last() != Some(&frame.provenance.epoch) {
             epochs.push(frame.provenance.epoch);
         }

@@ -307,7 +307,7 @@ fn a_worker_without_a_members_certificate_cannot_join() {
     assert!(without.contains("TLS needs a certificate"), "{without}");
     // Signed by the same authority, but for clients.
     let client = join(&member(&ours("client.pem"), &ours("client.key"), &ours("ca.pem")));
-    assert!(client.contains("turned this worker away"), "{client}");
+    assert!(client.contains("refused this worker"), "{client}");
     assert!(client.contains("cluster.argus.internal"), "{client}");
     // Signed by another authority, on either side.
     for ca in [ours("ca.pem"), strangers("ca.pem")] {

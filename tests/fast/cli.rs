@@ -189,11 +189,18 @@ fn without_a_driver_the_self_test_fails_and_names_the_package_to_install() {
 /// Two requests to stop: a signal, and the end of standard input.
 #[cfg(unix)]
 #[test]
-fn a_service_that_is_asked_to_stop_exits_with_0() {
+fn a_service_that_is_asked_to_stop_exits_with_0_and_removes_its_workers_settings() {
     use rustix::process::{Pid, Signal, kill_process};
     for signal in [Some(Signal::INT), Some(Signal::TERM), None] {
         let mut command =
             argus(&["serve", "--scene", SMALL, "--workers", "1", "--listen", "127.0.0.1:0", "--json"]);
+        let temporary = tempfile::tempdir().unwrap();
+        let files = || {
+            let names = temporary.path().read_dir().unwrap().map(|entry| entry.unwrap().file_name());
+            names.filter(|name| name.to_string_lossy().ends_with(".toml")).count()
+        };
+        // The workers join this service, whatever the environment says.
+        command.env("TMPDIR", temporary.path()).env("ARGUS_WORKER__COORDINATOR", "http://127.0.0.1:1");
         command.stdout(Stdio::piped());
         let mut service = Process::start(command);
         let mut objects =
@@ -204,6 +211,7 @@ fn a_service_that_is_asked_to_stop_exits_with_0() {
         let out = folder.path().join("view.png");
         let output = run(&[view.as_slice(), &["--out", out.to_str().unwrap()]].concat());
         assert!(output.status.success(), "{}", stderr(&output));
+        assert_eq!(files(), 1);
         let status = match signal {
             Some(signal) => {
                 let pid = Pid::from_raw(i32::try_from(service.pid()).unwrap()).unwrap();
@@ -212,6 +220,6 @@ fn a_service_that_is_asked_to_stop_exits_with_0() {
             }
             None => service.stop(),
         };
-        assert_eq!(status.code(), Some(0), "{signal:?}");
+        assert_eq!((status.code(), files()), (Some(0), 0), "{signal:?}");
     }
 }

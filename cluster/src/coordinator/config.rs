@@ -25,7 +25,7 @@ pub struct Config {
     pub effects: LightEffects,
     /// Indirect light, and particles that emit light.
     pub indirect: Indirect,
-    /// Reflection maps around glossy and transparent surfaces, if the scene has such surfaces; `None`: no maps.
+    /// Reflection probes of glossy and transparent surfaces, if the scene has such surfaces; `None`: no probes.
     pub reflections: Option<Reflections>,
     /// Scene seconds per second of an animated scene; 0 holds it still.
     pub time_scale: f64,

@@ -22,12 +22,12 @@ const RETRY: Duration = Duration::from_millis(250);
 pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, address: &str) {
     // The registry knows the lease's duration once it was reached.
     let pause = || registry.lease().map_or(RETRY, |lease| lease / OFTEN);
-    let mut told = false;
+    let mut is_logged = false;
     loop {
         let asked = Instant::now();
         match registry.acquire(address).await {
             Ok(Some(held)) => {
-                told = false;
+                is_logged = false;
                 let expected = registry.noted_workers().await.len();
                 shared.lead(held.term, until(registry.as_ref(), asked), expected);
                 *shared.lease.lock() = Some(held);
@@ -37,12 +37,14 @@ pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, addr
             }
             Ok(None) => {
                 let leader = registry.leader().await;
-                if !std::mem::replace(&mut told, true) {
+                if !std::mem::replace(&mut is_logged, true) {
                     info!(leader = leader.as_deref().unwrap_or("unknown"), "coordinator is on standby");
                 }
                 shared.stand_by(leader);
             }
-            Err(error) if !std::mem::replace(&mut told, true) => warn!(%error, "no lease can be acquired"),
+            Err(error) if !std::mem::replace(&mut is_logged, true) => {
+                warn!(%error, "no lease can be acquired")
+            }
             Err(_) => {}
         }
         tokio::time::sleep(pause()).await;

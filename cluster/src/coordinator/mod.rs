@@ -41,7 +41,7 @@ use argus_proto::v1::views_server::ViewsServer;
 use argus_proto::{FILE_DESCRIPTOR_SET, v1};
 use argus_scene::rig::Sight;
 use argus_scene::{
-    InvalidField, Rig, SampleSetInfo, Sampling, Surroundings, Version, Visibility, check_sub_samples,
+    InvalidField, ReflectionProbeSet, Rig, SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
 };
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
@@ -105,7 +105,7 @@ pub async fn serve(
                 let reason = "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
                 return Err(ServeError::Sampling(InvalidField::new("reflections", reason)));
             }
-            Some(knobs) => Surroundings::of(scene, knobs).map_err(ServeError::Sampling)?,
+            Some(knobs) => ReflectionProbeSet::of(scene, knobs).map_err(ServeError::Sampling)?,
             None => None,
         },
     });

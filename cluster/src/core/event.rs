@@ -158,8 +158,8 @@ pub struct Report {
     pub warp_cost: Option<Cost>,
     /// Measured and predicted errors of probed frames.
     pub probed: Probed,
-    /// Cost of each visibility backend, milliseconds for a tile of a sample, if it was told to measure.
-    pub ways: Vec<(Visibility, f64)>,
+    /// Cost of each visibility backend, milliseconds for a tile of a sample, if the assignment asked for them.
+    pub backend_costs: Vec<(Visibility, f64)>,
 }
 
 /// A session's last answered view, whose request left the way open.
@@ -302,7 +302,7 @@ pub struct Assignment {
     /// Samples of versions below this number can be dropped.
     pub kept_from: u64,
     /// Whether to measure each visibility backend, and to report the costs with this assignment.
-    pub measure_ways: bool,
+    pub measure_backends: bool,
     /// Addresses of suspected workers: samples awaited from them must be fetched elsewhere.
     pub suspected: Vec<String>,
 }

@@ -217,7 +217,7 @@ impl Core {
         if let Some((error, predicted)) = report.probed.since(&worker.report().probed) {
             self.samples.observe_error(error, predicted);
         }
-        let measured = std::mem::take(&mut report.ways);
+        let measured = std::mem::take(&mut report.backend_costs);
         if self.workers.report(id, report, now, || self.views.largest()) {
             self.processes_changed(actions);
         }

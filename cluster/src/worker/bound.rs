@@ -1,22 +1,23 @@
-//! Whether a frame from samples keeps its order's bound: the worker sees the pixels, the planner only predicted them.
+//! Checks a frame from samples against the planner's error bound. The worker sees the pixels, which the planner only
+//! predicted.
 //!
-//! Two things can be wrong. Samples may miss a part of the view, which the frame says itself. And their texels may be
-//! coarse, which nothing shows but the ranges: a surface far from a sample and near to the viewer is made of blocks.
+//! Two faults are detected. Samples may miss a part of the view, which the frame itself says. And texels may be too
+//! coarse: a surface that is far from its sample and near the viewer shows blocks. Only the ranges reveal this.
 
 use argus_scene::{Camera, Frame, SampleCamera};
 use glam::DVec2;
 
 use crate::core::planner::{LEAST_FINE, MOST_TEXEL_PIXELS};
 
-/// A frame of which samples miss more than this share is not good enough: tracing so many holes costs much of a view from
-/// triangles, and around holes samples are wrong as well.
+/// Greatest share of pixels that samples may miss. Tracing more holes costs much of a direct view, and samples are
+/// unreliable around holes.
 const MOST_UNRESOLVED: f64 = 0.05;
 
-/// Columns and rows of pixels that are looked at. Some 770 of them tell shares of 95% and 93% apart.
+/// Columns and rows of the checked pixels. About 770 pixels suffice to distinguish shares of 95% and 93%.
 const GRID: [u32; 2] = [32, 24];
 
-/// What is wrong with a frame from samples that these cameras took, in the order of its plan; `None` if it keeps the bound. It
-/// is judged by the range and source that it holds.
+/// The fault of a frame from samples; `None` if it is within the bound. `samples` are the cameras of its plan's
+/// samples, in order. Reads the frame's range and source images.
 pub(super) fn shortfall(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Option<String> {
     if frame.unresolved_fraction > MOST_UNRESOLVED {
         return Some(format!("the samples miss {:.1}% of the view", frame.unresolved_fraction * 100.0));
@@ -26,14 +27,14 @@ pub(super) fn shortfall(frame: &Frame, camera: &Camera, samples: &[SampleCamera]
     is_coarse.then(|| format!("the samples are too coarse for {:.1}% of the view", (1.0 - fine) * 100.0))
 }
 
-/// Share of the frame's pixels whose texel is fine enough; `None` where no pixel says where it comes from.
+/// Share of the checked pixels whose texel is fine enough. `None` if no pixel has a source.
 fn fine_share(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Option<f64> {
     let (ranges, sources) = (frame.range.as_ref()?.as_chunks::<4>().0, frame.source.as_ref()?);
     let [width, height] = [frame.width, frame.height];
     let pixel_angle = 2.0 * camera.tan_half_fov(width, height).y / f64::from(height.max(1));
     let angles: Vec<f64> = samples.iter().map(SampleCamera::texel_angle).collect();
     let [columns, rows] = [GRID[0].min(width), GRID[1].min(height)];
-    let (mut looked_at, mut fine) = (0_u32, 0_u32);
+    let (mut checked, mut fine) = (0_u32, 0_u32);
     for i in 0..columns * rows {
         let middle = |i: u32, parts: u32, side: u32| {
             (u64::from(2 * i + 1) * u64::from(side) / u64::from(2 * parts)) as u32
@@ -41,24 +42,24 @@ fn fine_share(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Optio
         let (x, y) = (middle(i % columns, columns, width), middle(i / columns, rows, height));
         let at = y as usize * width as usize + x as usize;
         let (Some(range), Some(source)) = (ranges.get(at), sources.get(at)) else { continue };
-        // 0 is no sample: a guess, which is counted as such.
+        // Source 0 is a guess, which the mask counts.
         let Some(index) = usize::from(*source).checked_sub(1).filter(|index| *index < samples.len()) else {
             continue;
         };
         let range = f64::from(f32::from_le_bytes(*range));
         let farther = match range == f64::INFINITY {
-            // The sky is as far from both.
+            // The sky is equally far from both.
             true => 1.0,
             false => {
                 let ray = camera.direction(DVec2::new(f64::from(x), f64::from(y)) + 0.5, width, height);
                 (camera.eye + range * ray).distance(samples[index].center()) / range
             }
         };
-        looked_at += 1;
-        // Written so that what is not a number is not fine.
+        checked += 1;
+        // Written so that NaN is not fine.
         fine += u32::from(range > 0.0 && farther * angles[index] <= MOST_TEXEL_PIXELS * pixel_angle);
     }
-    (looked_at > 0).then(|| f64::from(fine) / f64::from(looked_at))
+    (checked > 0).then(|| f64::from(fine) / f64::from(checked))
 }
 
 #[cfg(test)]
@@ -71,7 +72,7 @@ mod tests {
 
     const SIZE: [u32; 2] = [320, 240];
 
-    /// A frame of which every pixel comes from one sample and is so far away.
+    /// A frame whose pixels all have this range and source.
     fn frame(range: f32, source: u8) -> Frame {
         let pixels = (SIZE[0] * SIZE[1]) as usize;
         Frame {
@@ -98,7 +99,7 @@ mod tests {
         }
     }
 
-    /// A cube whose texels are a little finer than the pixels of a view of `SIZE` from where it stands.
+    /// A cube map whose texels, seen from its centre, are slightly finer than the pixels of a view of `SIZE`.
     fn sample(center: DVec3) -> SampleCamera {
         SampleCamera::Omni { center, layout: OmniLayout::CubeFaces { face: 512 } }
     }
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_who_walks_up_to_a_wall_gets_no_blocks() {
+    fn texels_are_too_coarse_near_a_wall() {
         let samples = [sample(DVec3::ZERO)];
         let wall = |eye: f64| frame(10.0 - eye as f32, 1);
         let at = |eye: f64| judged(&wall(eye), DVec3::new(eye, 0.0, 0.0), &samples);
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn each_pixel_is_judged_by_the_sample_that_it_comes_from() {
+    fn each_pixel_is_judged_by_its_own_sample() {
         let samples = [sample(DVec3::ZERO), sample(DVec3::new(8.0, 0.0, 0.0))];
         let eye = DVec3::new(8.0, 0.0, 0.0);
         assert!(judged(&frame(2.0, 1), eye, &samples).is_some());
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_part_may_be_coarse_and_holes_are_counted() {
+    fn a_small_share_may_be_coarse_or_missing() {
         let samples = [sample(DVec3::ZERO), sample(DVec3::new(8.0, 0.0, 0.0))];
         let eye = DVec3::new(8.0, 0.0, 0.0);
         let with_coarse_rows = |rows: usize| {
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sky_is_as_fine_as_texels_are_and_a_broken_range_is_not_fine() {
+    fn the_sky_is_fine_and_an_invalid_range_is_not() {
         let samples = [sample(DVec3::new(1e6, 0.0, 0.0))];
         let of = |range: f32| judged(&frame(range, 1), DVec3::ZERO, &samples);
         assert_eq!(of(f32::INFINITY), None);
@@ -157,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_that_does_not_say_where_it_comes_from_is_not_judged_by_that() {
+    fn a_frame_without_ranges_or_sources_is_accepted() {
         let samples = [sample(DVec3::ZERO)];
         let eye = DVec3::new(9.0, 0.0, 0.0);
         assert!(judged(&frame(1.0, 1), eye, &samples).is_some());

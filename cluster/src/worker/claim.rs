@@ -1,4 +1,4 @@
-//! Waiting callers of a result: a batch is cancelled when no caller waits for any of it.
+//! Cancellation by callers that give up: a batch is cancelled when no caller waits for any of its results.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use argus_scene::Cancel;
 use parking_lot::Mutex;
 
-/// The cancellation of a batch, raised by the last of its members to go.
+/// The cancellation of a batch. The last waiting caller triggers it.
 #[derive(Debug, Default)]
 pub(super) struct Batch {
     pub(super) cancel: Cancel,
@@ -19,11 +19,11 @@ struct State {
     batch: Option<Arc<Batch>>,
 }
 
-/// The waiting side. Dropping it says that the caller no longer waits.
+/// The caller's side. Dropping it means that the caller gave up.
 #[derive(Debug)]
 pub(super) struct Claim(Arc<Mutex<State>>);
 
-/// The working side.
+/// The render thread's side.
 #[derive(Debug)]
 pub(super) struct Claimed(Arc<Mutex<State>>);
 
@@ -34,7 +34,7 @@ pub(super) fn claim() -> (Claim, Claimed) {
 }
 
 impl Claimed {
-    /// Joins a batch. Returns false, and does not join, if no caller waits.
+    /// Joins a batch. Returns false, without joining, if the caller gave up.
     pub(super) fn join(&self, batch: &Arc<Batch>) -> bool {
         let mut state = self.0.lock();
         if state.gone {
@@ -45,7 +45,7 @@ impl Claimed {
         true
     }
 
-    /// Whether no caller waits.
+    /// Whether the caller gave up.
     pub(super) fn is_gone(&self) -> bool {
         self.0.lock().gone
     }
@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_batch_is_cancelled_when_the_last_of_its_members_goes() {
+    fn a_batch_is_cancelled_when_its_last_caller_gives_up() {
         let batch = Arc::new(Batch::default());
         let (first, first_claimed) = claim();
         let (second, second_claimed) = claim();

@@ -1,4 +1,4 @@
-//! What a worker can be told, and why it may stop.
+//! Configuration of a worker, and the errors that stop it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,86 +9,91 @@ use serde::Serialize;
 use crate::network::Network;
 use crate::security::Security;
 
-/// When a full worker may have room again: a few batches later.
+/// Suggested time until a retry at a full worker: a few batches.
 pub(super) const RETRY: Duration = Duration::from_millis(250);
 
-/// What a worker can be told; only [`Config::new`]'s argument has no default.
+/// Configuration of a worker. [`Config::new`] sets the defaults.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Config {
-    /// Where the coordinator is, such as `http://127.0.0.1:7400`; several, with commas between them, of which one leads.
+    /// URL of the coordinator, such as `http://127.0.0.1:7400`. With several coordinators: their URLs, separated by
+    /// commas.
     pub coordinator: String,
-    /// Where others reach this worker; `None`: `http://` (`https://` with security) and the listener's address or, where
-    /// that is an unspecified one such as `0.0.0.0`, the one that this machine has on the way to the coordinator.
+    /// URL by which other processes reach this worker. `None`: the listener's address with `http://`, or `https://`
+    /// with security. If the listener's address is unspecified, such as `0.0.0.0`, the address of the network
+    /// interface that reaches the coordinator replaces it.
     pub advertise: Option<String>,
-    /// Where clients reach this worker, whose sessions then fetch their frames here; `None`: they do not.
+    /// Address by which clients reach this worker. Sessions then fetch their frames here. `None`: the coordinator
+    /// relays the frames.
     pub public: Option<Public>,
-    /// Its name; `None`: drawn at random. The same name joining again replaces the older process.
+    /// Name of the worker; `None`: random. A worker that joins under a used name replaces the older process.
     pub id: Option<String>,
-    /// How long the coordinator may take to answer.
+    /// Time limit of the coordinator's answer to a join.
     pub join_timeout: Duration,
-    /// How long nobody may answer at the start before the process gives up; `None`: it goes on trying, since whoever
-    /// starts processes in no order would start it again for nothing, and later each time.
+    /// Time without any coordinator's answer at the start after which the process gives up. `None`: it tries forever.
+    /// A supervisor that starts processes in any order would only restart it, with growing delays.
     pub give_up_after: Option<Duration>,
-    /// Longest pause between two attempts to join again.
+    /// Longest pause between two attempts to join.
     pub rejoin_pause: Duration,
-    /// Views that may wait for the render thread; one more is turned away at once.
+    /// Greatest number of queued views. Further ones are refused at once.
     pub max_queued_views: usize,
-    /// Samples that may wait for the render thread.
+    /// Greatest number of queued samples.
     pub max_queued_samples: usize,
-    /// Most views in one batch; beyond 64 a batch gains nothing and makes its first view wait for its last.
+    /// Greatest number of views in a batch. Above 64, a batch saves nothing and delays its first view.
     pub max_batch: usize,
-    /// Most direct views in one call: each is long, so few keep cancellation and other work prompt.
+    /// Greatest number of direct views in a call. Direct views are long, so more of them delay cancellation and other
+    /// work.
     pub max_direct_batch: usize,
-    /// Texel bytes of samples that are kept before the least recently used one is forgotten. Samples in use
-    /// are kept whatever they take.
+    /// Texel bytes of held samples. Beyond this, the least recently used samples are dropped, except those in use.
     pub held_bytes: u64,
-    /// How long a connection to another worker may take.
+    /// Time limit of connecting to another worker.
     pub connect_timeout: Duration,
-    /// How long another worker may be silent while it sends a sample.
+    /// Time limit of each chunk of a sample from another worker.
     pub fetch_timeout: Duration,
-    /// How long another worker may take to trace the pixels of a view that no sample saw; then the next one is
-    /// asked.
+    /// Time limit of another worker for tracing the holes of a view. Then the next worker is asked.
     pub trace_timeout: Duration,
-    /// The largest scene bundle that is fetched, bytes.
+    /// Largest scene bundle that is fetched, bytes.
     pub max_bundle_bytes: u64,
-    /// How long views in work may take to finish after a shutdown began.
+    /// Time that views in progress get after a shutdown began.
     pub grace: Duration,
-    /// A render thread that has been at one piece of work for this long is wedged, and the process says that it
-    /// should be started again. Long: a software driver may take minutes over the first sample of a large scene.
+    /// Time at one piece of work after which the render thread counts as wedged. The liveness check then fails, so
+    /// that a supervisor restarts the process. It is long because a software driver may need minutes for the first
+    /// sample of a large scene.
     pub wedged_after: Duration,
-    /// Bytes of frames that are being made, packed or sent; further views wait. One that is larger is made alone.
+    /// Bytes reserved for frames that are rendered, packed or sent. Further views wait. A larger frame is rendered
+    /// alone.
     pub frame_bytes: u64,
-    /// Bytes of depth that frames of sessions leave for the next ones, before the least recently used is forgotten; 0: none is
-    /// kept.
+    /// Bytes of depth of sessions' last frames, for reprojection. Beyond this, the least recently used one is
+    /// dropped; 0: none is kept.
     pub history_bytes: u64,
-    /// A chunk of a frame, a MiB at most, is dropped with the rest of it if it is not read for so long.
+    /// Time limit for reading a chunk of a frame, at most 1 MiB. A slower reader loses the frame.
     pub read_within: Duration,
-    /// Resources that only one role needs are released after they were unused for this long.
+    /// Resources of an unused role are released after this time.
     pub rest_after: Duration,
-    /// Requests in work, those included that wait for samples: what the coordinator sends, and what other workers fetch.
+    /// Greatest number of requests in progress, from the coordinator and from other workers. Requests that wait for
+    /// samples count.
     pub max_requests: usize,
-    /// Connections that are open at the same time; further ones wait.
+    /// Greatest number of open connections. Further ones wait.
     pub max_connections: usize,
-    /// By which the coordinator and other workers know this one; `None`: plaintext.
+    /// TLS configuration for the coordinator and other workers; `None`: plaintext.
     #[serde(skip)]
     pub security: Option<Arc<Security>>,
-    /// What it talks over.
+    /// The network: real, or simulated in tests.
     #[serde(skip)]
     pub network: Network,
 }
 
-/// Where clients reach a worker.
+/// Address of a worker for clients.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Public {
-    /// Where other workers do.
+    /// The same address as for other workers.
     AsAdvertised,
-    /// At an address of its own.
+    /// Another address.
     At(String),
 }
 
 impl Config {
-    /// The defaults, for a worker of that coordinator.
+    /// The defaults, for a worker of this coordinator.
     pub fn new(coordinator: impl Into<String>) -> Self {
         Self {
             coordinator: coordinator.into(),
@@ -121,7 +126,7 @@ impl Config {
     }
 }
 
-/// Why a worker stopped.
+/// The error that stopped a worker.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// No process answers at the coordinator's address.
@@ -130,47 +135,47 @@ pub enum RunError {
          or give its address with --coordinator"
     )]
     Unreachable {
-        /// Where it was looked for.
+        /// URL of the coordinator.
         url: String,
-        /// What the last attempt said.
+        /// Error of the last attempt.
         reason: String,
     },
-    /// Either side's certificate is not one that the other trusts.
+    /// A certificate is not trusted.
     #[error(
-        "the coordinator at {url} and this worker do not trust each other ({reason}): both need certificates of \
+        "the coordinator at {url} and this worker do not trust each other ({reason}); give both certificates of \
          the cluster's authority"
     )]
     Untrusted {
-        /// Where it is.
+        /// URL of the coordinator.
         url: String,
-        /// What the handshake said.
+        /// Error of the handshake.
         reason: String,
     },
-    /// The coordinator does not want this worker.
-    #[error("the coordinator at {url} turned this worker away: {reason}")]
+    /// The coordinator refused this worker.
+    #[error("the coordinator at {url} refused this worker: {reason}")]
     TurnedAway {
-        /// Where it is.
+        /// URL of the coordinator.
         url: String,
-        /// What it said.
+        /// The coordinator's reason.
         reason: String,
     },
-    /// An address that is none.
-    #[error("{what} is not an address that others can reach: {reason}")]
+    /// An invalid address.
+    #[error("{what} is not a usable address: {reason}")]
     Address {
-        /// Which setting.
+        /// The setting.
         what: &'static str,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// The scene could not be had.
+    /// The scene cannot be opened.
     #[error("scene {name}: {reason}")]
     Scene {
-        /// Which.
+        /// Name of the scene.
         name: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
-    /// No role can be played on this machine.
+    /// No role can be created on this machine.
     #[error("this machine cannot render: {0}")]
     Device(#[from] RenderError),
     /// The server failed.

@@ -1,13 +1,13 @@
-//! How a worker comes by samples: held, fetched from another, or rendered here.
+//! Gets samples: from the store, from another worker, or by rendering.
 //!
-//! Views that need the same sample at the same time share one fetch. A fetch asks the addresses in the order
-//! given, verifies what comes by its hash, and where none of them has the sample renders it here: a worker
-//! can play both roles, so a sampler's death costs the time of one sample and no view.
+//! Views that need the same sample at the same time share one fetch. A fetch asks the addresses in order, and
+//! verifies each answer by its hash. If no address has the sample, this worker renders it: any worker can play both
+//! roles, so the loss of a sampler costs the time of one sample and no view.
 //!
-//! Where the planes go follows from who asks: what another process asks for is read back to host memory
-//! ([`on_host`]); what only this process needs stays on the device ([`at_hand`]). If both happen, in that
-//! order, the host copy serves both; the other way round the sample is rendered once more, byte for byte the
-//! same, which costs less than reading back every sample of a cluster of one.
+//! The planes' location depends on the requester. A sample for another worker is read back to host memory
+//! ([`on_host`]). A sample for this worker's views stays on the device ([`at_hand`]). A host copy serves later
+//! requests of both kinds. A device copy does not serve another worker: the sample is then rendered again, with equal
+//! bytes. This costs less than reading back every sample in a cluster of one worker.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,7 +21,7 @@ use argus_scene::{FaceMask, Sample, SampleId, SampleSetInfo};
 use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
-use super::fetches::For;
+use super::fetches::Purpose;
 use super::node::Node;
 use super::packed::Chunks;
 use super::policy::{self, ANNOUNCED, Need, Seek, Serve};
@@ -29,13 +29,13 @@ use super::store::is_on_host;
 use crate::core::{Role, Source};
 use crate::rate_limited_log::RateLimitedLog;
 
-/// How long another worker's request waits for a sample that has begun to come here.
+/// How long another worker's request waits for a sample whose fetch has begun here.
 const COMING: Duration = Duration::from_secs(20);
 
-/// The sample for this process's own views.
+/// Gets a sample for this worker's own views.
 ///
 /// # Errors
-/// [`Fault::NotFound`] for one that is dispensable, if no named worker holds it; else what rendering it ends with.
+/// [`Fault::NotFound`] for a dispensable sample that no named worker holds; else the error of rendering it.
 pub(super) async fn at_hand(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
@@ -46,26 +46,27 @@ pub(super) async fn at_hand(
         return Ok(sample);
     }
     loop {
-        let fetch = node.fetches.join((id, For::View), || {
+        let fetch = node.fetches.join((id, Purpose::View), || {
             Box::pin(fetched_or_rendered(node.clone(), info.clone(), needed.clone()))
         });
         match fetch.await {
-            // Begun for another view, which can do without.
+            // The joined fetch was for another view, for which the sample is dispensable.
             Err(Fault::NotFound(_)) if !needed.dispensable => {}
-            // Begun for another view, which looks at other faces.
+            // The joined fetch was for another view, which needs other faces.
             Ok(sample) if !sample.faces.contains(faces) => {}
             fetched => return fetched,
         }
     }
 }
 
+/// Fetches a sample from another worker, or renders it here.
 async fn fetched_or_rendered(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     needed: Source,
 ) -> Result<Arc<Sample>, Fault> {
     let Source { id, faces, addresses, dispensable } = needed;
-    // Another fetch may have ended since the last look.
+    // Another fetch may have ended meanwhile.
     if let Some(sample) = node.store.get_with(id, faces) {
         return Ok(sample);
     }
@@ -80,75 +81,77 @@ async fn fetched_or_rendered(
                     Err(fault) => {
                         static MISSED: RateLimitedLog = RateLimitedLog::new();
                         if let Some(left_out) = MISSED.now() {
-                            warn!(%id, address, %fault, left_out, "sample not to be had there");
+                            warn!(%id, address, %fault, left_out, "a worker did not send a sample");
                         }
                     }
                 }
                 asked += 1;
             }
             Seek::Render { .. } => {
-                // A compositor that renders has lost the sampler that rendered for all: others will ask here.
-                let to_host = node.acting().is_some_and(|role| !role.samples());
-                return node.render_sample((id, faces), info, to_host).await;
+                // A compositor renders samples if the samplers are lost. Other workers will then request the sample
+                // here.
+                let to_host = node.status.role().is_some_and(|role| !role.samples());
+                return node.render_thread.render_sample((id, faces), info, to_host).await;
             }
             Seek::GiveUp | Seek::AskAgain => {
-                return Err(Fault::NotFound(format!("sample {id} is with none of those who had it")));
+                return Err(Fault::NotFound(format!("none of the named workers has sample {id}")));
             }
         }
     }
 }
 
-/// The sample for another process: rendered here, or passed on once it has come here, as [`policy::serve`] says.
+/// Gets a sample for another worker: waits for it, or renders it, as [`policy::serve`] says. `prefetch`: no view
+/// waits for it.
 pub(super) async fn on_host(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     (id, faces): (SampleId, FaceMask),
-    ahead: bool,
+    prefetch: bool,
 ) -> Result<Arc<Sample>, Fault> {
     if let Some(sample) = node.store.get_on_host(id, faces) {
         return Ok(sample);
     }
-    let samples = node.acting().is_none_or(Role::samples);
-    if policy::serve(samples, ahead, false) == Serve::Await {
-        let coming = tokio::time::timeout(COMING, passed_on(&node, id, faces)).await;
+    let samples = node.status.role().is_none_or(Role::samples);
+    if policy::serve(samples, prefetch, false) == Serve::Await {
+        let coming = tokio::time::timeout(COMING, awaited(&node, id, faces)).await;
         if let Ok(Some(sample)) = coming {
             return Ok(sample);
         }
-        if coming.is_err() || policy::serve(samples, ahead, true) == Serve::Refuse {
-            return Err(Fault::NotFound(format!("sample {id} is neither here nor on its way here")));
+        if coming.is_err() || policy::serve(samples, prefetch, true) == Serve::Refuse {
+            return Err(Fault::NotFound(format!("sample {id} is neither held here nor being fetched")));
         }
     }
     loop {
-        let fetch = node.fetches.join((id, For::Other), || {
+        let fetch = node.fetches.join((id, Purpose::OtherWorker), || {
             let (node, info) = (node.clone(), info.clone());
             Box::pin(async move {
                 match node.store.get_on_host(id, faces) {
                     Some(sample) => Ok(sample),
-                    None => node.render_sample((id, faces), info, true).await,
+                    None => node.render_thread.render_sample((id, faces), info, true).await,
                 }
             })
         });
         match fetch.await {
-            // Begun for a process that needs other faces.
+            // The joined fetch was for a worker that needs other faces.
             Ok(sample) if !sample.faces.contains(faces) => {}
             rendered => return rendered,
         }
     }
 }
 
-/// The sample, once it has come here; `None` if it does not begin to come, or comes to nothing.
-async fn passed_on(node: &Node, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
+/// Waits for a sample that should be fetched here. Returns `None` if its fetch does not begin in time, or fails.
+async fn awaited(node: &Node, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
     let announced = Instant::now() + ANNOUNCED;
     loop {
         let begun = node.fetches.begun();
         tokio::pin!(begun);
-        // From here on no bell is missed.
+        // From here on, no notification is missed.
         begun.as_mut().enable();
         if let Some(sample) = node.store.get_with(id, faces) {
-            // Of one that is on the device alone no other will come.
+            // A sample that is only on the device cannot be sent, and no other copy will arrive.
             return Some(sample).filter(|sample| is_on_host(sample));
         }
-        match node.fetches.find(id, &[For::View, For::Later]) {
+        match node.fetches.find(id, &[Purpose::View, Purpose::Prefetch]) {
             Some(fetch) => {
                 let fetched = fetch.await;
                 return fetched.ok().and_then(|_| node.store.get_on_host(id, faces));
@@ -158,27 +161,28 @@ async fn passed_on(node: &Node, id: SampleId, faces: FaceMask) -> Option<Arc<Sam
     }
 }
 
-/// The sample as another worker has it, or renders it, and as it came: with these faces and those that are held here, which
-/// it replaces.
+/// Requests a sample from another worker, which sends or renders it. Returns the sample and its chunks. It has the
+/// requested faces and the faces that are held here, because it replaces the held sample.
 pub(super) async fn from_other(
     node: &Node,
     info: &SampleSetInfo,
     (id, faces): (SampleId, FaceMask),
     address: &str,
-    ahead: bool,
+    prefetch: bool,
 ) -> Result<(Sample, Chunks), Fault> {
     let span = debug_span!(target: TARGET, "fetch sample", %id, address);
     let faces = faces.union(node.store.faces(id));
-    let from_there = received(node, info, (id, faces), address, ahead, &span).instrument(span.clone());
-    node.unless_suspected(address, from_there).await
+    let answer = received(node, info, (id, faces), address, prefetch, &span).instrument(span.clone());
+    node.unless_suspected(address, answer).await
 }
 
+/// Receives a sample from another worker.
 async fn received(
     node: &Node,
     info: &SampleSetInfo,
     (id, faces): (SampleId, FaceMask),
     address: &str,
-    ahead: bool,
+    prefetch: bool,
     span: &Span,
 ) -> Result<(Sample, Chunks), Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
@@ -187,27 +191,27 @@ async fn received(
         version: Some(info.version.into()),
         cameras: vec![id.camera],
         have: Vec::new(),
-        ahead,
+        prefetch,
         specification_hash: specification_hash_bytes(info.specification().hash()),
         faces: vec![faces.bits()],
     };
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
-    let silent = |_| Fault::Unavailable(format!("{address} fell silent"));
+    let timed_out = |_| Fault::Unavailable(format!("{address} sent nothing within the fetch timeout"));
     let limit = node.config.fetch_timeout;
     let opened =
-        tokio::time::timeout(limit, client.subscribe(within(span, request))).await.map_err(silent)?;
+        tokio::time::timeout(limit, client.subscribe(within(span, request))).await.map_err(timed_out)?;
     let mut chunks = opened.map_err(unavailable)?.into_inner();
-    let mut came = Vec::new();
+    let mut received_chunks = Vec::new();
     let mut unpacking = Duration::ZERO;
     let mut assembler = SampleAssembler::new(info.clone(), [id.camera]);
     assembler = assembler.with_faces([(id.camera, faces)].into_iter().collect());
     loop {
         let chunk =
-            tokio::time::timeout(limit, chunks.message()).await.map_err(silent)?.map_err(unavailable)?;
+            tokio::time::timeout(limit, chunks.message()).await.map_err(timed_out)?.map_err(unavailable)?;
         let Some(chunk) = chunk else {
             return Err(Fault::Unavailable(format!("{address} ended the stream before the sample's end")));
         };
-        came.push(chunk.clone());
+        received_chunks.push(chunk.clone());
         // Unpacking takes milliseconds.
         let pushed = tokio::task::spawn_blocking(move || {
             let began = std::time::Instant::now();
@@ -219,10 +223,12 @@ async fn received(
         match received? {
             Some(Received::Sample(sample, _)) => {
                 node.received(unpacking);
-                return Ok((sample, came.into()));
+                return Ok((sample, received_chunks.into()));
             }
             Some(Received::Unchanged(_)) => {
-                return Err(Fault::NotFound(format!("{address} claims that sample {id} is here")));
+                return Err(Fault::NotFound(format!(
+                    "{address} sent no data, as if this worker held sample {id}"
+                )));
             }
             None => {}
         }

@@ -1,4 +1,4 @@
-//! Fetches of samples under way, so that those who need the same sample at the same time share one fetch.
+//! Fetches in progress. Callers that need the same sample at the same time share one fetch.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -11,54 +11,55 @@ use parking_lot::Mutex;
 use tokio::sync::Notify;
 use tokio::sync::futures::Notified;
 
+/// A fetch of a sample.
 pub(super) type Fetch = BoxFuture<'static, Result<Arc<Sample>, Fault>>;
 
-/// What a sample is fetched for.
+/// The purpose of a fetch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum For {
-    /// A view of this process.
+pub(super) enum Purpose {
+    /// A view of this worker.
     View,
-    /// Another process: its planes must be in host memory.
-    Other,
-    /// Views to come.
-    Later,
+    /// Another worker. The planes must be in host memory.
+    OtherWorker,
+    /// Later views.
+    Prefetch,
 }
 
-/// Fetches under way, by sample and purpose. A fetch whose last waiter gives up is dropped with it.
+/// Fetches in progress, by sample and purpose. A fetch is dropped when its last caller gives up.
 #[derive(Default)]
 pub(super) struct Fetches {
-    under_way: Mutex<HashMap<(SampleId, For), WeakShared<Fetch>>>,
-    /// Rings when another one begins.
+    in_progress: Mutex<HashMap<(SampleId, Purpose), WeakShared<Fetch>>>,
+    /// Notifies when a fetch begins.
     begun: Notify,
 }
 
 impl Fetches {
-    /// Joins the fetch of that sample, or starts it.
-    pub(super) fn join(&self, key: (SampleId, For), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
-        let mut under_way = self.under_way.lock();
-        if let Some(fetch) = under_way.get(&key).and_then(WeakShared::upgrade)
+    /// Joins the fetch of this sample and purpose, or starts it.
+    pub(super) fn join(&self, key: (SampleId, Purpose), start: impl FnOnce() -> Fetch) -> Shared<Fetch> {
+        let mut in_progress = self.in_progress.lock();
+        if let Some(fetch) = in_progress.get(&key).and_then(WeakShared::upgrade)
             && fetch.peek().is_none()
         {
             return fetch;
         }
-        under_way.retain(|_, fetch| fetch.upgrade().is_some_and(|fetch| fetch.peek().is_none()));
+        in_progress.retain(|_, fetch| fetch.upgrade().is_some_and(|fetch| fetch.peek().is_none()));
         let fetch = start().shared();
-        under_way.extend(fetch.downgrade().map(|weak| (key, weak)));
-        drop(under_way);
+        in_progress.extend(fetch.downgrade().map(|weak| (key, weak)));
+        drop(in_progress);
         self.begun.notify_waiters();
         fetch
     }
 
-    /// Ends when another fetch begins after this call.
+    /// Completes when a fetch begins after this call.
     pub(super) fn begun(&self) -> Notified<'_> {
         self.begun.notified()
     }
 
-    /// The fetch of that sample for one of these purposes, if there is one.
-    pub(super) fn find(&self, id: SampleId, purposes: &[For]) -> Option<Shared<Fetch>> {
-        let under_way = self.under_way.lock();
+    /// The fetch of a sample for one of these purposes, if one is in progress.
+    pub(super) fn find(&self, id: SampleId, purposes: &[Purpose]) -> Option<Shared<Fetch>> {
+        let in_progress = self.in_progress.lock();
         purposes.iter().find_map(|purpose| {
-            let fetch = under_way.get(&(id, *purpose)).and_then(WeakShared::upgrade)?;
+            let fetch = in_progress.get(&(id, *purpose)).and_then(WeakShared::upgrade)?;
             fetch.peek().is_none().then_some(fetch)
         })
     }

@@ -1,23 +1,23 @@
-//! Whether the render thread's devices work, as others see it.
+//! Failures of the render thread's devices, for the readiness check.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use parking_lot::Mutex;
 
-/// Failures in a row after which the process is not ready: one is a device that was lost, and made again.
+/// Consecutive failures after which the process is not ready. A single lost device is recreated.
 const MOST_FAILURES: u32 = 3;
 
-/// Filled by the render thread.
+/// Device failures, recorded by the render thread.
 #[derive(Debug, Default)]
 pub(super) struct Health {
-    /// In a row, with what was said of the last one.
+    /// Number of consecutive failures, and the reason of the last one.
     failures: Mutex<(u32, String)>,
-    /// Samples that the compositor holds.
+    /// Number of samples that the compositor holds.
     held: AtomicUsize,
 }
 
 impl Health {
-    /// Something was rendered.
+    /// Records a success.
     pub(super) fn works(&self) {
         let mut failures = self.failures.lock();
         if failures.0 > 0 {
@@ -25,14 +25,16 @@ impl Health {
         }
     }
 
-    /// The device was lost, or a role could not be made on it.
+    /// Records that the device was lost or a role could not be created.
     pub(super) fn failed(&self, reason: &str) {
         let mut failures = self.failures.lock();
         *failures = (failures.0.saturating_add(1), reason.to_owned());
     }
 
+    /// Checks that the devices work.
+    ///
     /// # Errors
-    /// Why nothing more will come of it, as far as that can be known.
+    /// The last failure, after several consecutive ones.
     pub(super) fn check(&self) -> Result<(), String> {
         let failures = self.failures.lock();
         match failures.0 < MOST_FAILURES {
@@ -41,10 +43,12 @@ impl Health {
         }
     }
 
+    /// Records the number of samples that the compositor holds.
     pub(super) fn holds(&self, samples: usize) {
         self.held.store(samples, Ordering::Relaxed);
     }
 
+    /// Number of samples that the compositor holds.
     pub(super) fn held(&self) -> usize {
         self.held.load(Ordering::Relaxed)
     }

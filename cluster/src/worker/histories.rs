@@ -1,7 +1,7 @@
-//! What the last frames of sessions leave for their next ones, by names that the coordinator draws; bounded by their size.
+//! Depth of sessions' last frames, for reprojection. Keys come from the coordinator; the size is bounded.
 //!
-//! Nothing depends on one being here: a search without one begins at the samples. So the least recently used goes first,
-//! whoever's it is, and nobody is told.
+//! No frame depends on a history: without one, a search starts from the samples. So the least recently used history
+//! is dropped silently, whichever session it belongs to.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -22,23 +22,23 @@ struct State {
     clock: u64,
 }
 
-/// The histories, by name.
+/// Histories by key.
 #[derive(Debug)]
 pub(super) struct Histories {
     limit: u64,
     state: Mutex<State>,
 }
 
-/// Longest name that is kept: a coordinator's has 32.
+/// Longest accepted key. A coordinator's keys have 32 characters.
 pub(super) const MAX_NAME: usize = 64;
 
 impl Histories {
-    /// Empty; keeps `limit` bytes, 0: none.
+    /// An empty cache of `limit` bytes; 0 keeps no history.
     pub(super) fn new(limit: u64) -> Self {
         Self { limit, state: Mutex::default() }
     }
 
-    /// What was kept last under a name, if it still is.
+    /// The last history under a key, if it is still cached.
     pub(super) fn get(&self, name: &str) -> Option<Arc<History>> {
         let mut state = self.state.lock();
         state.clock += 1;
@@ -48,7 +48,7 @@ impl Histories {
         Some(entry.history.clone())
     }
 
-    /// Keeps a history in place of the one of that name.
+    /// Caches a history, and replaces the previous one under its key.
     pub(super) fn keep(&self, name: String, history: History) {
         let mut state = self.state.lock();
         state.remove(&name);
@@ -66,7 +66,7 @@ impl Histories {
         }
     }
 
-    /// Forgets all of them.
+    /// Drops all histories.
     pub(super) fn clear(&self) {
         *self.state.lock() = State::default();
     }
@@ -115,14 +115,18 @@ mod tests {
     }
 
     #[test]
-    fn the_least_recently_used_goes_first_and_a_name_has_one() {
+    fn the_least_recently_used_history_is_dropped_first_and_a_key_has_one() {
         let one = history(1000).bytes();
         let histories = Histories::new(2 * one);
         let pixels = |name| histories.get(name).map(|history| history.size()[0]);
         histories.keep("a".to_owned(), history(1000));
         histories.keep("b".to_owned(), history(1000));
         histories.keep("b".to_owned(), history(900));
-        assert_eq!((pixels("b"), pixels("a")), (Some(900), Some(1000)), "one each, and a was used last");
+        assert_eq!(
+            (pixels("b"), pixels("a")),
+            (Some(900), Some(1000)),
+            "one history per key, and a was used last"
+        );
         histories.keep("c".to_owned(), history(1000));
         assert_eq!((pixels("a"), pixels("b"), pixels("c")), (Some(1000), None, Some(1000)));
         histories.clear();
@@ -130,11 +134,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_larger_than_all_of_the_room_is_not_kept_nor_is_what_it_replaces() {
+    fn a_history_above_the_limit_is_not_kept_and_drops_its_predecessor() {
         let histories = Histories::new(history(100).bytes());
         histories.keep("a".to_owned(), history(100));
         histories.keep("a".to_owned(), history(101));
-        assert!(histories.get("a").is_none(), "an older frame is of less use than the samples");
+        assert!(histories.get("a").is_none(), "an older frame helps less than the samples");
         Histories::new(0).keep("a".to_owned(), history(1));
     }
 }

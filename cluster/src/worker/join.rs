@@ -1,4 +1,4 @@
-//! A worker's life with its coordinator: join, report, do as told, join again.
+//! The connection to the coordinator: joins, reports, carries out assignments, and joins again.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,25 +16,26 @@ use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Status};
 use tracing::{debug, info, warn};
 
-use super::bringing::Told;
 use super::config::RunError;
 use super::node::Node;
-use super::{ahead, policy, scene};
+use super::prefetches::WantedSample;
+use super::queue::BackendCosts;
+use super::{policy, prefetch, scene};
 use crate::core::Role;
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::SealKey;
 use crate::{SceneOpener, SceneRef, net, wire};
 
-/// Pause before the first attempt to join again; it doubles up to [`super::Config::rejoin_pause`].
+/// Pause before the first attempt to join again. It doubles with each attempt, up to [`super::Config::rejoin_pause`].
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 
-/// How often a worker that drains looks whether it is done.
-const DRAIN_LOOK: Duration = Duration::from_millis(5);
+/// Interval at which a draining worker checks whether its old role's work is done.
+const DRAIN_INTERVAL: Duration = Duration::from_millis(5);
 
-/// Between two reports until the coordinator has said how often it wants them.
+/// Interval between reports until the coordinator sets one.
 const FIRST_INTERVAL: Duration = Duration::from_millis(250);
 
-/// An assignment, checked.
+/// A validated assignment.
 #[derive(Debug, Clone)]
 struct Duty {
     sequence: u64,
@@ -42,22 +43,22 @@ struct Duty {
     scene: SceneRef,
     set: SampleSetInfo,
     limits: Limits,
-    /// What the versions show that those samples may be of.
+    /// Versions of the samples in `prefetch`.
     versions: Vec<Version>,
-    /// Samples to have at hand, with where to fetch each; without an address, rendered here.
-    ahead: Vec<Told>,
-    /// Samples of versions with a lower number are of no use any more.
+    /// Samples to hold, each with its addresses. The worker renders a sample without addresses.
+    prefetch: Vec<WantedSample>,
+    /// Samples of versions below this number can be dropped.
     kept_from: u64,
-    /// What each way to see triangles costs is to be measured.
-    measure_ways: bool,
-    /// It is not settled how triangles are seen.
+    /// Measure the cost of each visibility backend.
+    measure_backends: bool,
+    /// The cluster has not chosen the visibility backend of samples.
     visibility_is_open: bool,
 }
 
-/// Stays with the coordinator until `shutdown`.
+/// Keeps the worker joined to a coordinator until `shutdown`.
 ///
 /// # Errors
-/// As [`super::run`].
+/// [`RunError`] if the worker cannot join, is refused, or cannot create its role.
 pub(super) async fn stay(
     node: Arc<Node>,
     opener: Arc<dyn SceneOpener>,
@@ -70,16 +71,16 @@ pub(super) async fn stay(
         .map(|url| net::endpoint(url.trim(), node.config.connect_timeout, node.config.security.as_deref()));
     let mut endpoints: Vec<Endpoint> = endpoints.collect::<Result<_, _>>().map_err(address)?;
     if endpoints.len() > 1 {
-        // One that hangs has a standby, who can lead as soon as workers are there.
+        // If a coordinator hangs, a standby can lead as soon as workers join it.
         endpoints = endpoints.into_iter().map(replaceable).collect();
     }
-    // In turns, beginning anew at each attempt: whoever leads now is found within as many as there are.
+    // Tries the addresses in turn. The leader is found within one attempt per address.
     let mut turn = endpoints.iter().cycle();
     let began = Instant::now();
     let mut joined_once = false;
     let mut pause = FIRST_PAUSE;
     loop {
-        let Some(endpoint) = turn.next() else { return Err(address("none is given".to_owned())) };
+        let Some(endpoint) = turn.next() else { return Err(address("no address is given".to_owned())) };
         let attempt = async {
             let channel =
                 node.config.network.connect(endpoint).await.map_err(|e| Ended::Lost(net::root_cause(&e)))?;
@@ -89,8 +90,8 @@ pub(super) async fn stay(
             ended = attempt => ended,
             () = shutdown.cancelled() => return Ok(()),
         };
-        node.lose_coordinator();
-        // A stream that the coordinator ended by itself is its shutdown, and no trouble yet.
+        node.status.lose_coordinator();
+        // A coordinator ends the stream when it shuts down, which is not an error.
         let (orderly, reason) = match ended {
             Ok(()) => (true, "the coordinator ended the stream".to_owned()),
             Err(Ended::Fatal(error)) => return Err(error),
@@ -103,12 +104,12 @@ pub(super) async fn stay(
             return Err(RunError::Unreachable { url, reason });
         }
         match (joined_once, orderly) {
-            (true, true) => info!(url, "coordinator gone, joining again"),
-            (true, false) => warn!(url, reason, "coordinator lost, joining again"),
+            (true, true) => info!(url, "the coordinator shut down, joining again"),
+            (true, false) => warn!(url, reason, "the coordinator is lost, joining again"),
             (false, _) => {
                 static ABSENT: RateLimitedLog = RateLimitedLog::new();
                 if let Some(left_out) = ABSENT.now() {
-                    warn!(url, reason, left_out, "no coordinator answers yet, trying on");
+                    warn!(url, reason, left_out, "no coordinator answers yet, trying again");
                 }
             }
         }
@@ -116,7 +117,7 @@ pub(super) async fn stay(
             () = tokio::time::sleep(pause) => {}
             () = shutdown.cancelled() => return Ok(()),
         }
-        // While another coordinator may already lead, it is not worth waiting long.
+        // With several coordinators, another one may already lead, so pauses are shorter.
         let longest = node.config.rejoin_pause / endpoints.len() as u32;
         pause = (pause * 2).min(longest.max(FIRST_PAUSE));
     }
@@ -126,11 +127,11 @@ pub(super) async fn stay(
 enum Ended {
     /// Joining again may help.
     Lost(String),
-    /// It will not.
+    /// Joining again cannot help.
     Fatal(RunError),
 }
 
-/// One stream, from hello to its end.
+/// Joins once, and stays until the stream ends.
 async fn once(
     node: &Arc<Node>,
     opener: Arc<dyn SceneOpener>,
@@ -141,9 +142,9 @@ async fn once(
     let (reports, outgoing) = mpsc::channel(4);
     // The channel is empty, so this cannot fail.
     let _ = reports.try_send(wire::hello(&node.hello));
-    node.act(None, 0);
+    node.status.join_coordinator();
     let mut client = ClusterClient::new(channel.clone());
-    // Something may listen there that never answers.
+    // A process may accept the connection and never answer.
     let joined = tokio::time::timeout(node.config.join_timeout, client.join(ReceiverStream::new(outgoing)))
         .await
         .map_err(|_| Ended::Lost("it accepts connections but does not answer".to_owned()))?;
@@ -163,12 +164,12 @@ async fn once(
             if assignment.report_interval_ms > 0 {
                 interval.send_replace(Duration::from_millis(assignment.report_interval_ms.into()));
             }
-            node.open_door(SealKey::from_bytes(&assignment.seal_key));
+            node.redirects.set_key(SealKey::from_bytes(&assignment.seal_key));
             let suspected = assignment.suspected.iter().cloned().collect();
             let news =
                 node.suspected.send_if_modified(|before| std::mem::replace(before, suspected) != *before);
             if news {
-                debug!(suspected = ?*node.suspected.borrow(), "workers that seem to hang");
+                debug!(suspected = ?*node.suspected.borrow(), "suspected workers");
             }
             let duty = duty(assignment).map_err(|at| Ended::Lost(format!("a malformed assignment: {at}")))?;
             duties.send_replace(Some(duty));
@@ -177,12 +178,13 @@ async fn once(
     tokio::select! {
         ended = listen => ended,
         ended = obey(node, opener, channel, newest) => ended,
-        () = report(node, reports, interval.subscribe()) => Err(Ended::Lost("the stream broke".to_owned())),
+        () = report(node, reports, interval.subscribe()) => Err(Ended::Lost("reports cannot be sent".to_owned())),
     }
 }
 
+/// The end of a stream that the coordinator refused.
 fn turned_away(node: &Node, status: &Status) -> Ended {
-    // A transport that broke says more than "transport error" further down.
+    // The root cause of a broken connection says more than the outer "transport error".
     let broke = std::error::Error::source(status).map(net::root_cause);
     let reason = broke.unwrap_or_else(|| status.message().to_owned());
     match status.code() {
@@ -197,10 +199,10 @@ fn turned_away(node: &Node, status: &Status) -> Ended {
     }
 }
 
-/// Whether an assignment makes sense.
+/// Checks an assignment from the wire.
 ///
 /// # Errors
-/// The field that does not.
+/// [`InvalidField`] with the invalid field.
 pub(crate) fn checked_assignment(wire: v1::Assignment) -> Result<(), InvalidField> {
     duty(wire).map(drop)
 }
@@ -209,12 +211,12 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
     let missing = |field| InvalidField::new(field, "must be given");
     let scene = wire.scene.ok_or_else(|| missing("scene"))?;
     let set: SampleSetInfo = wire.set.ok_or_else(|| missing("set"))?.try_into()?;
-    let mut ahead = Vec::with_capacity(wire.sources.len());
+    let mut prefetch = Vec::with_capacity(wire.sources.len());
     for source in wire.sources {
         let id = SampleId::from(source.id.ok_or_else(|| missing("sources.id"))?);
         set.camera(id.camera)?;
         let faces = FaceMask::new(source.faces, "sources.faces")?;
-        ahead.push(Told { id, faces, addresses: source.addresses });
+        prefetch.push(WantedSample { id, faces, addresses: source.addresses });
     }
     Ok(Duty {
         sequence: wire.sequence,
@@ -222,15 +224,15 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
         set,
         versions: wire.versions.into_iter().map(Version::from).collect(),
-        ahead,
+        prefetch,
         kept_from: wire.kept_from,
-        measure_ways: wire.measure_ways,
+        measure_backends: wire.measure_backends,
         visibility_is_open: wire.visibility_is_open,
         limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
     })
 }
 
-/// Reports at each interval, and at once where there is news.
+/// Sends a report at each interval, and early reports on request.
 async fn report(
     node: &Node,
     reports: mpsc::Sender<v1::WorkerReport>,
@@ -244,14 +246,14 @@ async fn report(
             changed = interval.changed() => if changed.is_err() { return },
         }
         node.channels.close_unused();
-        let acting = node.acting().unwrap_or(Role::Both);
+        let acting = node.status.role().unwrap_or(Role::Both);
         if reports.send(wire::report(node.report(), acting)).await.is_err() {
             return;
         }
     }
 }
 
-/// Does what the newest assignment says; one that comes before an older one has taken effect replaces it.
+/// Carries out the newest assignment. A newer assignment replaces one that is not in effect yet.
 async fn obey(
     node: &Arc<Node>,
     opener: Arc<dyn SceneOpener>,
@@ -262,48 +264,49 @@ async fn obey(
         let duty = newest.borrow_and_update().clone();
         let done = async {
             match duty {
-                Some(duty) => take_up(node, opener.clone(), channel.clone(), duty).await,
+                Some(duty) => carry_out(node, opener.clone(), channel.clone(), duty).await,
                 None => Ok(()),
             }
         };
         tokio::select! {
-            // An assignment that is done waits for the next one.
+            // After an assignment is in effect, waits for the next one.
             done = async { done.await?; std::future::pending().await } => return done,
             changed = newest.changed() => if changed.is_err() { return Ok(()) },
         }
     }
 }
 
-/// Takes a role up: has the scene, finishes what the old role gave it, is ready for the new one.
-async fn take_up(
+/// Carries out an assignment: opens the scene, prepares the role, and finishes the old role's work.
+async fn carry_out(
     node: &Arc<Node>,
     opener: Arc<dyn SceneOpener>,
     channel: Channel,
     duty: Duty,
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
-    node.settle_visibility(duty.visibility_is_open);
-    let new_sampler = node.serve_set(&scene, duty.set, duty.limits);
-    if new_sampler || node.acting() != Some(duty.role) {
-        node.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
+    node.served.set_visibility_is_open(duty.visibility_is_open);
+    let new_sampler = node.served.serve(&scene, duty.set, duty.limits);
+    if new_sampler || node.status.role() != Some(duty.role) {
+        node.render_thread.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }
-    match duty.measure_ways {
-        true => node
-            .measure(duty.visibility_is_open)
-            .await
-            .map_err(|error| Ended::Fatal(RunError::Device(error)))?,
-        false => node.forget_ways(),
-    }
-    if let Some(before) = node.acting() {
-        while !policy::may_change_role(before, duty.role, &node.backlog()) {
-            tokio::time::sleep(DRAIN_LOOK).await;
+    let backend_costs = match duty.measure_backends {
+        true => {
+            let measured = node.render_thread.measure(duty.visibility_is_open).await;
+            measured.map_err(|error| Ended::Fatal(RunError::Device(error)))?
+        }
+        false => BackendCosts::new(),
+    };
+    node.status.set_backend_costs(backend_costs);
+    if let Some(before) = node.status.role() {
+        while !policy::may_change_role(before, duty.role, &node.render_thread.backlog()) {
+            tokio::time::sleep(DRAIN_INTERVAL).await;
         }
     }
-    if node.acting() != Some(duty.role) {
-        info!(role = ?duty.role, "role taken up");
+    if node.status.role() != Some(duty.role) {
+        info!(role = ?duty.role, "role in effect");
     }
-    node.act(Some(duty.role), duty.sequence);
-    ahead::want(node, duty.ahead, &duty.versions, duty.role == Role::Sampler);
+    node.status.set_role(duty.role, duty.sequence);
+    prefetch::want(node, duty.prefetch, &duty.versions, duty.role == Role::Sampler);
     node.store.retire(duty.kept_from);
     Ok(())
 }

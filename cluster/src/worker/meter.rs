@@ -1,4 +1,4 @@
-//! What rendering costs here: sums since the start, means since the last report.
+//! Measured costs of rendering: sums since the start, and means since the last report.
 
 use std::time::Duration;
 
@@ -11,7 +11,9 @@ use crate::core::smooth::Smoothed;
 /// Work of one kind.
 #[derive(Debug, Clone, Copy, Default)]
 struct Work {
+    /// Results since the start.
     total: u64,
+    /// Results since the last report, and their milliseconds.
     recent: u64,
     recent_ms: f64,
     mean_ms: Option<f64>,
@@ -23,8 +25,8 @@ impl Work {
         self.add_cost(count, ms);
     }
 
-    /// Leaves the first batch out of the cost: drivers compile a program where it is first used, which the
-    /// software one takes seconds for, and a view that waits must not be turned away for what is over.
+    /// Counts results, but leaves the first batch out of the cost. A driver compiles programs at their first use,
+    /// which takes the software driver seconds. Later views must not be refused because of that.
     fn add_warm(&mut self, count: usize, ms: f64) {
         if self.total > 0 {
             self.add_cost(count, ms);
@@ -46,15 +48,15 @@ impl Work {
     }
 }
 
-/// What views of one kind cost: measured before the first one was asked for, and corrected by what they are seen to take.
+/// Cost of views of one kind: measured before the first request, and corrected by the times of real views.
 #[derive(Debug)]
 struct ViewCost {
     measured: Option<Cost>,
-    /// What views take, as a share of what was measured.
+    /// Ratio of real times to the measured cost.
     correction: Smoothed,
 }
 
-/// Weight of the newest views in the correction of their cost.
+/// Weight of the newest view in the correction.
 const CORRECTION_WEIGHT: f64 = 0.2;
 
 impl Default for ViewCost {
@@ -89,7 +91,7 @@ struct Sums {
     rays: Work,
     /// Slices of samples.
     parts: Work,
-    /// Share of the samples in work that is rendered.
+    /// Rendered share of the samples in progress, 0 to 1.
     sample_progress: Option<f64>,
     sampling_busy_ms: f64,
     compositing_busy_ms: f64,
@@ -104,21 +106,21 @@ pub(super) enum Kind {
     Sample,
     Direct,
     View,
-    /// Single rays, each counted.
+    /// Single rays.
     Ray,
 }
 
-/// Filled by the render thread, read by the reports.
+/// Measurements of the render thread, for reports.
 #[derive(Debug, Default)]
 pub(super) struct Meter(Mutex<Sums>);
 
 impl Meter {
-    /// A batch of `count` results took `rendering`, of `busy` in all (with uploads).
+    /// Records a batch of `count` results. `rendering` is the time in the role, `busy` the whole time with uploads.
     pub(super) fn add(&self, kind: Kind, count: usize, rendering: Duration, busy: Duration) {
         let mut sums = self.0.lock();
         let (ms, busy_ms) = (rendering.as_secs_f64() * 1e3, busy.as_secs_f64() * 1e3);
         match kind {
-            // In a static scene a sampler's first samples may be its only ones: their cost must do.
+            // In a static scene a sampler's first samples may be its only ones, so their cost counts.
             Kind::Sample => sums.samples.add(count, ms),
             Kind::Direct => sums.direct.add_warm(count, ms),
             Kind::View => sums.views.add_warm(count, ms),
@@ -133,7 +135,7 @@ impl Meter {
         }
     }
 
-    /// What views of a kind cost, as was measured before the first one was asked for.
+    /// Sets the cost of views of one kind, measured before the first request. `None` changes nothing.
     pub(super) fn set_cost(&self, kind: Kind, cost: Option<Cost>) {
         let mut sums = self.0.lock();
         let view_cost = match kind {
@@ -146,7 +148,7 @@ impl Meter {
         }
     }
 
-    /// A view of so many pixels, sub-pixels counted, took so many milliseconds of rendering.
+    /// Records the milliseconds of a view. `pixels` includes sub-pixels.
     pub(super) fn observe_view(&self, kind: Kind, pixels: u64, ms: f64) {
         let mut sums = self.0.lock();
         match kind {
@@ -156,24 +158,24 @@ impl Meter {
         }
     }
 
-    /// Samples were rendered in `count` slices, which took this long together.
+    /// Records samples that were rendered in `count` slices, and the time of all slices.
     pub(super) fn add_parts(&self, count: usize, rendering: Duration) {
         self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
     }
 
-    /// That share of the samples in work is rendered; `None`: none is in work.
+    /// Sets the rendered share of the samples in progress; `None` if none is in progress.
     pub(super) fn set_sample_progress(&self, share: Option<f64>) {
         self.0.lock().sample_progress = share;
     }
 
-    /// A sample came from another worker, and it took so long to unpack.
+    /// Records a sample received from another worker, and the time of unpacking it.
     pub(super) fn add_received(&self, unpacking: Duration) {
         let mut sums = self.0.lock();
         sums.received += 1;
         sums.unpacking_ms += unpacking.as_secs_f64() * 1e3;
     }
 
-    /// Fills in the measured part of a report.
+    /// Fills in the measurements of a report.
     pub(super) fn fill(&self, report: &mut Report) {
         let mut sums = self.0.lock();
         report.sample_ms = sums.samples.mean_ms();
@@ -200,7 +202,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn views_correct_what_was_measured_before_them_and_correct_nothing_that_was_not() {
+    fn views_correct_a_measured_cost_and_set_none_without_a_measurement() {
         let meter = Meter::default();
         let mut report = Report::default();
         meter.observe_view(Kind::Direct, 1_000_000, 40.0);
@@ -220,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_batch_of_views_counts_without_being_taken_for_their_cost() {
+    fn the_first_batch_of_views_is_counted_but_not_part_of_their_cost() {
         let ms = Duration::from_millis;
         let meter = Meter::default();
         let mut report = Report::default();
@@ -233,7 +235,7 @@ mod tests {
         meter.add(Kind::View, 4, ms(20), ms(24));
         meter.fill(&mut report);
         assert_eq!((report.views_composed, report.view_ms), (8, Some(5.0)));
-        // What a batch took beyond composing, it took for its samples.
+        // Time of a batch outside of composing is upload time.
         assert_eq!(report.holding_ms, 104.0);
         meter.add_received(ms(5));
         meter.add_received(ms(7));

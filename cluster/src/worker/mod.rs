@@ -1,12 +1,11 @@
-//! The worker: joins a coordinator and renders what it is told to.
+//! The worker: joins a coordinator, and renders what the coordinator orders.
 //!
-//! `join` is its life with the coordinator, `views` and `samples` are the services it offers, `fetch` brings
-//! the samples together that a view needs, `trace` the pixels that none of them saw, and `render` is the one thread that
-//! touches the two roles, fed by `queue` in the order that [`policy`] says. `store` holds the samples, `node` is what all of them share.
+//! `join` holds the connection to the coordinator. `views` and `samples` are the gRPC services. `fetch` gets the
+//! samples of a view, and `trace` the pixels that no sample saw. `render` is the render thread, which alone calls the
+//! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples. `node` is the state that all of
+//! these share.
 
-mod ahead;
 mod bound;
-mod bringing;
 mod claim;
 mod config;
 mod fetch;
@@ -19,6 +18,8 @@ mod meter;
 mod node;
 mod packed;
 pub mod policy;
+mod prefetch;
+mod prefetches;
 mod probe;
 mod probes;
 mod queue;
@@ -67,20 +68,21 @@ use crate::observe::{PREFIX, keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::{RoleFactory, SceneOpener};
 
-/// How long orders may be on their way to a worker that leaves: from its coordinator, and by way of a client.
+/// How long an order of the coordinator may be in flight when the worker leaves.
 const ORDERS_ON_THE_WAY: Duration = Duration::from_millis(50);
+/// How long a client may take to redeem a ticket when the worker leaves.
 const TICKETS_ON_THE_WAY: Duration = Duration::from_millis(500);
 
-/// The largest request for a view: an order names samples and where they are.
+/// Largest request for a view, bytes. An order lists samples and their addresses.
 const MOST_ORDER_BYTES: usize = 1 << 20;
 
-/// Joins the coordinator and serves views and samples on `listener` until `shutdown` is cancelled, then says
-/// that it leaves, finishes what it has, and returns. While the coordinator is away it keeps what it holds
-/// and tries to join again.
+/// Joins the coordinator, and serves views and samples on `listener`, until `shutdown` is cancelled. Then it tells
+/// the coordinator that it leaves, finishes its requests, and returns. If it loses the coordinator, it keeps its
+/// samples and tries to join again.
 ///
 /// # Errors
-/// [`RunError::Unreachable`] if the coordinator does not answer within [`Config::give_up_after`] at the start;
-/// [`RunError`] otherwise if the scene cannot be had or no role can be played on this machine.
+/// [`RunError::Unreachable`] if no coordinator answers within [`Config::give_up_after`] of the start; [`RunError`] if
+/// the scene cannot be opened or no role can be created on this machine.
 pub async fn run(
     config: Config,
     listener: impl Accept,
@@ -90,7 +92,7 @@ pub async fn run(
 ) -> Result<(), RunError> {
     let address = advertised(&config, listener.local_addr()?).await?;
     if let Some(Public::At(public)) = &config.public {
-        reachable("the public address", public, &config)?;
+        check_address("the public address", public, &config)?;
     }
     let name =
         config.id.clone().unwrap_or_else(|| format!("w-{:08x}", SmallRng::from_os_rng().random::<u32>()));
@@ -119,16 +121,16 @@ pub async fn run(
     };
     let grace = config.grace;
     let node = Node::new(config, hello, queue, store, meter, health);
-    // A child: what fails here must not stop what else the caller's token stops.
+    // A child token: a failure here must not stop the caller's other tasks.
     let result = serve_and_stay(&node, listener, opener, shutdown.child_token()).await;
-    // A process that exits while its driver still renders, or gives a device up, may crash on its way out.
-    node.stop();
+    // A process may crash if it exits while the driver renders or frees a device.
+    node.render_thread.stop();
     rendering.ended(grace).await;
     info!(worker = node.hello.name, "worker stopped");
     result
 }
 
-/// Serves until the stay with the coordinator ends, and while what is in work finishes.
+/// Serves until the worker has left its coordinator and finished its requests.
 async fn serve_and_stay(
     node: &Arc<Node>,
     listener: impl Accept,
@@ -155,24 +157,24 @@ async fn serve_and_stay(
             incoming(listener, node.config.max_connections),
             closing.clone().cancelled_owned(),
         );
-    // The stay outlives the shutdown's beginning by the time that what is in work takes: until then the
-    // coordinator hears that the worker leaves instead of losing it.
+    // The connection to the coordinator outlives the shutdown's start by the time that the requests take. So the
+    // coordinator hears that the worker leaves, instead of losing it.
     let gone = CancellationToken::new();
     let stay = join::stay(node.clone(), opener, gone.clone());
     let leave = async {
         shutdown.cancelled().await;
         info!("worker drains");
-        node.leave();
+        node.status.leave();
         let idle = async {
-            // Orders that were sent before the coordinator heard of it are still on their way, and those that clients
-            // carry take longer.
-            let on_the_way = if node.has_door() { TICKETS_ON_THE_WAY } else { ORDERS_ON_THE_WAY };
+            // Orders may be in flight that were sent before the coordinator knew. Redirected clients take longer.
+            let on_the_way =
+                if node.redirects.are_accepted() { TICKETS_ON_THE_WAY } else { ORDERS_ON_THE_WAY };
             tokio::time::sleep(on_the_way).await;
-            while !node.is_idle() {
+            while node.requests() > 0 {
                 tokio::time::sleep(Duration::from_millis(10)).await;
             }
         };
-        // What takes longer than the grace is done elsewhere.
+        // Other workers answer the requests that exceed the grace.
         let _ = tokio::time::timeout(node.config.grace, idle).await;
         gone.cancel();
     };
@@ -181,7 +183,7 @@ async fn serve_and_stay(
         let (stayed, ()) = tokio::join!(
             async {
                 let stayed = stay.await;
-                // A stay that failed has nothing to wait for.
+                // A failed connection ends the wait for a shutdown.
                 if stayed.is_err() {
                     shutdown.cancel();
                 }
@@ -194,40 +196,40 @@ async fn serve_and_stay(
     let result = tokio::select! {
         left = left => left,
         served = &mut server => return served.map_err(RunError::from),
-        // Never ends.
+        // The health task never ends.
         () = kept => Ok(()),
     };
     closing.cancel();
-    // Connections that others keep open do not keep the process.
+    // Open connections of other processes do not keep this one alive.
     let _ = tokio::time::timeout(Duration::from_secs(1), server).await;
     result
 }
 
-/// The render thread, and the news of its end.
+/// The render thread, and a channel that closes when it ends.
 struct Rendering {
     thread: std::thread::JoinHandle<()>,
     ended: oneshot::Receiver<()>,
 }
 
 impl Rendering {
-    /// Waits until the thread has given its roles up, at most so long.
+    /// Waits until the thread has dropped its roles, at most this long.
     async fn ended(self, at_most: Duration) {
         match tokio::time::timeout(at_most, self.ended).await {
-            // It has nothing left to do but to end. A panic there was logged when it happened.
+            // The thread only has to return. If it panicked, that was logged.
             Ok(_) => drop(self.thread.join()),
-            Err(_) => warn!("the render thread does not end; the process goes without it"),
+            Err(_) => warn!("the render thread has not ended in time; the process exits without it"),
         }
     }
 }
 
-/// Starts the render thread; with the device's name once its compositor is made.
+/// Starts the render thread. Returns the device's name once the compositor is made.
 async fn start_rendering(
     make: impl FnOnce() -> Result<(Renderer, String), RenderError> + Send + 'static,
 ) -> Result<(String, Rendering), RunError> {
     let (made, device) = oneshot::channel();
     let (running, ended) = oneshot::channel::<()>();
     let thread = std::thread::Builder::new().name("render".to_owned()).spawn(move || {
-        // Dropped last, after all that the thread owns.
+        // Dropped last, after everything that the thread owns.
         let _running = running;
         // The receiver is gone if the worker was stopped meanwhile.
         match make() {
@@ -244,18 +246,20 @@ async fn start_rendering(
     Ok((device, Rendering { thread, ended }))
 }
 
-/// This machine's address on the way to the coordinator: who can be reached by it reaches this worker by it, too.
+/// This machine's address on the network interface that reaches a coordinator. Other processes on that network reach
+/// the worker by it.
 async fn outgoing(coordinator: &str) -> Result<IpAddr, RunError> {
     let address = |reason: String| {
-        let reason = format!("{reason}; say with --advertise where others reach this worker");
+        let reason =
+            format!("{reason}; set --advertise to the address by which other processes reach this worker");
         RunError::Address { what: "an unspecified address", reason }
     };
     let uri: Uri = coordinator.parse().map_err(|_| address(format!("{coordinator} is not a URL")))?;
     let host = uri.host().unwrap_or_default().trim_matches(['[', ']']);
     let port = uri.port_u16().unwrap_or(80);
     let found = tokio::net::lookup_host((host, port)).await;
-    let found = found.map_err(|error| address(format!("{host} is not known here ({error})")))?;
-    // Nothing is sent: the operating system only chooses the way.
+    let found = found.map_err(|error| address(format!("{host} cannot be resolved ({error})")))?;
+    // Connecting a UDP socket sends nothing: the operating system only chooses the interface.
     let chosen = found.map(|remote| {
         let any: IpAddr = match remote {
             SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
@@ -268,12 +272,13 @@ async fn outgoing(coordinator: &str) -> Result<IpAddr, RunError> {
     let chosen = chosen.reduce(|first, other| first.or(other));
     match chosen {
         Some(Ok(address)) => Ok(address.ip()),
-        Some(Err(error)) => Err(address(format!("no way leads to {host} ({error})"))),
+        Some(Err(error)) => Err(address(format!("there is no route to {host} ({error})"))),
         None => Err(address(format!("{host} has no address"))),
     }
 }
 
-/// This machine's address on the way to the first reachable coordinator of a list that is separated by commas.
+/// This machine's address on the interface that reaches a coordinator: the first reachable one of a list, separated
+/// by commas.
 async fn outgoing_to_any(coordinators: &str) -> Result<IpAddr, RunError> {
     let mut found = None;
     for url in coordinators.split(',') {
@@ -287,7 +292,7 @@ async fn outgoing_to_any(coordinators: &str) -> Result<IpAddr, RunError> {
     })
 }
 
-/// Where others reach this worker.
+/// The address by which other processes reach this worker.
 async fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunError> {
     let Some(address) = &config.advertise else {
         let local = match local.ip().is_unspecified() {
@@ -296,12 +301,12 @@ async fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunErr
         };
         return Ok(format!("{}://{local}", net::scheme(config.security.as_deref())));
     };
-    reachable("the advertised address", address, config)?;
+    check_address("the advertised address", address, config)?;
     Ok(address.clone())
 }
 
-/// Whether an address is one at all.
-fn reachable(what: &'static str, address: &str, config: &Config) -> Result<(), RunError> {
+/// Checks that an address is a valid URL.
+fn check_address(what: &'static str, address: &str, config: &Config) -> Result<(), RunError> {
     let endpoint = net::endpoint(address, config.connect_timeout, config.security.as_deref());
     endpoint.map(drop).map_err(|reason| RunError::Address { what, reason })
 }

@@ -1,7 +1,8 @@
-//! Samples as they go over the wire, kept for a while.
+//! Cache of packed samples.
 //!
-//! A sample is passed on to several workers, at nearly the same time (`core/samples/distribution.rs`). Who rendered it packs
-//! it once for all of them, and who received it has it packed already: what came is kept as it came, since whoever gets it checks it by its hash.
+//! A sample is sent to several workers at nearly the same time (`core/samples/distribution.rs`). The worker that
+//! rendered it packs it once for all of them. A worker that received it forwards the received chunks; the receiver
+//! checks the sample's hash.
 
 use std::sync::Arc;
 
@@ -15,13 +16,13 @@ use tokio::sync::Semaphore;
 /// A sample in chunks.
 pub(super) type Chunks = Arc<[v1::SampleChunk]>;
 
-/// The part of what is kept of samples that they may take packed besides; they are asked for within seconds, or never again.
+/// The packed samples take at most this part of the store's bytes. They are requested within seconds or not at all.
 const SHARE: u64 = 16;
 
 /// Greatest number of bytes of packed samples.
 const MOST: u64 = 64 << 20;
 
-/// Roughly what one takes, bytes: only the size of a table follows from it.
+/// Typical bytes of a packed sample. Only the size of a table depends on it.
 const USUAL: u64 = 1 << 19;
 
 #[derive(Debug, Clone)]
@@ -44,50 +45,52 @@ pub(super) struct Packed {
 }
 
 impl Packed {
-    /// Empty, beside a store that keeps so many bytes.
+    /// An empty cache beside a store of `store_bytes`.
     pub(super) fn beside(store_bytes: u64) -> Self {
         let limit = (store_bytes / SHARE).min(MOST);
-        // With several shards, one of which a sample would have to fit in, large samples were never kept.
+        // A sample must fit into one shard. With several shards, large samples were never kept.
         let options = OptionsBuilder::new()
             .weight_capacity(limit)
             .estimated_items_capacity((limit / USUAL).max(1) as usize)
             .shards(1)
             .build();
-        let options =
-            options.unwrap_or_else(|e| unreachable!("a capacity and a number of items are given: {e}"));
+        let options = options.unwrap_or_else(|e| unreachable!("capacity and number of items are set: {e}"));
         let cache =
             Cache::with_options(options, Weight, DefaultHashBuilder::default(), DefaultLifecycle::default());
         Self { cache }
     }
 
-    /// A sample packed, in a turn of `packing`, or as it was before; those who ask meanwhile wait for the first one.
+    /// Packs a sample with a permit of `packing`, or returns it from the cache. Concurrent callers wait for the first
+    /// one.
     ///
     /// # Errors
-    /// [`Fault`] of a sample whose planes are not in host memory.
+    /// [`Fault`] for a sample whose planes are not in host memory.
     pub(super) async fn of(&self, sample: Arc<Sample>, packing: &Semaphore) -> Result<Chunks, Fault> {
         let id = sample.id;
         let pack = async {
-            let _turn = packing.acquire().await.map_err(|e| Fault::Unavailable(e.to_string()))?;
+            let _permit = packing.acquire().await.map_err(|e| Fault::Unavailable(e.to_string()))?;
             let chunks = tokio::task::spawn_blocking(move || sample_chunks(&sample)).await;
             Ok(chunks.map_err(|e| Fault::Unavailable(e.to_string()))??.into())
         };
         self.cache.get_or_insert_async(&id, pack).await
     }
 
-    /// Keeps a sample as it came.
+    /// Keeps a sample as it was received.
     pub(super) fn keep(&self, id: SampleId, chunks: Chunks) {
         self.cache.insert(id, chunks);
     }
 
+    /// Forgets a sample.
     pub(super) fn forget(&self, id: SampleId) {
         self.cache.remove(&id);
     }
 
-    /// Forgets what is older than an epoch.
+    /// Forgets samples of versions below this number.
     pub(super) fn retire(&self, before_version: u64) {
         self.cache.retain(|id, _| id.version >= before_version);
     }
 
+    /// Forgets all samples.
     pub(super) fn clear(&self) {
         self.cache.clear();
     }
@@ -103,7 +106,7 @@ mod tests {
 
     use super::*;
 
-    /// Noise, which takes as much packed.
+    /// A sample of noise, which does not get smaller by packing.
     fn sample(index: u64, side: u32) -> Arc<Sample> {
         let mut texels = vec![0; (side * side * 4) as usize];
         SmallRng::seed_from_u64(index).fill_bytes(&mut texels);
@@ -117,7 +120,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn those_who_ask_at_once_get_what_was_packed_once() {
+    async fn concurrent_requests_pack_a_sample_once() {
         let packed = Packed::beside(64 << 20);
         let packing = Semaphore::new(4);
         let sample = sample(0, 200);
@@ -128,17 +131,17 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_came_packed_is_not_packed_again() {
+    async fn a_received_sample_is_not_packed_again() {
         let packed = Packed::beside(64 << 20);
         let sample = sample(0, 50);
-        let came: Chunks = sample_chunks(&sample).unwrap().into();
-        packed.keep(sample.id, came.clone());
-        // With no turn to be had.
-        assert!(Arc::ptr_eq(&packed.of(sample, &Semaphore::new(0)).await.unwrap(), &came));
+        let received: Chunks = sample_chunks(&sample).unwrap().into();
+        packed.keep(sample.id, received.clone());
+        // No permit is available.
+        assert!(Arc::ptr_eq(&packed.of(sample, &Semaphore::new(0)).await.unwrap(), &received));
     }
 
     #[tokio::test]
-    async fn what_is_kept_is_bounded_and_one_too_large_to_keep_is_packed_all_the_same() {
+    async fn the_cache_is_bounded_and_a_sample_too_large_for_it_is_still_packed() {
         let packed = Packed::beside(SHARE * 400_000);
         let packing = Semaphore::new(1);
         for index in 0..40 {
@@ -151,7 +154,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn past_moments_are_forgotten() {
+    async fn samples_of_retired_versions_are_forgotten() {
         let packed = Packed::beside(64 << 20);
         let packing = Semaphore::new(1);
         for index in [0, 9, 10, 25] {
@@ -166,7 +169,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn whoever_gives_up_leaves_the_packing_to_the_next() {
+    async fn after_a_caller_gives_up_the_next_one_packs() {
         let packed = Packed::beside(64 << 20);
         let packing = Semaphore::new(0);
         let given_up = packed.of(sample(0, 10), &packing);

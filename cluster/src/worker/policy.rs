@@ -1,36 +1,37 @@
-//! What a worker does next, as a pure function of what waits: no threads, no clock, no channels.
+//! Decides what a worker does next, as pure functions of its queues, without threads, clock or channels.
 //!
-//! The queue of the real render thread and the simulated worker of `argus study simulate` both ask this module, so that
-//! what the simulator shows is what the service does.
+//! The render thread's queue and the simulated worker of `argus study simulate` share this module, so the simulator
+//! shows what the service does.
 //!
 //! # The order of work
 //!
-//! A worker has one render thread. It asks [`Policy::next`] whenever it has nothing to do, and [`Policy::between`] in the
-//! pauses of work that pauses. The answer is a [`Turn`]: one kind of work, and how many items of it make a batch.
+//! A worker has one render thread. It calls [`Policy::next`] whenever it is idle, and [`Policy::between`] between
+//! slices of longer work. The answer is a [`Turn`]: a kind of work, and the size of its batch.
 //!
-//! 1. *Orders* of the coordinator, such as another scene: what follows them must be done their way.
-//! 2. *Postponed* work: it was taken earlier and found no sampler.
-//! 3. *Awaited samples*. Only requests that insist on samples wait for them, and fetches of other workers.
-//! 4. A *round*: pixels that no sample saw, since all else of their view is done; views from triangles; views from
-//!    samples; one *slice* of background work. Each kind gets one batch a round, if any of it waits.
-//! 5. *Samples ahead of demand*, one at a time, if nothing else waits.
+//! 1. *Orders* of the coordinator, such as another scene. Later work depends on them.
+//! 2. *Postponed* work, which was dequeued earlier and found no sampler.
+//! 3. *Awaited samples*. Only explicit requests for samples and other workers' fetches wait for them.
+//! 4. A *round*: pixels that no sample saw, because the rest of their view is finished; views from triangles; views
+//!    from samples; one *slice* of background work. Each waiting kind gets one batch per round.
+//! 5. *Prefetched samples*, one at a time, if nothing else waits.
 //!
-//! No view waits for background work: samples that the compositor takes up before a view asks for them. It is done in slices of
-//! [`SLICE_MS`] at most, so a view that arrives waits for one slice at most. After a slice, views that wait have
-//! as long, so that a busy worker gives background work half of its time at most, and that work still ends. With views strictly
-//! first, a worker that is too busy would never hold the samples that make its views cheaper.
+//! Background work uploads samples to the compositor before views need them. No view waits for it: it is done in
+//! slices of at most [`SLICE_MS`], so a view that arrives waits for at most one slice. After a slice, waiting views
+//! get as much time as the slice took. So background work gets at most half of a busy worker's time, and still
+//! finishes. If views had strict priority, an overloaded worker would never hold the samples that make its views
+//! cheaper.
 //!
-//! Two kinds of longer work pause between slices: a sample, whether or not a request waits for it, and the first use of the
-//! compositor's programs, which an order to measure begins. In a pause the thread does one round without the slice of
-//! background work, and further ones while views are owed time for the slice before. It does none while an order for another
-//! scene waits: views behind that order are not this scene's.
+//! Two kinds of longer work have slices: samples, whether awaited or prefetched, and the first use of the
+//! compositor's programs, which an order to measure causes. Between two slices, the thread does one round without
+//! background work, and further rounds while views are owed time for the slice. It does none while an order for
+//! another scene waits, because the views behind that order show the other scene.
 //!
-//! While a sampler is made in a thread of its own, what needs one waits, and views from samples go on.
+//! While a sampler is made in another thread, work that needs a sampler waits, and views from samples continue.
 //!
 //! # Where samples come from
 //!
-//! [`seek`] says where a worker seeks a sample that it does not hold: at each of the addresses that it was told, in their order,
-//! then by rendering it. [`serve`] says what becomes of another worker's request for a sample that is not here.
+//! [`seek`] says where a worker looks for a sample that it does not hold: first at each named address, in order, then
+//! by rendering. [`serve`] says how a worker answers another worker's request for a sample that it does not hold.
 
 use std::collections::VecDeque;
 use std::ops::Add;
@@ -38,23 +39,23 @@ use std::time::Duration;
 
 use crate::core::Role;
 
-/// Longest slice of background work, milliseconds. A view that arrives in the midst of one waits for its end: at
-/// 20 views a second that adds a fifth of a frame's time on the mean.
+/// Longest slice of background work, milliseconds. A view that arrives during a slice waits for its end. At 20 views
+/// a second, this adds a fifth of a frame's time on average.
 pub const SLICE_MS: f64 = 20.0;
 
-/// A worker that is asked for a sample which it was told to bring waits so long for the bringing to begin: whoever sent the
-/// other worker here has told this one, too, or is about to.
+/// How long a request waits for an announced fetch to begin. A worker is asked for samples that its own assignment
+/// lists, and that assignment may arrive later than the request.
 pub const ANNOUNCED: Duration = Duration::from_secs(1);
 
-/// A sample for views to come that could not be had is sought again after this long.
+/// Pause before a failed prefetch is tried again.
 pub const PAUSE: Duration = Duration::from_millis(500);
 
 /// Kinds of work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Kind {
-    /// Orders of the coordinator, one at a time.
+    /// Orders of the coordinator.
     Order,
-    /// Work that was taken before it turned out that there is no sampler yet.
+    /// Work that was dequeued and found no sampler.
     Postponed,
     /// Awaited samples.
     Sample,
@@ -66,33 +67,33 @@ pub enum Kind {
     Warped,
     /// A slice of background work.
     Background,
-    /// Samples ahead of demand.
-    Ahead,
+    /// Prefetched samples.
+    Prefetch,
 }
 
 impl Kind {
-    /// Kinds of views and of their parts, in the order of a round.
+    /// Views and parts of views, in the order of a round.
     const VIEWS: [Self; 3] = [Self::Pixels, Self::Direct, Self::Warped];
-    /// Kinds of a round, in their order.
+    /// The kinds of a round, in order.
     const ROUND: [Self; 4] = [Self::Pixels, Self::Direct, Self::Warped, Self::Background];
 
-    /// Whether it is views, or parts of views.
+    /// Whether the kind is views or parts of views.
     pub fn is_views(self) -> bool {
         Self::VIEWS.contains(&self)
     }
 
-    /// Whether a sampler does it. Postponed work waits for nothing else.
+    /// Whether it needs a sampler. Postponed work waits for nothing else.
     fn needs_sampler(self) -> bool {
-        matches!(self, Self::Postponed | Self::Sample | Self::Pixels | Self::Direct | Self::Ahead)
+        matches!(self, Self::Postponed | Self::Sample | Self::Pixels | Self::Direct | Self::Prefetch)
     }
 }
 
-/// How much waits, by kind.
+/// Number of waiting results, by kind.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Waiting {
     /// [`Kind::Order`].
     pub orders: usize,
-    /// One of the orders is for another scene.
+    /// An order replaces the scene.
     pub scene_changes: bool,
     /// [`Kind::Postponed`].
     pub postponed: usize,
@@ -104,12 +105,12 @@ pub struct Waiting {
     pub direct: usize,
     /// [`Kind::Warped`].
     pub warped: usize,
-    /// [`Kind::Background`], pieces of work of any number of slices.
+    /// [`Kind::Background`], pieces of work with any number of slices each.
     pub background: usize,
-    /// [`Kind::Ahead`].
-    pub ahead: usize,
-    /// A sampler is in the making.
-    pub sampler_is_coming: bool,
+    /// [`Kind::Prefetch`].
+    pub prefetch: usize,
+    /// A sampler is being made.
+    pub makes_sampler: bool,
 }
 
 impl Waiting {
@@ -122,12 +123,12 @@ impl Waiting {
             Kind::Direct => self.direct,
             Kind::Warped => self.warped,
             Kind::Background => self.background,
-            Kind::Ahead => self.ahead,
+            Kind::Prefetch => self.prefetch,
         }
     }
 
     fn has(&self, kind: Kind) -> bool {
-        self.of(kind) > 0 && !(self.sampler_is_coming && kind.needs_sampler())
+        self.of(kind) > 0 && !(self.makes_sampler && kind.needs_sampler())
     }
 }
 
@@ -144,104 +145,105 @@ impl Add for Waiting {
             direct: self.direct + other.direct,
             warped: self.warped + other.warped,
             background: self.background + other.background,
-            ahead: self.ahead + other.ahead,
-            sampler_is_coming: self.sampler_is_coming || other.sampler_is_coming,
+            prefetch: self.prefetch + other.prefetch,
+            makes_sampler: self.makes_sampler || other.makes_sampler,
         }
     }
 }
 
-/// What is done next.
+/// The next work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Turn {
     /// The kind.
     pub kind: Kind,
-    /// Most items of a batch.
+    /// Greatest number of items in the batch.
     pub most: usize,
 }
 
 /// Most items of a batch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
-    /// Views from samples: a batch gains by sharing its passes.
+    /// Views from samples. A batch shares its passes.
     pub warped: usize,
-    /// Views from triangles, and pixels: each is long, so few keep other work prompt.
+    /// Views from triangles, and pixels. Each is long, so large batches would delay other work.
     pub direct: usize,
 }
 
 impl Default for Limits {
-    /// Beyond 64 a batch of warped views gains nothing and makes its first view wait for its last.
+    /// Above 64, a batch of warped views saves nothing and delays its first view.
     fn default() -> Self {
         Self { warped: 64, direct: 4 }
     }
 }
 
-/// The order of a worker's work, and how far its round is.
+/// The scheduler of a render thread.
 #[derive(Debug, Clone, Default)]
 pub struct Policy {
     limits: Limits,
-    /// Kinds that had their turn in this round.
-    had: Vec<Kind>,
-    /// Time that views have before the next slice of background work.
+    /// Kinds that had a turn in this round.
+    done: Vec<Kind>,
+    /// Time that views get before the next slice of background work.
     owed: Duration,
 }
 
 impl Policy {
-    /// At the beginning of a round. A limit of 0 counts as 1.
+    /// A scheduler with these limits. A limit of 0 counts as 1.
     pub fn new(limits: Limits) -> Self {
         let limits = Limits { warped: limits.warped.max(1), direct: limits.direct.max(1) };
         Self { limits, ..Self::default() }
     }
 
-    /// What is done next; `None` if nothing can be.
+    /// The next work; `None` if none can be done.
     pub fn next(&mut self, waiting: &Waiting) -> Option<Turn> {
         let first = [Kind::Order, Kind::Postponed, Kind::Sample].into_iter().find(|kind| waiting.has(*kind));
         let views_wait = Kind::VIEWS.into_iter().any(|kind| waiting.has(kind));
         let kinds = if views_wait && !self.owed.is_zero() { &Kind::VIEWS[..] } else { &Kind::ROUND[..] };
         let turn = first.or_else(|| self.in_round(waiting, kinds));
-        let turn = turn.or_else(|| Some(Kind::Ahead).filter(|kind| waiting.has(*kind)));
+        let turn = turn.or_else(|| Some(Kind::Prefetch).filter(|kind| waiting.has(*kind)));
         turn.map(|kind| self.turn(kind))
     }
 
-    /// A slice of background work took this long: waiting views are owed as much time.
+    /// Records the time of a slice of background work. Waiting views are owed as much time.
     pub fn had_slice(&mut self, took: Duration) {
         self.owed = took;
     }
 
-    /// A batch of views took this long.
+    /// Records the time of a batch of views.
     pub fn had_views(&mut self, took: Duration) {
         self.owed = self.owed.saturating_sub(took);
     }
 
     /// Begins a pause between two slices of longer work.
     pub fn pause(&mut self) {
-        self.had.clear();
+        self.done.clear();
     }
 
-    /// What is done next in a pause; `None` ends it. Each kind of view gets one batch, and further ones while views are owed time.
+    /// The next work in a pause; `None` ends the pause. Each kind of view gets one batch, and further ones while
+    /// views are owed time.
     pub fn between(&mut self, waiting: &Waiting) -> Option<Turn> {
         if waiting.scene_changes {
             return None;
         }
-        let is_left = |had: &[Kind], kind: &Kind| waiting.has(*kind) && !had.contains(kind);
-        let mut kind = Kind::VIEWS.into_iter().find(|kind| is_left(&self.had, kind));
+        let is_left = |done: &[Kind], kind: &Kind| waiting.has(*kind) && !done.contains(kind);
+        let mut kind = Kind::VIEWS.into_iter().find(|kind| is_left(&self.done, kind));
         if kind.is_none() && !self.owed.is_zero() {
-            self.had.clear();
-            kind = Kind::VIEWS.into_iter().find(|kind| is_left(&self.had, kind));
+            self.done.clear();
+            kind = Kind::VIEWS.into_iter().find(|kind| is_left(&self.done, kind));
         }
         let kind = kind?;
-        self.had.push(kind);
+        self.done.push(kind);
         Some(self.turn(kind))
     }
 
-    /// The next of these kinds in the round; a round ends when what waits has had its turn.
+    /// The next of these kinds in the round. The round ends when every waiting kind had a turn.
     fn in_round(&mut self, waiting: &Waiting, kinds: &[Kind]) -> Option<Kind> {
         let waits = |kind: &&Kind| waiting.has(**kind);
-        let next = kinds.iter().filter(waits).find(|kind| !self.had.contains(kind));
+        let next = kinds.iter().filter(waits).find(|kind| !self.done.contains(kind));
         let kind = *next.or_else(|| {
-            self.had.clear();
+            self.done.clear();
             kinds.iter().find(waits)
         })?;
-        self.had.push(kind);
+        self.done.push(kind);
         Some(kind)
     }
 
@@ -249,16 +251,16 @@ impl Policy {
         let most = match kind {
             Kind::Warped => self.limits.warped,
             Kind::Direct | Kind::Pixels => self.limits.direct,
-            // One at a time where that costs no more: who waits for the first of many begins while the next is rendered. How
-            // many samples it pays to render together is their set's to say.
+            // One sample at a time where batching saves nothing: the first requester can continue while the next
+            // sample is rendered. The set decides how many samples are efficient to render together.
             Kind::Sample => usize::MAX,
-            Kind::Order | Kind::Postponed | Kind::Background | Kind::Ahead => 1,
+            Kind::Order | Kind::Postponed | Kind::Background | Kind::Prefetch => 1,
         };
         Turn { kind, most }
     }
 }
 
-/// Takes the first items of a queue, `most` at most, that can be done together with the very first one.
+/// Removes the first items of a queue, at most `most`, that can share a batch with the first item.
 pub fn take_batch<T>(queue: &mut VecDeque<T>, most: usize, together: impl Fn(&T, &T) -> bool) -> VecDeque<T> {
     let Some(first) = queue.front() else { return VecDeque::new() };
     let count = queue.iter().skip(1).take_while(|next| together(first, next)).count() + 1;
@@ -266,78 +268,79 @@ pub fn take_batch<T>(queue: &mut VecDeque<T>, most: usize, together: impl Fn(&T,
     std::mem::replace(queue, rest)
 }
 
-/// What a sample is sought for.
+/// The purpose of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Need {
     /// A view of this worker.
     View {
-        /// The view can do without.
+        /// The view can do without the sample.
         dispensable: bool,
     },
-    /// Views to come.
-    Later {
-        /// Other workers are fed from here, and wait until this one has it.
+    /// Later views.
+    Prefetch {
+        /// Other workers fetch the sample from this one, and wait for it.
         feeds_others: bool,
     },
 }
 
-/// Where a sample is sought next.
+/// The next step to get a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Seek {
-    /// At the address of that position.
+    /// Ask the address at this index.
     Ask(usize),
-    /// It is rendered here; ahead of demand where no view waits for it.
+    /// Render it here.
     Render {
         /// No view waits for it.
-        ahead: bool,
+        prefetch: bool,
     },
-    /// At all addresses once more, after [`PAUSE`].
+    /// Ask all addresses again, after [`PAUSE`].
     AskAgain,
-    /// Nowhere.
+    /// Give up.
     GiveUp,
 }
 
-/// Where a sample is sought next, after `asked` of `addresses` have been asked in vain.
+/// The next step to get a sample, after `asked` of `addresses` were asked without success.
 pub fn seek(need: Need, asked: usize, addresses: usize) -> Seek {
     match need {
         _ if asked < addresses => Seek::Ask(asked),
-        Need::View { dispensable: false } => Seek::Render { ahead: false },
+        Need::View { dispensable: false } => Seek::Render { prefetch: false },
         Need::View { dispensable: true } => Seek::GiveUp,
-        Need::Later { feeds_others } if feeds_others || addresses == 0 => Seek::Render { ahead: true },
-        Need::Later { .. } => Seek::AskAgain,
+        Need::Prefetch { feeds_others } if feeds_others || addresses == 0 => Seek::Render { prefetch: true },
+        Need::Prefetch { .. } => Seek::AskAgain,
     }
 }
 
-/// What becomes of another worker's request for a sample that is not here.
+/// The answer to another worker's request for a sample that is not held here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Serve {
-    /// It is rendered at once.
+    /// Render it at once.
     Render,
-    /// The request waits for the sample, which should be on its way here, for [`ANNOUNCED`] at most.
+    /// Wait for the sample, whose fetch should begin here within [`ANNOUNCED`].
     Await,
-    /// The request fails.
+    /// Refuse.
     Refuse,
 }
 
-/// What becomes of another worker's request. `samples`: samples are this worker's work; `ahead`: no view waits for it there;
-/// `awaited`: the sample was awaited here in vain.
-pub fn serve(samples: bool, ahead: bool, awaited: bool) -> Serve {
-    match (samples, ahead || !samples, awaited) {
+/// The answer to another worker's request. `samples`: this worker renders samples. `prefetch`: no view waits for the
+/// sample. `awaited`: waiting for the sample failed.
+pub fn serve(samples: bool, prefetch: bool, awaited: bool) -> Serve {
+    match (samples, prefetch || !samples, awaited) {
         (_, true, false) => Serve::Await,
         (true, _, _) => Serve::Render,
         (false, _, _) => Serve::Refuse,
     }
 }
 
-/// Whether a worker has done what its old role gave it, so that it may act in the new one. `left`: what waits or is in work.
-pub fn may_change_role(before: Role, told: Role, left: &Waiting) -> bool {
-    let samples_due = before.samples() && !told.samples() && left.direct + left.samples + left.pixels > 0;
-    let views_due = before.composites() && !told.composites() && left.warped > 0;
+/// Whether a worker has finished its old role's work, so that the new role can take effect. `left` is its queued work
+/// and its work in progress.
+pub fn may_change_role(before: Role, after: Role, left: &Waiting) -> bool {
+    let samples_due = before.samples() && !after.samples() && left.direct + left.samples + left.pixels > 0;
+    let views_due = before.composites() && !after.composites() && left.warped > 0;
     !(samples_due || views_due)
 }
 
-/// Threads that pack frames and samples beside the render thread of a worker: as many as leave that thread its core. A
-/// batch ends with all of its frames at once, and as many threads would keep the next batch waiting.
+/// Number of threads that pack frames and samples, beside the render thread: all cores but one. A batch ends with all
+/// of its frames at once, and more threads would delay the next batch.
 pub fn threads_beside(cores: u32) -> usize {
     (cores as usize).saturating_sub(1).max(1)
 }
@@ -346,7 +349,7 @@ pub fn threads_beside(cores: u32) -> usize {
 mod tests {
     use super::*;
 
-    /// The kinds of all turns until nothing waits, each turn taking one item away.
+    /// The kinds of all turns until nothing waits. Each turn removes one item.
     fn all(mut waiting: Waiting) -> Vec<Kind> {
         let mut policy = Policy::default();
         let mut kinds = Vec::new();
@@ -359,7 +362,7 @@ mod tests {
                 Kind::Direct => &mut waiting.direct,
                 Kind::Warped => &mut waiting.warped,
                 Kind::Background => &mut waiting.background,
-                Kind::Ahead => &mut waiting.ahead,
+                Kind::Prefetch => &mut waiting.prefetch,
             };
             *count -= 1;
             kinds.push(turn.kind);
@@ -368,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn orders_come_first_and_samples_ahead_of_demand_last() {
+    fn orders_precede_all_work_and_prefetched_samples_follow_it() {
         let waiting = Waiting {
             orders: 1,
             postponed: 1,
@@ -377,7 +380,7 @@ mod tests {
             direct: 1,
             warped: 1,
             background: 1,
-            ahead: 1,
+            prefetch: 1,
             ..Waiting::default()
         };
         let order = [
@@ -388,7 +391,7 @@ mod tests {
             Kind::Direct,
             Kind::Warped,
             Kind::Background,
-            Kind::Ahead,
+            Kind::Prefetch,
         ];
         assert_eq!(all(waiting), order);
         assert_eq!(all(Waiting::default()), []);
@@ -404,7 +407,7 @@ mod tests {
     #[test]
     fn a_view_waits_for_one_slice_of_background_work_at_most() {
         let mut policy = Policy::default();
-        let background = Waiting { background: 9, ahead: 1, ..Waiting::default() };
+        let background = Waiting { background: 9, prefetch: 1, ..Waiting::default() };
         assert_eq!(policy.next(&background).unwrap().kind, Kind::Background);
         assert_eq!(policy.next(&background).unwrap().kind, Kind::Background);
         for kind in [Kind::Warped, Kind::Direct, Kind::Pixels] {
@@ -419,10 +422,10 @@ mod tests {
     }
 
     #[test]
-    fn while_a_sampler_is_made_only_what_needs_none_is_done() {
+    fn while_a_sampler_is_made_only_work_without_it_is_done() {
         use Kind::{Background, Order, Warped};
-        let waiting = Waiting { sampler_is_coming: true, ..Waiting::default() };
-        let some = Waiting { samples: 2, pixels: 1, direct: 1, postponed: 1, ahead: 1, ..waiting };
+        let waiting = Waiting { makes_sampler: true, ..Waiting::default() };
+        let some = Waiting { samples: 2, pixels: 1, direct: 1, postponed: 1, prefetch: 1, ..waiting };
         assert_eq!(all(some), []);
         assert_eq!(all(Waiting { orders: 1, warped: 1, background: 1, ..some }), [Order, Warped, Background]);
     }
@@ -442,7 +445,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_background_slice_a_busy_worker_renders_views_for_as_long() {
+    fn a_busy_worker_renders_views_for_as_long_as_its_background_slices() {
         let ms = Duration::from_millis;
         let mut policy = Policy::default();
         let busy = Waiting { direct: 9, background: 9, ..Waiting::default() };
@@ -460,10 +463,10 @@ mod tests {
             }
         }
         assert_eq!(spent.0, spent.1);
-        // What is owed holds nothing up where no view waits.
+        // Owed time delays nothing if no view waits.
         policy.had_slice(ms(20));
         assert_eq!(policy.next(&Waiting { direct: 0, ..busy }).unwrap().kind, Kind::Background);
-        // The same in the pauses of a sample.
+        // Owed time also extends the pauses of a sample.
         policy.had_slice(ms(20));
         policy.pause();
         let mut batches = 0;
@@ -475,43 +478,43 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_is_the_front_of_a_queue_as_far_as_it_can_be_done_together() {
+    fn a_batch_is_the_longest_front_of_a_queue_that_can_share_it() {
         let queue = || VecDeque::from([1, 3, 5, 2, 7]);
         let odd = |a: &i32, b: &i32| a % 2 == b % 2;
         let mut rest = queue();
         assert_eq!(take_batch(&mut rest, 9, odd), [1, 3, 5]);
         assert_eq!(rest, [2, 7]);
         assert_eq!(take_batch(&mut queue(), 2, odd), [1, 3]);
-        assert_eq!(take_batch(&mut queue(), 0, odd), [1], "a batch of none would never end");
+        assert_eq!(take_batch(&mut queue(), 0, odd), [1], "an empty batch would never end");
         assert!(take_batch(&mut VecDeque::new(), 4, odd).is_empty());
     }
 
     #[test]
-    fn a_sample_is_sought_at_every_address_before_it_is_rendered() {
+    fn every_address_is_asked_before_a_sample_is_rendered() {
         let view = Need::View { dispensable: false };
         assert_eq!([seek(view, 0, 2), seek(view, 1, 2)], [Seek::Ask(0), Seek::Ask(1)]);
-        assert_eq!(seek(view, 2, 2), Seek::Render { ahead: false });
+        assert_eq!(seek(view, 2, 2), Seek::Render { prefetch: false });
         assert_eq!(seek(Need::View { dispensable: true }, 2, 2), Seek::GiveUp);
-        let later = |feeds_others| Need::Later { feeds_others };
-        assert_eq!(seek(later(false), 0, 0), Seek::Render { ahead: true });
-        assert_eq!(seek(later(false), 1, 1), Seek::AskAgain);
-        assert_eq!(seek(later(true), 1, 1), Seek::Render { ahead: true });
+        let prefetch = |feeds_others| Need::Prefetch { feeds_others };
+        assert_eq!(seek(prefetch(false), 0, 0), Seek::Render { prefetch: true });
+        assert_eq!(seek(prefetch(false), 1, 1), Seek::AskAgain);
+        assert_eq!(seek(prefetch(true), 1, 1), Seek::Render { prefetch: true });
     }
 
     #[test]
-    fn a_request_for_a_sample_ahead_of_demand_waits_before_it_makes_work() {
+    fn a_request_for_a_prefetched_sample_waits_before_it_causes_rendering() {
         assert_eq!(serve(true, false, false), Serve::Render);
         assert_eq!([serve(true, true, false), serve(true, true, true)], [Serve::Await, Serve::Render]);
-        for ahead in [false, true] {
+        for prefetch in [false, true] {
             assert_eq!(
-                [serve(false, ahead, false), serve(false, ahead, true)],
+                [serve(false, prefetch, false), serve(false, prefetch, true)],
                 [Serve::Await, Serve::Refuse]
             );
         }
     }
 
     #[test]
-    fn a_role_changes_when_what_the_old_one_gave_is_done() {
+    fn a_role_changes_once_the_old_roles_work_is_done() {
         let direct = Waiting { direct: 1, ..Waiting::default() };
         let warped = Waiting { warped: 1, ..Waiting::default() };
         assert!(!may_change_role(Role::Sampler, Role::Compositor, &direct));

@@ -1,12 +1,10 @@
-//! Probes: in spare time, a few pixels of a frame that was made from samples are traced, to see how well its error was
-//! predicted.
+//! Probes measure how well errors were predicted: in spare time, a few pixels of a frame from samples are traced.
 //!
-//! Some blocks of the frame's pixels are traced twice: with many samples a pixel, for what they should show, and with as
-//! many as the direct view has that could have been rendered in the frame's place. A block's error is FLIP's difference of
-//! colour (Andersson et al., "FLIP", 2020, section 4.1) between the means of the block: averaging stands for the filter by
-//! which FLIP takes the eye's sharpness into account. What FLIP adds at edges and points is left out, so that measured errors
-//! are somewhat smaller than a whole frame's mean FLIP. The measured excess is how far the frame's mean error is above that
-//! of the direct view.
+//! Some blocks of the frame's pixels are traced twice: with many samples per pixel as the reference, and with as many
+//! as the direct view would have had. A block's error is FLIP's colour difference (Andersson et al., "FLIP", 2020,
+//! section 4.1) between mean colours of the block. The mean stands for the filter by which FLIP models the eye's
+//! resolution. FLIP's terms for edges and points are left out, so measured errors are slightly smaller than a whole
+//! frame's mean FLIP. The measured excess is the mean error of the frame above that of the direct view.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -20,22 +18,23 @@ use tracing::debug;
 use super::node::Node;
 use crate::core::Probed;
 
-/// A probe waits so long for spare time, and is given up then.
+/// A probe waits this long for spare time, and is then given up.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// How often it looks for some.
+/// Interval at which a probe checks for spare time.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Blocks of a frame, to a side: one at a place of its own in each cell of so many columns and rows.
+/// Blocks per side of a frame. The frame is divided into this many columns and rows of cells, and each cell has one
+/// block.
 const BLOCKS: u32 = 4;
 
-/// Pixels of a block, to a side: about what FLIP's filters blend for an eye that sees 67 pixels a degree.
+/// Pixels per side of a block: about as many as FLIP's filters blend at 67 pixels per degree.
 const BLOCK: u32 = 4;
 
-/// Samples a pixel, of what a block should show.
+/// Samples per pixel of the reference.
 const REFERENCE_SAMPLES: u32 = 16;
 
-/// Probes a frame, beside everything else, if it is time for that and the planner predicted the frame's error.
+/// Begins to probe a frame in the background, if a probe is due and the planner predicted the frame's error.
 pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
     let (Some(decision), Plan::Warp(warp)) = (frame.decision, &frame.provenance.plan) else { return };
     if decision.reason == Reason::FrameFellShort || !(decision.excess > 0.0 && decision.excess.is_finite()) {
@@ -62,7 +61,7 @@ pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
     });
 }
 
-/// The excess of a frame's blocks; `None` where there was no time to spare, or nothing could be traced.
+/// The measured excess of a frame's blocks. `None` without spare time, or if tracing failed.
 async fn measure(
     node: &Arc<Node>,
     job: PixelJob,
@@ -71,24 +70,28 @@ async fn measure(
     shown: &[u8],
 ) -> Option<f64> {
     let until = Instant::now() + PATIENCE;
-    while node.has_views() {
+    while node.render_thread.has_views() {
         if Instant::now() >= until {
             return None;
         }
         tokio::time::sleep(PAUSE).await;
     }
-    let reference = node.render_pixels(&job).await.ok()?;
-    let direct = node.render_pixels(&PixelJob { samples_per_pixel: direct_samples, ..job }).await.ok()?;
+    let reference = node.render_thread.render_pixels(&job).await.ok()?;
+    let direct = node
+        .render_thread
+        .render_pixels(&PixelJob { samples_per_pixel: direct_samples, ..job })
+        .await
+        .ok()?;
     excess(blocks, shown, &direct.color, &reference.color)
 }
 
-/// Pixels of some blocks of a frame, ascending, each with the number of its block, and their sRGB colours. `turn` moves the
-/// blocks about.
+/// Pixels of the blocks, ascending, each with the number of its block; and their sRGB colours. `turn` moves the
+/// blocks.
 fn blocks_of(frame: &Frame, turn: u64) -> Option<(BTreeMap<u32, usize>, Vec<u8>)> {
     let color = frame.color.as_ref()?;
     let mut blocks = BTreeMap::new();
     for block in 0..BLOCKS * BLOCKS {
-        // Steps of Roberts' two-dimensional sequence (2018) spread places evenly.
+        // Roberts' two-dimensional sequence (2018) spreads positions evenly.
         let step = (turn * u64::from(BLOCKS * BLOCKS) + u64::from(block)) as f64;
         let share = [0.754_877_666_246_69, 0.569_840_290_998_05].map(|s| (step * s).fract());
         let first = |cell: u32, size: u32, share: f64| {
@@ -108,8 +111,8 @@ fn blocks_of(frame: &Frame, turn: u64) -> Option<(BTreeMap<u32, usize>, Vec<u8>)
     Some((blocks, shown?.concat()))
 }
 
-/// How far the mean error of what is shown is above that of a direct view; 0 where it is below. All images hold the pixels of
-/// `blocks` in their order.
+/// Mean error of the shown pixels minus that of a direct view, at least 0. All images hold the pixels of `blocks` in
+/// their order.
 fn excess(blocks: &BTreeMap<u32, usize>, shown: &[u8], direct: &[u8], reference: &[u8]) -> Option<f64> {
     let bytes = 3 * blocks.len();
     if bytes == 0 || [shown, direct, reference].iter().any(|image| image.len() != bytes) {
@@ -136,9 +139,10 @@ fn block_means(blocks: &BTreeMap<u32, usize>, image: &[u8]) -> Vec<[f64; 3]> {
     sums.into_values().map(|(sum, count)| sum.map(|x| x / count)).collect()
 }
 
-/// FLIP's difference of two colours, linear RGB: 0 to 1.
+/// FLIP's difference of two linear RGB colours, 0 to 1.
 fn color_difference(a: [f64; 3], b: [f64; 3]) -> f64 {
-    // Exponent of differences; differences up to the first share of the largest one take up the second of the range.
+    // Exponent of differences. Differences up to the first share of the largest one map to the second share of the
+    // range.
     const EXPONENT: f64 = 0.7;
     const LARGE: f64 = 0.4;
     const UP_TO_LARGE: f64 = 0.95;
@@ -154,9 +158,9 @@ fn color_difference(a: [f64; 3], b: [f64; 3]) -> f64 {
     }
 }
 
-/// CIELAB of linear RGB, with the colourfulness of dark colours lowered (Hunt).
+/// CIELAB of linear RGB, with the Hunt adjustment: dark colours are less colourful.
 fn adjusted_lab([r, g, b]: [f64; 3]) -> [f64; 3] {
-    // As shares of white's.
+    // Relative to white.
     let x = (0.412_456_4 * r + 0.357_576_1 * g + 0.180_437_5 * b) / 0.950_47;
     let y = 0.212_672_9 * r + 0.715_152_2 * g + 0.072_175 * b;
     let z = (0.019_333_9 * r + 0.119_192 * g + 0.950_304_1 * b) / 1.088_83;
@@ -198,18 +202,18 @@ mod tests {
     }
 
     #[test]
-    fn differences_of_colours_are_those_of_flip() {
+    fn colour_differences_equal_those_of_flip() {
         let (black, white) = ([0.0; 3], [1.0; 3]);
         assert_eq!(color_difference(white, white), 0.0);
         assert!((color_difference([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]) - 1.0).abs() < 1e-12);
-        // As the reference implementation has it for images of one colour.
+        // The reference implementation's value for images of one colour.
         assert!((color_difference(black, white) - 0.967).abs() < 0.003, "{}", color_difference(black, white));
         let dim = color_difference([0.20; 3], [0.21; 3]);
         assert!((0.01..0.2).contains(&dim), "{dim}");
     }
 
     #[test]
-    fn blocks_lie_within_the_frame_wherever_it_is_their_turn_and_in_the_smallest_frame() {
+    fn blocks_lie_within_the_frame_at_every_turn_and_frame_size() {
         for (width, height) in [(320, 240), (17, 5), (3, 2), (1, 1)] {
             let frame = frame(width, height);
             for turn in [0, 1, 99, 1 << 40] {
@@ -225,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn the_excess_is_what_a_direct_view_would_not_have_shown_as_well() {
+    fn the_excess_is_the_error_above_that_of_a_direct_view() {
         let (blocks, shown) = blocks_of(&frame(64, 48), 3).unwrap();
         let other: Vec<u8> = shown.iter().map(|byte| byte.wrapping_add(90)).collect();
         assert_eq!(excess(&blocks, &shown, &shown, &shown), Some(0.0));

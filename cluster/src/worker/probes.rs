@@ -1,4 +1,4 @@
-//! What the probes of a worker have found, and when the next one may begin.
+//! Results of a worker's probes, and their schedule.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use parking_lot::Mutex;
 use crate::core::Probed;
 
 /// Least time between two probes of a worker.
-const EVERY: Duration = Duration::from_secs(2);
+const INTERVAL: Duration = Duration::from_secs(2);
 
 /// The probes of a worker.
 #[derive(Debug, Default)]
@@ -15,27 +15,28 @@ pub(super) struct Probes(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
-    is_at_work: bool,
+    is_probing: bool,
     last: Option<Instant>,
     probed: Probed,
 }
 
 impl Probes {
-    /// What they have found since the worker started.
+    /// Sums of all probes since the worker started.
     pub(super) fn found(&self) -> Probed {
         self.0.lock().probed
     }
 
-    /// Begins a probe, with its number, unless one is under way or the last one was a moment ago.
+    /// Begins a probe and returns its number. Returns `None` if one is in progress or the last one was recent.
     pub(super) fn begin(&self, now: Instant) -> Option<u64> {
         let mut state = self.0.lock();
-        let rests = state.last.is_some_and(|last| now < last + EVERY);
-        (!rests && !std::mem::replace(&mut state.is_at_work, true)).then_some(state.probed.count)
+        let rests = state.last.is_some_and(|last| now < last + INTERVAL);
+        (!rests && !std::mem::replace(&mut state.is_probing, true)).then_some(state.probed.count)
     }
 
+    /// Ends the probe. `None`: it has no result.
     pub(super) fn end(&self, found: Option<Probed>) {
         let mut state = self.0.lock();
-        (state.is_at_work, state.last) = (false, Some(Instant::now()));
+        (state.is_probing, state.last) = (false, Some(Instant::now()));
         if let Some(found) = found {
             state.probed = state.probed + found;
         }
@@ -47,13 +48,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_probe_is_under_way_at_a_time_and_the_next_one_comes_later() {
+    fn one_probe_runs_at_a_time_and_the_next_one_waits_for_the_interval() {
         let (probes, now) = (Probes::default(), Instant::now());
         assert_eq!(probes.begin(now), Some(0));
         assert_eq!(probes.begin(now), None);
         probes.end(Some(Probed { count: 1, error: 0.5, predicted: 0.25 }));
-        assert_eq!(probes.begin(now + EVERY / 2), None);
-        assert_eq!(probes.begin(now + 2 * EVERY), Some(1));
+        assert_eq!(probes.begin(now + INTERVAL / 2), None);
+        assert_eq!(probes.begin(now + 2 * INTERVAL), Some(1));
         probes.end(None);
         assert_eq!(probes.found(), Probed { count: 1, error: 0.5, predicted: 0.25 });
     }

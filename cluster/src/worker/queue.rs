@@ -1,7 +1,7 @@
-//! What waits for the render thread, in one queue a kind of work. Which queue is next is in [`super::policy`].
+//! Queues of the render thread, one for each kind of work. [`super::policy`] decides which queue is next.
 //!
-//! The queues are bounded: what does not fit is turned away at once. While a sampler is made, in a thread of its own, what
-//! needs one waits, and views from samples go on.
+//! The queues are bounded: work that does not fit is refused at once. While a sampler is made, in its own thread,
+//! work that needs a sampler waits, and views from samples continue.
 
 use std::collections::VecDeque;
 use std::ops::Add;
@@ -24,18 +24,18 @@ use crate::core::quality::Cost;
 /// A view for the render thread.
 pub(super) struct ViewTask {
     pub(super) job: ViewJob,
-    /// What the plan's samples were shaded with.
+    /// The sample set that the plan's samples belong to.
     pub(super) info: Arc<SampleSetInfo>,
-    /// The plan's samples; none for a direct view.
+    /// The plan's samples; empty for a direct view.
     pub(super) samples: Vec<Arc<Sample>>,
-    /// It was in a batch that took the device down: it gets one of its own.
+    /// Its last batch lost the device, so it gets a batch of its own.
     pub(super) alone: bool,
     pub(super) queued: Instant,
     pub(super) claimed: Claimed,
     pub(super) reply: oneshot::Sender<Result<Rendered, RenderError>>,
 }
 
-/// A frame and how long its view waited for the render thread.
+/// A frame, and how long its view was queued.
 pub(super) struct Rendered {
     pub(super) frame: Frame,
     pub(super) queue_ms: f64,
@@ -47,10 +47,10 @@ pub(super) struct SampleTask {
     /// The faces that are needed.
     pub(super) faces: FaceMask,
     pub(super) info: Arc<SampleSetInfo>,
-    /// Another process needs it.
+    /// Another worker needs it in host memory.
     pub(super) to_host: bool,
-    /// It is ahead of demand: it may wait for everything else.
-    pub(super) ahead: bool,
+    /// No view waits for it, so all other work precedes it.
+    pub(super) prefetch: bool,
     pub(super) claimed: Claimed,
     pub(super) reply: oneshot::Sender<Result<Sample, RenderError>>,
 }
@@ -62,27 +62,27 @@ pub(super) struct PixelTask {
     pub(super) reply: oneshot::Sender<Result<Pixels, RenderError>>,
 }
 
-/// What each way to see triangles costs, ms.
-pub(super) type Ways = Vec<(Visibility, f64)>;
+/// Milliseconds of each visibility backend for a tile of a sample.
+pub(super) type BackendCosts = Vec<(Visibility, f64)>;
 
-/// What the render thread does next.
+/// Work of the render thread.
 pub(super) enum Work {
-    /// This is the scene from now on, and a sample set of the specification that samplers are made for.
+    /// Replace the scene. `set` has the specification that the sampler is made for.
     Scene {
         scene: Arc<Scene>,
         set: Arc<SampleSetInfo>,
     },
-    /// Have all that a role needs, so that the first result does not wait for it.
+    /// Make everything that a role needs, so that the first result does not wait for it.
     Prepare {
         info: Arc<SampleSetInfo>,
         role: Role,
         reply: oneshot::Sender<Result<(), RenderError>>,
     },
-    /// Measure what a view from samples costs and, if `backends` are wanted, what each way to see triangles does.
+    /// Measure the cost of views from samples. If `backends` is set, also measure the visibility backends.
     Measure {
         info: Arc<SampleSetInfo>,
         backends: bool,
-        reply: oneshot::Sender<Result<Ways, RenderError>>,
+        reply: oneshot::Sender<Result<BackendCosts, RenderError>>,
     },
     /// A slice of background work.
     Background(Background),
@@ -90,25 +90,25 @@ pub(super) enum Work {
     Pixels(Vec<PixelTask>),
     Views(Vec<ViewTask>),
     Direct(Vec<ViewTask>),
-    /// Nothing came for a while.
+    /// No work arrived for a while.
     Nothing,
     Stop,
 }
 
-/// Background work, done in slices: no view waits for it.
+/// Background work. It is done in slices, and no view waits for it.
 pub(super) enum Background {
-    /// Have the compositor hold a sample before a view asks for it. `reply` hears that it is done, or that it came to nothing.
-    TakeUp { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
-    /// Tell what was measured. It is queued behind samples that are to be taken up first.
+    /// Upload a sample to the compositor before views need it. `reply` is sent when this is done or abandoned.
+    Hold { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
+    /// Report a measurement. It is queued behind samples that must be uploaded first.
     Measured {
         warp_cost: Option<Cost>,
-        ways: Result<Ways, RenderError>,
-        reply: oneshot::Sender<Result<Ways, RenderError>>,
+        backend_costs: Result<BackendCosts, RenderError>,
+        reply: oneshot::Sender<Result<BackendCosts, RenderError>>,
     },
 }
 
 impl Work {
-    /// Whether a sampler does it.
+    /// Whether it needs a sampler.
     pub(super) fn needs_sampler(&self) -> bool {
         match self {
             Self::Prepare { .. }
@@ -120,7 +120,7 @@ impl Work {
         }
     }
 
-    /// The awaited part of the work.
+    /// The number of awaited results, by kind.
     fn in_work(&self) -> Waiting {
         let none = Waiting::default();
         match self {
@@ -140,18 +140,20 @@ struct State {
     pixels: VecDeque<PixelTask>,
     views: VecDeque<ViewTask>,
     direct: VecDeque<ViewTask>,
-    ahead: VecDeque<SampleTask>,
+    prefetch: VecDeque<SampleTask>,
     background: VecDeque<Background>,
-    /// Work that was taken before it turned out that there is no sampler yet.
+    /// Work that was dequeued and found no sampler.
     postponed: VecDeque<Work>,
+    /// A sampler is being made.
     makes_sampler: bool,
+    /// Awaited results of the present work.
     in_work: Waiting,
-    /// When what is in work was taken.
+    /// When the present work was dequeued.
     taken: Option<Instant>,
-    /// Its kind.
+    /// Kind of the present work.
     kind: Option<Kind>,
-    /// The render thread makes what it needs for the work that it took.
-    gets_ready: bool,
+    /// The render thread is making a role that the present work needs.
+    makes_role: bool,
     policy: Policy,
     usual_visibility: Visibility,
     stopped: bool,
@@ -165,7 +167,7 @@ pub(super) struct Queue {
     filled: Condvar,
 }
 
-/// What does not fit comes back.
+/// The error of a full queue.
 pub(super) struct Full;
 
 impl Queue {
@@ -179,7 +181,7 @@ impl Queue {
         }
     }
 
-    /// Queues an order that is neither view nor sample; it is done before all of them.
+    /// Queues an order. Orders precede all other work.
     pub(super) fn order(&self, work: Work) {
         let mut state = self.state.lock();
         state.stopped |= matches!(work, Work::Stop);
@@ -190,14 +192,14 @@ impl Queue {
     /// Queues background work.
     pub(super) fn push_background(&self, work: Background) {
         let mut state = self.state.lock();
-        // After the end it is dropped, and its reply with it.
+        // After a stop it is dropped, and its reply with it.
         if !state.stopped {
             state.background.push_back(work);
         }
         self.filled.notify_one();
     }
 
-    /// Queues the rest of such work, of which a slice is done, before all other.
+    /// Queues the rest of background work, a slice of which is done, before other background work.
     pub(super) fn put_back(&self, work: Background) {
         let mut state = self.state.lock();
         if !state.stopped {
@@ -205,9 +207,10 @@ impl Queue {
         }
     }
 
+    /// Queues a view.
     pub(super) fn push_view(&self, task: ViewTask) -> Result<(), Full> {
         let mut state = self.state.lock();
-        state.forget_the_gone();
+        state.drop_abandoned();
         if state.stopped || state.views.len() + state.direct.len() >= self.max_views {
             return Err(Full);
         }
@@ -219,23 +222,25 @@ impl Queue {
         Ok(())
     }
 
+    /// Queues a sample.
     pub(super) fn push_sample(&self, task: SampleTask) -> Result<(), Full> {
         let mut state = self.state.lock();
-        let queue = if task.ahead { &state.ahead } else { &state.samples };
+        let queue = if task.prefetch { &state.prefetch } else { &state.samples };
         if state.stopped || queue.len() >= self.max_samples {
             return Err(Full);
         }
-        match task.ahead {
-            true => state.ahead.push_back(task),
+        match task.prefetch {
+            true => state.prefetch.push_back(task),
             false => state.samples.push_back(task),
         }
         self.filled.notify_one();
         Ok(())
     }
 
+    /// Queues pixels.
     pub(super) fn push_pixels(&self, task: PixelTask) -> Result<(), Full> {
         let mut state = self.state.lock();
-        state.forget_the_gone();
+        state.drop_abandoned();
         if state.stopped || state.pixels.len() >= self.max_views {
             return Err(Full);
         }
@@ -244,15 +249,15 @@ impl Queue {
         Ok(())
     }
 
-    /// Waits for work, and no longer than that. What came before is done, whatever became of it.
+    /// Waits for work, at most this long. The previous work is over.
     pub(super) fn next(&self, at_most: Duration) -> Work {
         let mut state = self.state.lock();
         state.account();
         state.in_work = Waiting::default();
         state.taken = None;
-        state.gets_ready = false;
+        state.makes_role = false;
         loop {
-            state.forget_the_gone();
+            state.drop_abandoned();
             if let Some(work) = state.take() {
                 state.in_work = work.in_work();
                 state.taken = Some(Instant::now());
@@ -264,28 +269,28 @@ impl Queue {
         }
     }
 
-    /// The sampler that was made is expected to see triangles best by that backend.
+    /// Sets the visibility backend that the sampler expects to be fastest.
     pub(super) fn set_usual_visibility(&self, visibility: Visibility) {
         self.state.lock().usual_visibility = visibility;
     }
 
-    /// The visibility backend that is expected to be best here, before any was measured.
+    /// The visibility backend that is expected to be fastest here, before any measurement.
     pub(super) fn usual_visibility(&self) -> Visibility {
         self.state.lock().usual_visibility
     }
 
-    /// A sampler is in the making, until [`Self::sampler_is_made`].
-    pub(super) fn sampler_is_coming(&self) {
+    /// Marks a sampler as being made, until [`Self::end_sampler`].
+    pub(super) fn begin_sampler(&self) {
         self.state.lock().makes_sampler = true;
     }
 
-    /// It is there, or came to nothing.
-    pub(super) fn sampler_is_made(&self) {
+    /// The sampler is made, or making it failed.
+    pub(super) fn end_sampler(&self) {
         self.state.lock().makes_sampler = false;
         self.filled.notify_one();
     }
 
-    /// Has work wait for the sampler that is in the making; gives it back if there is none any more.
+    /// Queues work until the sampler is made. Returns the work if no sampler is being made.
     pub(super) fn postpone(&self, work: Work) -> Option<Work> {
         let mut state = self.state.lock();
         if !state.makes_sampler {
@@ -295,13 +300,13 @@ impl Queue {
         None
     }
 
-    /// Between two slices of longer work, of which the last took `slice`: answers what came meanwhile, by the rules of
-    /// [`Policy::between`]. `composes`: views from samples can be answered, too.
+    /// Between two slices of longer work: passes queued views to `answer`, by the rules of [`Policy::between`].
+    /// `slice` is the time of the last slice. `composes` includes views from samples.
     pub(super) fn give_way(&self, slice: Duration, composes: bool, mut answer: impl FnMut(Work)) {
         let kind = {
             let mut state = self.state.lock();
-            // An awaited sample has every second turn.
-            if state.in_work.samples == 0 || state.kind == Some(Kind::Ahead) {
+            // An awaited sample alternates with views, so they are owed no further time.
+            if state.in_work.samples == 0 || state.kind == Some(Kind::Prefetch) {
                 state.policy.had_slice(slice);
             }
             state.policy.pause();
@@ -310,7 +315,7 @@ impl Queue {
         loop {
             let mut state = self.state.lock();
             (state.taken, state.kind) = (Some(Instant::now()), kind);
-            state.forget_the_gone();
+            state.drop_abandoned();
             let Some(work) = state.take_between(composes) else { return };
             let before = std::mem::replace(&mut state.in_work, work.in_work());
             drop(state);
@@ -322,29 +327,30 @@ impl Queue {
         }
     }
 
-    /// How long the render thread has been at what it took last; zero while it waits.
+    /// How long the render thread has been at its present work; zero while it waits.
     pub(super) fn busy_for(&self) -> Duration {
         self.state.lock().taken.map_or(Duration::ZERO, |taken| taken.elapsed())
     }
 
-    /// How long it has been at samples, views or pixels for which it has all that it needs; zero while it is not.
+    /// How long the render thread has been at its present samples, views or pixels, without the time of making roles;
+    /// zero for other work.
     pub(super) fn at_piece_for(&self) -> Duration {
         let state = self.state.lock();
-        let at_one = state.in_work != Waiting::default() && !state.gets_ready;
+        let at_one = state.in_work != Waiting::default() && !state.makes_role;
         state.taken.filter(|_| at_one).map_or(Duration::ZERO, |taken| taken.elapsed())
     }
 
-    /// Does what has to be done before the work that was taken: making a role may take as long as it likes.
-    pub(super) fn getting_ready<T>(&self, make: impl FnOnce() -> T) -> T {
-        self.state.lock().gets_ready = true;
+    /// Makes a role that the present work needs. This time does not count in [`Self::at_piece_for`].
+    pub(super) fn making_role<T>(&self, make: impl FnOnce() -> T) -> T {
+        self.state.lock().makes_role = true;
         let made = make();
         let mut state = self.state.lock();
-        state.gets_ready = false;
+        state.makes_role = false;
         state.taken = state.taken.map(|_| Instant::now());
         made
     }
 
-    /// What waits or is in work.
+    /// Work that is queued or in progress.
     pub(super) fn backlog(&self) -> Waiting {
         let state = self.state.lock();
         state.postponed.iter().map(Work::in_work).fold(state.waiting() + state.in_work, Add::add)
@@ -362,12 +368,12 @@ impl State {
             direct: self.direct.len(),
             warped: self.views.len(),
             background: self.background.len(),
-            ahead: self.ahead.len(),
-            sampler_is_coming: self.makes_sampler,
+            prefetch: self.prefetch.len(),
+            makes_sampler: self.makes_sampler,
         }
     }
 
-    /// Tells the policy how long the work that is over took.
+    /// Reports the duration of the finished work to the policy.
     fn account(&mut self) {
         let (Some(taken), Some(kind)) = (self.taken, self.kind.take()) else { return };
         match kind {
@@ -389,7 +395,7 @@ impl State {
         self.work_of(turn)
     }
 
-    /// Takes the batch of a turn from its queue.
+    /// Dequeues the batch of a turn.
     fn work_of(&mut self, Turn { kind, most }: Turn) -> Option<Work> {
         self.kind = Some(kind);
         Some(match kind {
@@ -397,31 +403,31 @@ impl State {
             Kind::Postponed => self.postponed.pop_front()?,
             Kind::Background => Work::Background(self.background.pop_front()?),
             Kind::Sample => Work::Samples(take_samples(&mut self.samples, most)),
-            Kind::Ahead => Work::Samples(take_samples(&mut self.ahead, most)),
+            Kind::Prefetch => Work::Samples(take_samples(&mut self.prefetch, most)),
             Kind::Pixels => Work::Pixels(take_batch(&mut self.pixels, most, |_, _| true).into()),
             Kind::Direct => Work::Direct(take_batch(&mut self.direct, most, may_share_a_batch).into()),
             Kind::Warped => Work::Views(take_batch(&mut self.views, most, may_share_a_batch).into()),
         })
     }
 
-    /// Drops work whose callers no longer wait.
-    fn forget_the_gone(&mut self) {
+    /// Drops work whose callers gave up.
+    fn drop_abandoned(&mut self) {
         self.samples.retain(|task| !task.claimed.is_gone());
         self.pixels.retain(|task| !task.claimed.is_gone());
         self.views.retain(|task| !task.claimed.is_gone());
         self.direct.retain(|task| !task.claimed.is_gone());
-        self.ahead.retain(|task| !task.claimed.is_gone());
+        self.prefetch.retain(|task| !task.claimed.is_gone());
     }
 }
 
-/// The oldest samples of one set, as many as it pays to render together.
+/// Dequeues the oldest samples of one set: as many as are efficient to render together.
 fn take_samples(queue: &mut VecDeque<SampleTask>, most: usize) -> Vec<SampleTask> {
     let most = queue.front().map_or(0, |first| first.info.sampling.batch().min(most));
     let together = |a: &SampleTask, b: &SampleTask| a.to_host == b.to_host && Arc::ptr_eq(&a.info, &b.info);
     take_batch(queue, most, together).into()
 }
 
-/// Whether views are of one set, and neither must be alone.
+/// Whether two views may share a batch: they have the same set, and neither needs its own batch.
 fn may_share_a_batch(one: &ViewTask, other: &ViewTask) -> bool {
     !one.alone && !other.alone && Arc::ptr_eq(&one.info, &other.info)
 }

@@ -1,8 +1,7 @@
-//! The render thread: the only one that touches the two roles.
+//! The render thread, which alone calls the two roles.
 //!
-//! It takes all views that wait as one batch, so a busy worker gets the gain of batching and an idle one the
-//! latency of a single view. A panic in a role counts as a lost device: both roles are made anew, and whoever
-//! waits asks once more.
+//! It takes waiting views in batches: a busy worker gains by batching, and an idle worker has the latency of a single
+//! view. A panic in a role counts as a lost device: both roles are recreated, and callers retry once.
 
 mod holding;
 
@@ -30,39 +29,39 @@ use crate::core::Role;
 use crate::core::quality::Cost;
 use crate::rate_limited_log::RateLimitedLog;
 
-/// What the render thread owns.
+/// The state of the render thread.
 pub(super) struct Renderer {
     factory: Arc<dyn RoleFactory>,
     queue: Arc<Queue>,
     store: Arc<Store>,
     meter: Arc<Meter>,
     scene: Option<Arc<Scene>>,
-    /// What it was made ready for last.
+    /// The set of the last order.
     set: Option<Arc<SampleSetInfo>>,
     sampler: Option<Box<dyn Sampler>>,
-    /// A sampler in the making, or made and not used yet.
+    /// A sampler that is being made, or was made and is not used yet.
     standby: Option<Standby>,
-    /// Those whose scene or device is gone, until they have noticed.
+    /// Standby threads that are no longer needed but have not ended.
     retired: Vec<Standby>,
     compositor: Option<Box<dyn Compositor>>,
-    /// What the compositor holds; a sample that only this map knows of is released.
+    /// Samples that the compositor holds. A sample that only this map refers to is released.
     held: HashMap<SampleId, Held>,
-    /// Samples that came before the compositor had worked: it takes them up once it has.
+    /// Samples that arrived before the compositor was used. They are uploaded once it is.
     unheld: Vec<(Arc<SampleSetInfo>, Weak<Sample>)>,
-    /// Whether the compositor has composed views: it takes up what views will ask for.
+    /// Whether the compositor was used, so that samples are uploaded to it in advance.
     is_warm: bool,
-    /// Whether it was measured what a view from samples costs, or that was given up.
+    /// Whether the cost of views from samples was measured, or measuring was abandoned.
     is_measured: bool,
-    /// Counts batches of views.
+    /// Number of batches of views.
     batches: u64,
-    /// Counts devices that were given up.
+    /// Number of lost devices.
     rebuilt: u64,
     health: Arc<Health>,
-    /// Samples that a compositor no longer uses are given up after this long.
+    /// Time after which an unused compositor releases its samples.
     rest_after: Duration,
-    /// The role that it was made ready for last.
+    /// The role of the last order.
     role: Role,
-    /// When the compositor was used last, and when that was looked at.
+    /// When the compositor was last used, and when [`Self::tidy`] last ran.
     composed: Instant,
     tidied: Instant,
 }
@@ -70,41 +69,44 @@ pub(super) struct Renderer {
 /// A sample that the compositor holds.
 struct Held {
     sample: Weak<Sample>,
-    /// The last batch that it was for.
+    /// Number of the last batch that used it.
     used: u64,
 }
 
-/// How much of a compositor's taking up is done at once.
+/// The amount of an upload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Most {
+enum Amount {
     All,
     Slice,
 }
 
-/// A sampler in the making, and what views from triangles cost with it.
+/// A thread that makes a sampler and measures its views.
 type Standby = JoinHandle<Result<(Box<dyn Sampler>, Option<Cost>), RenderError>>;
 
-/// While it lives, what needs a sampler waits for one.
-struct Coming(Arc<Queue>);
+/// A guard: while it lives, work that needs a sampler waits for one.
+struct BeingMade(Arc<Queue>);
 
-impl Coming {
-    fn to(queue: &Arc<Queue>) -> Self {
-        queue.sampler_is_coming();
+impl BeingMade {
+    fn begin(queue: &Arc<Queue>) -> Self {
+        queue.begin_sampler();
         Self(queue.clone())
     }
 }
 
-impl Drop for Coming {
+impl Drop for BeingMade {
     fn drop(&mut self) {
-        self.0.sampler_is_made();
+        self.0.end_sampler();
     }
 }
 
-/// Results of a call into a role, or the news that the role is of no use any more.
+/// Results of a call to a role. The outer error means that the call as a whole failed.
 type Results<T> = Result<Vec<Result<T, RenderError>>, RenderError>;
 
 impl Renderer {
-    /// A renderer whose compositor is made, so that a machine that cannot render says so at once.
+    /// A renderer with a compositor, and its device. Fails at once on a machine that cannot render.
+    ///
+    /// # Errors
+    /// The error of making the compositor.
     pub(super) fn new(
         factory: Arc<dyn RoleFactory>,
         queue: Arc<Queue>,
@@ -142,14 +144,14 @@ impl Renderer {
         Ok((renderer, device))
     }
 
-    /// Renders until it is told to stop.
+    /// Renders until a stop is ordered.
     pub(super) fn run(mut self) {
         loop {
             let work = self.queue.next(self.rest_after / 4);
-            match self.or_later(work) {
+            match self.or_postpone(work) {
                 Work::Nothing => {}
                 Work::Stop => {
-                    // A process that exits while its driver works may crash on its way out.
+                    // A process may crash if it exits while the driver works.
                     self.retire_standby();
                     self.retired.drain(..).for_each(|standby| drop(standby.join()));
                     return;
@@ -160,7 +162,7 @@ impl Renderer {
                     self.retire_standby();
                 }
                 Work::Prepare { role, reply, .. } => {
-                    // The receiver is gone once the assignment is overtaken.
+                    // The receiver is gone if a newer assignment arrived.
                     let _ = reply.send(self.prepare(role));
                 }
                 Work::Measure { info, backends, reply } => self.measure(&info, backends, reply),
@@ -174,9 +176,10 @@ impl Renderer {
         }
     }
 
-    /// The work, if a sampler is there or none is needed. Else one is made beside what needs none, and the work waits for it:
-    /// a hierarchy over a scene's triangles takes a second, in which views are composed of what is held.
-    fn or_later(&mut self, work: Work) -> Work {
+    /// Returns the work, if it needs no sampler or one exists. Else postpones it and makes a sampler in another
+    /// thread. A hierarchy over a scene's triangles takes a second or more, in which views are composed from held
+    /// samples.
+    fn or_postpone(&mut self, work: Work) -> Work {
         if let Work::Prepare { info, .. } = &work {
             self.set = Some(info.clone());
         }
@@ -189,36 +192,38 @@ impl Renderer {
         self.queue.postpone(work).unwrap_or(Work::Nothing)
     }
 
-    /// Makes what every role needs: a worker answers views from triangles whatever its role.
+    /// Makes the sampler. Every role needs one, since a worker answers views from triangles in any role.
     fn prepare(&mut self, role: Role) -> Result<(), RenderError> {
         self.role = role;
         self.sampler().map(drop)
     }
 
-    /// Begins to make a sampler beside the work, unless there is one.
+    /// Begins to make a sampler in another thread, unless one exists or is being made.
     fn stand_by(&mut self, info: Arc<SampleSetInfo>) {
         let (None, None, Some(scene)) = (&self.sampler, &self.standby, self.scene.clone()) else { return };
-        let (factory, coming) = (self.factory.clone(), Coming::to(&self.queue));
+        let (factory, being_made) = (self.factory.clone(), BeingMade::begin(&self.queue));
         let make = move || {
-            let _coming = coming;
+            let _being_made = being_made;
             warmed_sampler(factory.as_ref(), scene, &info)
         };
-        // Without a thread it is made when it is needed.
+        // Without a thread, the sampler is made when it is needed.
         self.standby = std::thread::Builder::new().name("standby".to_owned()).spawn(make).ok();
     }
 
+    /// Abandons the standby sampler. Its thread ends by itself.
     fn retire_standby(&mut self) {
         self.retired.retain(|standby| !standby.is_finished());
         self.retired.extend(self.standby.take());
     }
 
+    /// The sampler, made now if necessary.
     fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
         if self.sampler.is_none() {
             let scene_and_set = self.scene.clone().zip(self.set.clone());
             let (scene, set) =
                 scene_and_set.ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
             let (standby, factory) = (self.standby.take(), self.factory.as_ref());
-            let made = self.queue.getting_ready(|| {
+            let made = self.queue.making_role(|| {
                 match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
                     Some(made) => Ok(made),
                     None => made_sampler(factory, scene, &set).map(|sampler| (sampler, None)),
@@ -235,9 +240,10 @@ impl Renderer {
         }
     }
 
+    /// The compositor, made now if necessary.
     fn compositor(&mut self) -> Result<&mut dyn Compositor, RenderError> {
         if self.compositor.is_none() {
-            let compositor = self.queue.getting_ready(|| self.factory.compositor());
+            let compositor = self.queue.making_role(|| self.factory.compositor());
             let failed = |error: &RenderError| self.health.failed(&error.to_string());
             self.compositor = Some(compositor.inspect_err(failed)?);
         }
@@ -247,11 +253,11 @@ impl Renderer {
         }
     }
 
-    /// Gives the device up; the next work makes both roles anew.
+    /// Drops both roles. The next work recreates them.
     fn rebuild(&mut self, reason: &str) {
         static LOST: RateLimitedLog = RateLimitedLog::new();
         if let Some(left_out) = LOST.now() {
-            warn!(reason, left_out, "device lost, the roles are made anew");
+            warn!(reason, left_out, "the device is lost, its roles are recreated");
         }
         self.rebuilt += 1;
         self.sampler = None;
@@ -261,7 +267,7 @@ impl Renderer {
         self.store.forget_device_planes();
     }
 
-    /// Calls into a role. A panic there takes the role down, not the process.
+    /// Calls a role. A panic there counts as a lost device, and the process continues.
     fn guarded<T>(&mut self, call: impl FnOnce(&mut Self) -> Results<T>) -> Results<T> {
         let results = match catch_unwind(AssertUnwindSafe(|| call(self))) {
             Ok(results) => results,
@@ -289,7 +295,7 @@ impl Renderer {
     }
 
     fn samples(&mut self, tasks: Vec<SampleTask>) {
-        // One job a set and a place for the planes; there is one of each nearly always.
+        // One job for each set and location of planes. Almost always there is one.
         let mut rest = tasks;
         while let Some(first) = rest.first() {
             let (info, to_host) = (first.info.clone(), first.to_host);
@@ -317,8 +323,7 @@ impl Renderer {
         deliver(tasks.into_iter().map(|task| task.reply), results);
     }
 
-    /// Renders samples in slices, whether or not a request waits for them: views are answered in between, and `began` is moved on
-    /// by the time that they take.
+    /// Renders samples in slices, and answers views between slices. `began` advances by the time of those views.
     fn samples_in_slices(&mut self, job: &SampleJob, batch: &Batch, began: &mut Instant) -> Results<Sample> {
         let mut slices = Slices::default();
         let results = self.guarded(|own| {
@@ -339,13 +344,13 @@ impl Renderer {
                 });
                 *began += gave_way.elapsed();
                 slices.begin();
-                // What is made for a device that was given up is of no use: it begins again with the next one.
+                // Results of a lost device are useless: the caller retries on the next one.
                 if own.rebuilt != rebuilt {
                     batch.cancel.cancel();
                 }
             });
             if own.rebuilt != rebuilt {
-                let reason = "it was lost while views were composed between two parts of a sample";
+                let reason = "the device was lost while views were composed between two slices of a sample";
                 return Err(RenderError::DeviceLost(reason.to_owned()));
             }
             own.sampler = Some(sampler);
@@ -363,7 +368,7 @@ impl Renderer {
         self.pixels_by(None, tasks);
     }
 
-    /// Traces pixels with that sampler, or its own.
+    /// Traces pixels with this sampler, or else the thread's own.
     fn pixels_by(&mut self, sampler: Option<&mut dyn Sampler>, tasks: Vec<PixelTask>) {
         let batch = Arc::new(Batch::default());
         let tasks: Vec<PixelTask> = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
@@ -393,7 +398,7 @@ impl Renderer {
         self.direct_by(None, tasks);
     }
 
-    /// Renders views from triangles with that sampler, or its own.
+    /// Renders views from triangles with this sampler, or else the thread's own.
     fn direct_by(&mut self, sampler: Option<&mut dyn Sampler>, tasks: Vec<ViewTask>) {
         let (batch, tasks) = begin(tasks);
         if tasks.is_empty() {
@@ -419,7 +424,7 @@ impl Renderer {
         }
         let began = Instant::now();
         (self.composed, self.batches) = (began, self.batches + 1);
-        self.warms_up();
+        self.upload_waiting();
         let tasks: Vec<ViewTask> = tasks.into_iter().filter_map(|task| self.holding(task)).collect();
         if tasks.is_empty() {
             return;
@@ -433,10 +438,10 @@ impl Renderer {
         deliver_frames(tasks, results, began);
     }
 
-    /// The view, now that the compositor holds its samples; a view whose samples it refuses fails alone.
+    /// Uploads the view's samples, and returns the view. If the compositor refuses them, only this view fails.
     fn holding(&mut self, task: ViewTask) -> Option<ViewTask> {
         match self.guarded(|own| {
-            own.hold(&task.info, &task.samples, Most::All).map(|_| Vec::<Result<(), RenderError>>::new())
+            own.hold(&task.info, &task.samples, Amount::All).map(|_| Vec::<Result<(), RenderError>>::new())
         }) {
             Ok(_) => Some(task),
             Err(error) => {
@@ -446,7 +451,7 @@ impl Renderer {
         }
     }
 
-    /// Takes in what views took, each by itself.
+    /// Records the time of each view.
     fn observe(&self, kind: Kind, results: &Results<Frame>) {
         for frame in results.iter().flatten().flatten() {
             let per_pixel = match &frame.provenance.plan {
@@ -458,7 +463,7 @@ impl Renderer {
         }
     }
 
-    /// Takes in what samples took. Their cost is that of whole samples: faces cost alike.
+    /// Records the cost of samples. It is that of whole samples: all faces cost the same.
     fn record_samples(&self, job: &SampleJob, results: &Results<Sample>, began: Instant) {
         let Ok(results) = results else { return };
         let rendered = |sample: &Sample| {
@@ -481,6 +486,7 @@ impl Renderer {
     }
 }
 
+/// Makes a sampler.
 fn made_sampler(
     factory: &dyn RoleFactory,
     scene: Arc<Scene>,
@@ -492,7 +498,8 @@ fn made_sampler(
     Ok(sampler)
 }
 
-/// A sampler whose first view is no slower than others, and what views cost with it.
+/// Makes a sampler and renders small views with it, so that its first view is not slow. Returns the cost of its
+/// views.
 fn warmed_sampler(
     factory: &dyn RoleFactory,
     scene: Arc<Scene>,
@@ -500,9 +507,9 @@ fn warmed_sampler(
 ) -> Result<(Box<dyn Sampler>, Option<Cost>), RenderError> {
     let mut sampler = made_sampler(factory, scene.clone(), info)?;
     let began = Instant::now();
-    // One that cannot work would be in the way of another.
+    // A sampler that cannot render is not used.
     let warmed = warm::sampler(sampler.as_mut(), &scene, info);
-    let cost = warmed.inspect_err(|error| warn!(%error, "the sampler that was made is of no use"))?;
+    let cost = warmed.inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
     debug!(ms = ms_since(began), ?cost, "sampler warmed up");
     Ok((sampler, cost))
 }
@@ -511,14 +518,14 @@ fn ms_since(began: Instant) -> f64 {
     began.elapsed().as_secs_f64() * 1e3
 }
 
-/// The batch of the views whose callers still wait.
+/// Begins a batch of the views whose callers still wait.
 fn begin(tasks: Vec<ViewTask>) -> (Arc<Batch>, Vec<ViewTask>) {
     let batch = Arc::new(Batch::default());
     let tasks = tasks.into_iter().filter(|task| task.claimed.join(&batch)).collect();
     (batch, tasks)
 }
 
-/// One result for each who waits. A role that returns too few has failed at the rest.
+/// Sends each caller its result. If the role returned too few results, the last callers get an error.
 fn deliver<T>(
     replies: impl Iterator<Item = tokio::sync::oneshot::Sender<Result<T, RenderError>>>,
     results: Results<T>,
@@ -528,7 +535,7 @@ fn deliver<T>(
         Err(error) => (Vec::new().into_iter(), error),
     };
     for reply in replies {
-        // A caller that gave up misses nothing.
+        // The caller may have given up.
         let _ = reply.send(results.next().unwrap_or_else(|| Err(error.clone())));
     }
 }

@@ -1,4 +1,4 @@
-//! `Samples`: what this worker holds or can render, for others to reconstruct views from.
+//! The `Samples` service: sends samples and traced pixels to other workers.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -19,10 +19,10 @@ use super::node::{Node, check_specification};
 use super::packed::Chunks as Packed;
 use super::{fetch, trace};
 
-/// Most samples of one subscription.
+/// Greatest number of samples in one request.
 const MAX_CAMERAS: usize = 1024;
 
-/// Samples of one subscription that are packed at the same time, and so are in memory twice.
+/// Samples of one request that are packed at the same time. Each is in memory twice meanwhile.
 const IN_WORK: usize = 4;
 
 /// The service.
@@ -48,20 +48,20 @@ impl Samples for SamplesService {
         let have: HashMap<u64, Bytes> =
             request.have.into_iter().map(|held| (held.camera, held.hash)).collect();
         let faces = face_masks(&request.cameras, &request.faces, "faces").map_err(Fault::from)?;
-        let (node, ahead) = (self.node.clone(), request.ahead);
+        let (node, prefetch) = (self.node.clone(), request.prefetch);
         let one = move |camera: u64| {
             let (node, info, have) = (node.clone(), info.clone(), have.get(&camera).cloned());
             let faces = faces.of(camera);
             async move {
-                let chunks = packed(node, info, (camera, faces), have, ahead).await?;
+                let chunks = packed(node, info, (camera, faces), have, prefetch).await?;
                 Ok::<_, Status>(futures::stream::iter((0..chunks.len()).map(move |i| Ok(chunks[i].clone()))))
             }
             .instrument(debug_span!(target: TARGET, parent: &span, "sample", camera))
         };
-        // Sample by sample, each whole before the next one: that is what the receiver puts together.
+        // The chunks of one sample are sent without interruption, since the receiver assembles one sample at a time.
         let chunks = futures::stream::iter(request.cameras).map(one).buffer_unordered(IN_WORK).try_flatten();
         let chunks = chunks.inspect(move |_| {
-            let _in_work_until_sent = &active;
+            let _active_until_sent = &active;
         });
         Ok(Response::new(Box::pin(chunks)))
     }
@@ -73,21 +73,22 @@ impl Samples for SamplesService {
         let span = debug_span!(target: TARGET, "trace pixels", worker = self.node.hello.name);
         continued(&span, request.metadata());
         let job = trace::check(&self.node, request.into_inner())?;
-        let pixels = self.node.render_pixels(&job).instrument(span).await?;
+        let pixels = self.node.render_thread.render_pixels(&job).instrument(span).await?;
         let chunks = pixel_chunks(&pixels).map_err(Fault::from)?.into_iter().map(move |chunk| {
-            let _in_work_until_sent = &active;
+            let _active_until_sent = &active;
             Ok(chunk)
         });
         Ok(Response::new(Box::pin(futures::stream::iter(chunks))))
     }
 }
 
+/// Checks a request. Returns the sample set in its version.
 fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
     let version = request.version.ok_or_else(|| InvalidField::new("version", "must be given"))?;
-    let (info, _) = node.set_in(version.into())?;
+    let (info, _) = node.served.set_in(version.into())?;
     let scene = scene_hash(&request.scene_hash, "scene_hash")?;
     if scene != info.scene {
-        return Err(Fault::NotFound(format!("samples of scene {scene} are not served here")));
+        return Err(Fault::NotFound(format!("this worker serves no samples of scene {scene}")));
     }
     let specification = specification_hash(&request.specification_hash, "specification_hash")?;
     check_specification(&info, specification)?;
@@ -101,16 +102,16 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
     Ok(info)
 }
 
-/// A sample in chunks, rendered if it is neither held nor on its way here.
+/// A sample in chunks. It is fetched or rendered if the store does not hold it.
 async fn packed(
     node: Arc<Node>,
     info: Arc<SampleSetInfo>,
     (camera, faces): (u64, FaceMask),
     have: Option<Bytes>,
-    ahead: bool,
+    prefetch: bool,
 ) -> Result<Packed, Fault> {
     let id = SampleId { version: info.version.number, camera };
-    let sample = fetch::on_host(node.clone(), info, (id, faces), ahead).await?;
+    let sample = fetch::on_host(node.clone(), info, (id, faces), prefetch).await?;
     if let Some(have) = have {
         let held = sample.clone();
         let hash = tokio::task::spawn_blocking(move || sample_hash(&held)).await;

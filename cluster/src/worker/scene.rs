@@ -1,4 +1,4 @@
-//! How a worker comes by the scene it is told to render: from this machine, or from its coordinator by hash.
+//! Opens the assigned scene: from this machine, or by hash from the coordinator.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,24 +16,27 @@ use super::config::RunError;
 use super::node::Node;
 use crate::{BundleFile, SceneOpener, SceneRef};
 
-/// How often the coordinator is asked again for a scene that broke off.
+/// Greatest number of attempts to fetch a scene.
 const ATTEMPTS: u32 = 3;
 
-/// The scene of that hash. Its hash is compared, wherever it came from: equal hashes are what makes one
-/// worker's frames equal another's.
+/// Opens the scene, and checks its hash wherever it came from: frames of two workers are equal only if their scenes
+/// are.
+///
+/// # Errors
+/// [`RunError::Scene`] if no source has the scene, or its hash differs.
 pub(super) async fn obtain(
     node: &Node,
     opener: Arc<dyn SceneOpener>,
     reference: SceneRef,
     coordinator: Channel,
 ) -> Result<Arc<Scene>, RunError> {
-    if let Some(scene) = node.scene().filter(|scene| scene.hash == reference.hash) {
+    if let Some(scene) = node.served.scene().filter(|scene| scene.hash == reference.hash) {
         return Ok(scene);
     }
     let began = Instant::now();
     let failed = |reason: String| RunError::Scene { name: reference.name.clone(), reason };
     let (local, wanted) = (opener.clone(), reference.clone());
-    let (scene, whence) = match blocking(move || local.open_local(&wanted)).await.map_err(failed)? {
+    let (scene, source) = match blocking(move || local.open_local(&wanted)).await.map_err(failed)? {
         Some(scene) => (scene, "this machine"),
         None => {
             let bundle = fetch(node, &reference, coordinator).await.map_err(failed)?;
@@ -43,13 +46,16 @@ pub(super) async fn obtain(
         }
     };
     if scene.hash != reference.hash {
-        return Err(failed(format!("it has the hash {} here and {} there", scene.hash, reference.hash)));
+        return Err(failed(format!(
+            "its hash is {} here and {} at the coordinator",
+            scene.hash, reference.hash
+        )));
     }
-    info!(scene = reference.name, whence, ms = began.elapsed().as_secs_f64() * 1e3, "scene opened");
+    info!(scene = reference.name, source, ms = began.elapsed().as_secs_f64() * 1e3, "scene opened");
     Ok(scene)
 }
 
-/// Runs what takes long off the async threads.
+/// Runs long work off the async threads.
 async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, String> + Send + 'static,
 ) -> Result<T, String> {
@@ -79,7 +85,7 @@ async fn fetch(node: &Node, reference: &SceneRef, coordinator: Channel) -> Resul
             Err(reason) => last = reason,
         }
     }
-    Err(format!("the coordinator did not send it: {last}"))
+    Err(format!("the coordinator did not send the scene: {last}"))
 }
 
 async fn fetch_once(node: &Node, reference: &SceneRef, coordinator: Channel) -> Result<Bundle, String> {
@@ -92,5 +98,5 @@ async fn fetch_once(node: &Node, reference: &SceneRef, coordinator: Channel) -> 
             return Ok(bundle);
         }
     }
-    Err("the bundle broke off".to_owned())
+    Err("the stream ended before the bundle's end".to_owned())
 }

@@ -1,18 +1,19 @@
-//! Durations of the slices of longer work. A view that arrives during a slice waits for its end.
+//! Durations of the slices of longer work. A view that arrives during a slice waits for the slice's end.
 
 use std::fmt;
 use std::time::{Duration, Instant};
 
 use super::policy::SLICE_MS;
 
-/// Slices of one piece of work. The first begins with it.
+/// Slices of one piece of work. The first slice begins at creation.
 #[derive(Debug)]
 pub(super) struct Slices {
+    /// Start of the present slice.
     began: Instant,
     count: usize,
     last: Duration,
     longest: Duration,
-    /// Those that took longer than [`SLICE_MS`].
+    /// Number of slices longer than [`SLICE_MS`].
     too_long: usize,
 }
 
@@ -23,7 +24,7 @@ impl Default for Slices {
 }
 
 impl Slices {
-    /// A slice is over.
+    /// Ends the present slice.
     pub(super) fn end(&mut self) {
         let took = self.began.elapsed();
         (self.count, self.last) = (self.count + 1, took);
@@ -31,17 +32,17 @@ impl Slices {
         self.too_long += usize::from(took.as_secs_f64() * 1e3 > SLICE_MS);
     }
 
-    /// The next one begins.
+    /// Begins the next slice.
     pub(super) fn begin(&mut self) {
         self.began = Instant::now();
     }
 
-    /// How long the last slice took.
+    /// Duration of the last slice.
     pub(super) fn last(&self) -> Duration {
         self.last
     }
 
-    /// Slices that are over.
+    /// Number of finished slices.
     pub(super) fn count(&self) -> usize {
         self.count
     }
@@ -51,6 +52,6 @@ impl fmt::Display for Slices {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { count, longest, too_long, .. } = self;
         let longest = longest.as_secs_f64() * 1e3;
-        write!(f, "{count} slices, the longest of {longest:.1} ms, {too_long} longer than {SLICE_MS} ms")
+        write!(f, "{count} slices, longest {longest:.1} ms, {too_long} above {SLICE_MS} ms")
     }
 }

@@ -1,8 +1,7 @@
-//! The samples this process holds, bounded by their size.
+//! The samples that this worker holds, bounded by their size.
 //!
-//! One entry a sample, shared with whoever uses it: the views that wait with it, and through them the
-//! compositor. The least recently used entry that nobody uses is forgotten first; what is in use stays, so
-//! that a view that was admitted is never left without its samples.
+//! Each sample is one shared entry. Waiting views use it, and the compositor through them. The least recently used
+//! entry that is not in use is dropped first. An entry in use stays, so an accepted view never loses its samples.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -19,8 +18,8 @@ struct Entry {
     sample: Arc<Sample>,
     bytes: u64,
     used: u64,
-    /// Whoever asks for it has it, and nobody is told that it is here.
-    quiet: bool,
+    /// It can be used, but is not announced to the coordinator yet.
+    is_quiet: bool,
 }
 
 #[derive(Debug, Default)]
@@ -38,12 +37,12 @@ pub(super) struct Store {
     packed: Packed,
 }
 
-/// Whether every plane is in host memory, so that another process can have it.
+/// Whether every plane is in host memory, as sending requires.
 pub(super) fn is_on_host(sample: &Sample) -> bool {
     sample.planes.iter().all(|plane| matches!(plane.data, PlaneData::Host(_)))
 }
 
-/// Bytes of its texels.
+/// Texel bytes of a sample.
 fn bytes_of(sample: &Sample) -> u64 {
     let plane = |plane: &argus_scene::Plane| {
         u64::from(plane.size[0]) * u64::from(plane.size[1]) * plane.format.texel_bytes() as u64
@@ -52,12 +51,12 @@ fn bytes_of(sample: &Sample) -> u64 {
 }
 
 impl Store {
-    /// Empty; keeps `limit` texel bytes and what is in use.
+    /// An empty store. It keeps at most `limit` texel bytes, beside samples in use.
     pub(super) fn new(limit: u64) -> Self {
         Self { limit, state: Mutex::default(), packed: Packed::beside(limit) }
     }
 
-    /// The sample, if it is held.
+    /// A held sample. Marks it as used.
     pub(super) fn get(&self, id: SampleId) -> Option<Arc<Sample>> {
         let mut state = self.state.lock();
         state.clock += 1;
@@ -67,74 +66,74 @@ impl Store {
         Some(entry.sample.clone())
     }
 
-    /// The sample, if it is held with these faces.
+    /// A held sample that has these faces.
     pub(super) fn get_with(&self, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
         self.get(id).filter(|sample| sample.faces.contains(faces))
     }
 
-    /// The faces of a sample that are held; being asked is no use of it.
+    /// The held faces of a sample. Does not mark it as used.
     pub(super) fn faces(&self, id: SampleId) -> FaceMask {
         self.state.lock().entries.get(&id).map_or(FaceMask::NONE, |entry| entry.sample.faces)
     }
 
-    /// Texel bytes of what is held.
+    /// Texel bytes of all held samples.
     pub(super) fn bytes(&self) -> u64 {
         self.state.lock().bytes
     }
 
-    /// Texel bytes of the largest one; 0: none is held.
+    /// Texel bytes of the largest held sample; 0: none is held.
     pub(super) fn largest(&self) -> u64 {
         self.state.lock().entries.values().map(|entry| entry.bytes).max().unwrap_or(0)
     }
 
-    /// The sample, if it is held with these faces in host memory.
+    /// A held sample that has these faces in host memory.
     pub(super) fn get_on_host(&self, id: SampleId, faces: FaceMask) -> Option<Arc<Sample>> {
         self.get_with(id, faces).filter(|sample| is_on_host(sample))
     }
 
-    /// A sample that is held, packed; in a turn of `packing` where it is not packed yet.
+    /// Packs a held sample with a permit of `packing`, or returns it from the cache.
     ///
     /// # Errors
-    /// [`Fault`] of a sample whose planes are not in host memory.
+    /// [`Fault`] for a sample whose planes are not in host memory.
     pub(super) async fn packed(&self, sample: Arc<Sample>, packing: &Semaphore) -> Result<Chunks, Fault> {
         self.packed.of(sample, packing).await
     }
 
-    /// Takes in a sample that came from another worker, to be passed on as it came.
+    /// Inserts a sample received from another worker, and caches its chunks for forwarding.
     pub(super) fn insert_received(&self, (sample, chunks): (Sample, Chunks)) -> Arc<Sample> {
         let sample = self.insert(sample);
         self.packed.keep(sample.id, chunks);
         sample
     }
 
-    /// The same for a sample that is to be announced later.
+    /// Inserts a received sample like [`Self::insert_received`], but does not list it until it is announced.
     pub(super) fn insert_received_quietly(&self, (sample, chunks): (Sample, Chunks)) -> Arc<Sample> {
         let sample = self.insert_quietly(sample);
         self.packed.keep(sample.id, chunks);
         sample
     }
 
-    /// Takes a sample in, in place of one of the same id.
+    /// Inserts a sample, and replaces one with the same id.
     pub(super) fn insert(&self, sample: Sample) -> Arc<Sample> {
         self.insert_as(sample, false)
     }
 
-    /// Takes a sample in that [`Self::ids`] does not list until it is announced.
+    /// Inserts a sample that [`Self::ids`] does not list until it is announced.
     pub(super) fn insert_quietly(&self, sample: Sample) -> Arc<Sample> {
         self.insert_as(sample, true)
     }
 
-    /// Lists a sample from now on, if it is here.
+    /// Lists a sample from now on, if it is held.
     pub(super) fn announce(&self, id: SampleId) {
         if let Some(entry) = self.state.lock().entries.get_mut(&id) {
-            entry.quiet = false;
+            entry.is_quiet = false;
         }
     }
 
-    fn insert_as(&self, sample: Sample, quiet: bool) -> Arc<Sample> {
+    fn insert_as(&self, sample: Sample, is_quiet: bool) -> Arc<Sample> {
         let sample = Arc::new(sample);
         let mut state = self.state.lock();
-        // One with more faces may have come meanwhile.
+        // A sample with more faces may have arrived meanwhile.
         if let Some(Entry { sample: held, .. }) = state.entries.get(&sample.id)
             && held.faces != sample.faces
             && held.faces.contains(sample.faces)
@@ -145,7 +144,7 @@ impl Store {
         self.packed.forget(sample.id);
         state.remove(sample.id);
         state.clock += 1;
-        let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock, quiet };
+        let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock, is_quiet };
         state.bytes += entry.bytes;
         state.entries.insert(sample.id, entry);
         while state.bytes > self.limit {
@@ -157,7 +156,7 @@ impl Store {
         sample
     }
 
-    /// Forgets samples, used or not.
+    /// Drops samples, whether in use or not.
     pub(super) fn forget(&self, ids: &[SampleId]) {
         let mut state = self.state.lock();
         for id in ids {
@@ -166,7 +165,7 @@ impl Store {
         }
     }
 
-    /// Forgets the samples that are only on the device, because that was lost.
+    /// Drops the samples that exist only on the device, because it was lost.
     pub(super) fn forget_device_planes(&self) {
         let mut state = self.state.lock();
         let lost: Vec<SampleId> =
@@ -176,7 +175,7 @@ impl Store {
         }
     }
 
-    /// Forgets versions with a lower number, but for what is in use, which its last user lets go of.
+    /// Drops samples of versions below this number, except those in use.
     pub(super) fn retire(&self, before_version: u64) {
         self.packed.retire(before_version);
         let mut state = self.state.lock();
@@ -191,32 +190,32 @@ impl Store {
         }
     }
 
-    /// Forgets all samples of a version, used or not.
+    /// Drops all samples of a version, whether in use or not.
     pub(super) fn forget_version(&self, number: u64) {
         let of_version: Vec<SampleId> =
             self.state.lock().entries.keys().copied().filter(|id| id.version == number).collect();
         self.forget(&of_version);
     }
 
-    /// Forgets everything.
+    /// Drops all samples.
     pub(super) fn clear(&self) {
         *self.state.lock() = State::default();
         self.packed.clear();
     }
 
-    /// What is held, but for what is not announced yet.
+    /// Announced samples, sorted.
     pub(super) fn ids(&self) -> Vec<SampleId> {
         let state = self.state.lock();
-        let listed = state.entries.iter().filter(|(_, entry)| !entry.quiet);
+        let listed = state.entries.iter().filter(|(_, entry)| !entry.is_quiet);
         let mut ids: Vec<SampleId> = listed.map(|(id, _)| *id).collect();
         ids.sort_unstable();
         ids
     }
 
-    /// Samples of [`Self::ids`] that lack faces, with the faces that they have.
+    /// Announced samples that lack faces, with the faces that they have.
     pub(super) fn partial(&self) -> Vec<(SampleId, FaceMask)> {
         let state = self.state.lock();
-        let listed = state.entries.iter().filter(|(_, entry)| !entry.quiet);
+        let listed = state.entries.iter().filter(|(_, entry)| !entry.is_quiet);
         let faces = listed.map(|(id, entry)| (*id, entry.sample.faces));
         let mut partial: Vec<_> = faces.filter(|(_, faces)| *faces != FaceMask::ALL).collect();
         partial.sort_unstable();
@@ -244,7 +243,7 @@ mod tests {
         SampleId { version: 0, camera: index }
     }
 
-    /// 400 bytes.
+    /// A sample of 400 bytes.
     fn sample(index: u64, data: PlaneData) -> Sample {
         let plane =
             Plane { kind: PlaneKind::InverseRange, format: PlaneFormat::R32Float, size: [10, 10], data };
@@ -258,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_least_recently_used_goes_first_and_what_is_in_use_stays() {
+    fn the_least_recently_used_sample_is_dropped_first_and_samples_in_use_stay() {
         let store = Store::new(1200);
         assert_eq!(store.largest(), 0);
         let in_use = store.insert(host(0));
@@ -275,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_taken_in_quietly_is_there_and_not_listed_until_it_is_announced() {
+    fn a_quiet_sample_is_held_but_not_listed_until_it_is_announced() {
         let store = Store::new(1 << 20);
         store.insert_quietly(host(3));
         assert!(store.get(id(3)).is_some() && store.ids().is_empty());
@@ -295,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_of_past_versions_go_unless_they_are_in_use() {
+    fn samples_of_retired_versions_are_dropped_unless_they_are_in_use() {
         let store = Store::new(1 << 20);
         let at = |version, camera| Sample { id: SampleId { version, camera }, ..host(camera) };
         let in_use = store.insert(at(3, 0));
@@ -310,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn a_number_that_stands_for_another_version_now_takes_its_samples_along() {
+    fn forgetting_a_version_drops_its_samples_even_in_use() {
         let store = Store::new(1 << 20);
         let at = |version, camera| Sample { id: SampleId { version, camera }, ..host(camera) };
         let _in_use = store.insert(at(3, 0));
@@ -322,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_device_takes_only_its_own_planes() {
+    fn a_lost_device_drops_only_samples_without_host_planes() {
         let store = Store::new(1 << 20);
         store.insert(host(0));
         store.insert(sample(1, PlaneData::Device(Arc::new(()))));
@@ -335,13 +334,13 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_is_held_with_its_faces_and_one_of_fewer_does_not_replace_it() {
+    fn a_sample_with_fewer_faces_does_not_replace_one_with_more() {
         let store = Store::new(u64::MAX);
         let [front, both] = [1, 0b11].map(|bits| FaceMask::new(bits, "faces").unwrap());
         let with = |faces| Sample { faces, ..host(1) };
         assert_eq!((store.faces(id(1)), store.partial()), (FaceMask::NONE, Vec::new()));
         store.insert(with(both));
-        assert_eq!(store.insert(with(front)).faces, both, "it serves who needs fewer, too");
+        assert_eq!(store.insert(with(front)).faces, both, "the held sample has all faces of the new one");
         assert_eq!((store.faces(id(1)), store.partial()), (both, vec![(id(1), both)]));
         assert!(store.get_with(id(1), front).is_some() && store.get_with(id(1), FaceMask::ALL).is_none());
         store.insert_quietly(host(1));

@@ -1,7 +1,7 @@
-//! Pixels that no sample saw: found in a composed frame, traced by whoever samples, put in their place.
+//! Traces the pixels of a frame that no sample saw.
 //!
-//! The cost follows the holes and not the view. Those who can trace are asked one after the other; where none
-//! of them does, the frame still stands with its holes marked, and its provenance says so.
+//! The cost depends on the number of holes, not on the size of the view. Workers that trace are asked one after the
+//! other. If none traces, the frame keeps its marked holes, and its provenance says so.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,18 +18,18 @@ use tracing::{Span, warn};
 use super::node::{Node, check_specification};
 use crate::rate_limited_log::RateLimitedLog;
 
-/// In the mask: no sample saw the pixel, and it is a guess.
+/// Mask of a pixel that no sample saw and that is guessed.
 const GUESSED: u8 = 255;
-/// In the mask: no sample saw the pixel, and it was traced.
+/// Mask of a pixel that no sample saw and that was traced.
 const TRACED: u8 = 128;
-/// In the confidence: as sure as can be.
+/// Greatest confidence.
 const EXACT: u8 = 255;
 
-/// Traces what the frame's mask, which it must hold, marks as guesses. Asks `tracers` in their order, at most
-/// until `until`; this process itself where there are none.
+/// Traces the pixels that the frame's mask marks as guessed. The frame must have a mask. Asks `tracers` in order, no
+/// later than `until`; without tracers, this worker traces.
 ///
 /// # Errors
-/// What the last of them said; the frame is then as it was.
+/// The error of the last tracer. The frame is then unchanged.
 pub(super) async fn fill(
     node: &Arc<Node>,
     job: &ViewJob,
@@ -55,20 +55,21 @@ pub(super) async fn fill(
     };
     let specification = frame.provenance.specification.unwrap_or_default().hash();
     let of = TracedFrame { scene: frame.provenance.scene, specification };
-    let himself = [node.hello.address.clone()];
-    let tracers = if tracers.is_empty() { &himself[..] } else { tracers };
-    let mut last = Fault::Unavailable("no worker traces".to_owned());
+    let this_worker = [node.hello.address.clone()];
+    let tracers = if tracers.is_empty() { &this_worker[..] } else { tracers };
+    let mut last = Fault::Unavailable("no worker traces pixels".to_owned());
     for address in tracers {
         let left = until.map_or(Duration::MAX, |until| until.saturating_duration_since(Instant::now()));
         let attempt = async {
             match *address == node.hello.address {
-                true => node.render_pixels(&job).await,
-                false => node.unless_suspected(address, by_other(node, &job, of, address)).await,
+                true => node.render_thread.render_pixels(&job).await,
+                false => node.unless_suspected(address, by_other_worker(node, &job, of, address)).await,
             }
         };
-        let traced = tokio::time::timeout(left.min(node.config.trace_timeout), attempt)
-            .await
-            .unwrap_or_else(|_| Err(Fault::Unavailable(format!("{address} did not trace in time"))));
+        let traced =
+            tokio::time::timeout(left.min(node.config.trace_timeout), attempt).await.unwrap_or_else(|_| {
+                Err(Fault::Unavailable(format!("{address} did not trace the pixels in time")))
+            });
         match traced {
             Ok(traced) => {
                 patch(frame, &job.pixels, &traced);
@@ -78,7 +79,7 @@ pub(super) async fn fill(
             Err(fault) => {
                 static UNTRACED: RateLimitedLog = RateLimitedLog::new();
                 if let Some(left_out) = UNTRACED.now() {
-                    warn!(address, %fault, left_out, "pixels that no sample saw are not traced there");
+                    warn!(address, %fault, left_out, "a worker did not trace pixels that no sample saw");
                 }
                 last = fault;
             }
@@ -87,13 +88,19 @@ pub(super) async fn fill(
     Err(last)
 }
 
-/// The pixels that are guesses, ascending.
+/// Indices of the guessed pixels, ascending.
 fn guessed(frame: &Frame) -> Vec<u32> {
     let mask = frame.mask.as_deref().unwrap_or_default();
     (0..).zip(mask).filter(|(_, value)| **value == GUESSED).map(|(pixel, _)| pixel).collect()
 }
 
-async fn by_other(node: &Node, job: &PixelJob, of: TracedFrame, address: &str) -> Result<Pixels, Fault> {
+/// Traces pixels at another worker.
+async fn by_other_worker(
+    node: &Node,
+    job: &PixelJob,
+    of: TracedFrame,
+    address: &str,
+) -> Result<Pixels, Fault> {
     let mut client = SamplesClient::new(node.channels.to(address)?);
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let mut parts = Vec::new();
@@ -109,23 +116,23 @@ async fn by_other(node: &Node, job: &PixelJob, of: TracedFrame, address: &str) -
     Ok(joined(parts))
 }
 
-/// The job of a request, as this worker may do it.
+/// Checks a request and makes its job.
 ///
 /// # Errors
-/// [`Fault::NotFound`] for another scene, epoch or specification than the one that is served, [`Fault::Invalid`] for what is
-/// malformed.
+/// [`Fault::NotFound`] for a scene, epoch or specification that is not served; [`Fault::Invalid`] for a malformed
+/// request.
 pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
-    let (info, limits) = node.set_showing(SceneState { epoch: request.epoch })?;
+    let (info, limits) = node.served.set_showing(SceneState { epoch: request.epoch })?;
     let (TracedFrame { scene, specification }, job) =
         argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
     if scene != info.scene {
-        return Err(Fault::NotFound(format!("scene {scene} is not served here")));
+        return Err(Fault::NotFound(format!("this worker does not serve scene {scene}")));
     }
     check_specification(&info, specification)?;
     Ok(PixelJob { reflections: info.reflections, ..job })
 }
 
-/// Puts traced pixels, which are as many as `pixels`, in their places.
+/// Replaces the pixels at `pixels` by as many traced ones.
 fn patch(frame: &mut Frame, pixels: &[u32], traced: &Pixels) {
     let place = |image: &mut Option<Bytes>, bytes: usize, texel: &dyn Fn(usize) -> Option<[u8; 4]>| {
         let Some(image) = image else { return };
@@ -147,7 +154,7 @@ fn patch(frame: &mut Frame, pixels: &[u32], traced: &Pixels) {
     let count = pixels.len() as u64;
     frame.served.traced += count;
     frame.served.unresolved = frame.served.unresolved.saturating_sub(count);
-    // All that was guessed is traced now.
+    // All guessed pixels are traced now.
     frame.unresolved_fraction = 0.0;
 }
 
@@ -158,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn traced_pixels_take_the_place_of_guesses_in_every_image() {
+    fn traced_pixels_replace_guesses_in_every_image() {
         let bytes = |n: usize, value: u8| Some(Bytes::from(vec![value; n]));
         let mut frame = Frame {
             width: 2,

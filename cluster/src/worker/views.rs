@@ -1,4 +1,4 @@
-//! `Views` as a worker serves it: to its coordinator, with orders, and to clients that were sent here with one.
+//! The worker's `Views` service. The coordinator sends orders to it, and redirected clients redeem tickets.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -29,7 +29,7 @@ use tracing::{Instrument, Span, debug_span, field, warn};
 
 use super::frame_memory::{self, FramePermit};
 use super::histories::MAX_NAME;
-use super::node::{Active, Node};
+use super::node::{ActiveRequest, Node};
 use super::queue::Rendered;
 use super::{bound, fetch, probe, trace};
 use crate::core::Source;
@@ -46,44 +46,45 @@ pub(super) struct ViewsService {
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
-/// How long a client may take to read all of a frame that it fetches: nobody's patience with a slow one ends before.
+/// How long a client may take to read a redirected frame.
 const READ_WITHIN: Duration = Duration::from_secs(60);
 
-/// How often a client that waits for its frame hears that it is in work.
-const BEAT: Duration = Duration::from_millis(500);
+/// Interval of the messages that a waiting client gets.
+const KEEPALIVE: Duration = Duration::from_millis(500);
 
-/// A coordinator reads a window ahead of its client, and then no more until the client has read half of that: what a client
-/// may take for a chunk, it may take for several. It drops what its client does not read; this is for one that hangs.
-const RELAY_PATIENCE: u32 = 8;
+/// Factor on the send timeout of frames that a coordinator relays. A coordinator reads one window, and then no more
+/// until its client has read half of it: the time that a client may take for one chunk, it may take for several. A
+/// coordinator drops the frames of slow clients itself, so this timeout is for coordinators that hang.
+const RELAY_TIMEOUT_FACTOR: u32 = 8;
 
-/// The stage of waiting for samples.
+/// Name of the stage that waits for samples.
 const SAMPLES: &str = "samples";
 
-/// A view as ordered, checked.
+/// A validated order.
 struct Ordered {
     job: ViewJob,
     info: Arc<SampleSetInfo>,
-    /// The plan's samples in its order.
+    /// The plan's samples, in the plan's order.
     samples: Vec<Source>,
-    /// Who traces what no sample saw, where the plan wants that.
+    /// Addresses of workers that trace holes, if the plan traces them.
     tracers: Vec<String>,
-    /// Exactly this plan, or no frame.
+    /// The plan is pinned: a frame by another plan is an error.
     pinned: bool,
-    /// The device that the frame must be of; any if empty.
+    /// Required device; empty: any.
     device: String,
-    /// The specification that the frame must have; any if absent.
+    /// Required specification; `None`: any.
     specification: Option<Specification>,
-    /// The images that the frame shall hold; the job's may be more.
+    /// The requested images. The job may have more.
     outputs: Outputs,
-    /// Under which name what it leaves for the next frame is kept; the job has what the last one left.
+    /// Key under which the frame's depth is cached. The job has the previous frame's.
     history: Option<String>,
-    /// How the plan was chosen; `None` where the request named it.
+    /// The planner's decision; `None` if the request named the plan.
     decision: Option<Decision>,
-    /// The direct view that is rendered instead, where a sample is missing or the frame from samples is not good enough.
+    /// The direct plan that replaces the plan if a sample is missing or the frame from samples is not good enough.
     fallback: Option<Plan>,
 }
 
-/// Sub-pixels of a pixel, at most.
+/// Greatest number of sub-pixels of a pixel.
 const MOST_SUB_PIXELS: u32 = 256;
 
 #[tonic::async_trait]
@@ -106,9 +107,9 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::RenderStream>, Status> {
         let (arrived, span) = (Instant::now(), self.span());
         continued(&span, request.metadata());
-        let (chunks, places) = self.answer(request.into_inner(), arrived, span, false).await?;
-        let patience = self.node.config.read_within * RELAY_PATIENCE;
-        Ok(Response::new(sent(chunks.into_iter(), places, patience)))
+        let (chunks, permits) = self.answer(request.into_inner(), arrived, span, false).await?;
+        let item_within = self.node.config.read_within * RELAY_TIMEOUT_FACTOR;
+        Ok(Response::new(sent(chunks.into_iter(), permits, item_within)))
     }
 
     async fn redeem(
@@ -116,25 +117,25 @@ impl Views for ViewsService {
         request: Request<v1::RedeemRequest>,
     ) -> Result<Response<Self::RedeemStream>, Status> {
         let arrived = Instant::now();
-        let fetching = self.node.begin_fetch()?;
+        let fetching = self.node.redirects.begin_fetch()?;
         let ticket = request.into_inner().ticket.unwrap_or_default();
-        let (ticket, key) = self.node.admit(&ticket).map_err(invalid)?;
+        let (ticket, key) = self.node.redirects.redeem(&ticket).map_err(invalid)?;
         let v1::RedirectTicket { serial, request, traceparent } = ticket;
         let request = request.ok_or_else(|| invalid(InvalidField::new("ticket", "holds no request")))?;
         let span = self.span();
         continued_from(&span, &traceparent);
         let service = Self { node: self.node.clone() };
-        let answered = answered(fetching, async move {
-            let (chunks, places) = service.answer(request, arrived, span, true).await?;
+        let redeemed = redeemed(fetching, async move {
+            let (chunks, permits) = service.answer(request, arrived, span, true).await?;
             let header = chunks.iter().find_map(|chunk| match &chunk.body {
                 Some(Body::Header(header)) => Some(header.clone()),
                 _ => None,
             });
             let receipt = key.seal(Kind::Receipt, &v1::Receipt { serial, header });
             let bodies = chunks.into_iter().map(Redeemed::Chunk).chain([Redeemed::Receipt(receipt)]);
-            Ok((bodies.collect(), places))
+            Ok((bodies.collect(), permits))
         });
-        Ok(Response::new(Box::pin(with_send_timeout(answered, self.node.config.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(redeemed, self.node.config.read_within))))
     }
 
     async fn render_batch(
@@ -152,33 +153,33 @@ impl Views for ViewsService {
     }
 }
 
-/// What a client is answered: until there is a frame, that it is in work. All of it is sent in [`READ_WITHIN`] or dropped,
-/// and the places that it holds with it. A client that goes ends the work for it.
-fn answered<Held: Send + 'static>(
-    place: impl Send + 'static,
+/// The answer for a redirected client. Until the frame is ready, it sends that the worker is working. All of it is
+/// sent within [`READ_WITHIN`] or dropped. A client that disconnects cancels its view.
+fn redeemed<Held: Send + 'static>(
+    permit: impl Send + 'static,
     answer: impl Future<Output = Result<(Vec<Redeemed>, Held), Status>> + Send + 'static,
 ) -> ReceiverStream<Result<v1::RedeemResponse, Status>> {
     let (sender, receiver) = mpsc::channel(1);
-    let said = |body| Ok(v1::RedeemResponse { body: Some(body) });
+    let response = |body| Ok(v1::RedeemResponse { body: Some(body) });
     tokio::spawn(async move {
-        let beats = async {
+        let keepalives = async {
             loop {
-                tokio::time::sleep(BEAT).await;
-                // One that has not read the last one needs no other.
-                let _ = sender.try_send(said(Redeemed::Working(v1::Working {})));
+                tokio::time::sleep(KEEPALIVE).await;
+                // A client that has not read the last message needs no further one.
+                let _ = sender.try_send(response(Redeemed::Working(v1::Working {})));
             }
         };
         let answer = tokio::select! {
             answer = answer => answer,
-            () = beats => return,
+            () = keepalives => return,
             () = sender.closed() => return,
         };
         let sending = async {
             match answer {
                 Ok((bodies, held)) => {
                     for body in bodies {
-                        // A client that is gone needs no more.
-                        sender.send(said(body)).await.ok()?;
+                        // The client may have disconnected.
+                        sender.send(response(body)).await.ok()?;
                     }
                     drop(held);
                 }
@@ -187,41 +188,41 @@ fn answered<Held: Send + 'static>(
             Some(())
         };
         let _ = tokio::time::timeout(READ_WITHIN, sending).await;
-        drop(place);
+        drop(permit);
     });
     ReceiverStream::new(receiver)
 }
 
-/// A stream of what is there already, which has its `places` until it is sent. Nothing makes who asked read it: an item
-/// that is not read in time ends it.
+/// A stream of ready items. It holds `permits` until it is sent, and ends if an item is not read within
+/// `item_within`.
 fn sent<T: Send + 'static>(
     items: impl Iterator<Item = T> + Send + 'static,
-    places: impl Send + 'static,
+    permits: impl Send + 'static,
     item_within: Duration,
 ) -> Streamed<T> {
     let items = items.map(move |item| {
-        let _in_work_until_sent = &places;
+        let _held_until_sent = &permits;
         Ok(item)
     });
     Box::pin(with_send_timeout(futures::stream::iter(items), item_within))
 }
 
 impl ViewsService {
-    /// What a request's way through this worker is traced as.
+    /// The trace span of a request.
     fn span(&self) -> Span {
         let worker = self.node.hello.name.as_str();
         debug_span!(target: TARGET, "render", view = field::Empty, worker)
     }
 
-    /// The frame of an order, in chunks, and the places that it has among requests and in memory. `for_client`: it is not
-    /// the coordinator who reads it.
+    /// Renders and packs the frame of an order. Returns its chunks, with its request and its reserved memory.
+    /// `for_client`: a redirected client reads the frame.
     async fn answer(
         &self,
         request: v1::RenderRequest,
         arrived: Instant,
         span: Span,
         for_client: bool,
-    ) -> Result<(Vec<v1::FrameChunk>, (Active, FramePermit)), Status> {
+    ) -> Result<(Vec<v1::FrameChunk>, (ActiveRequest, FramePermit)), Status> {
         span.record("view", &request.view_id);
         let active = self.node.begin()?;
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
@@ -231,7 +232,7 @@ impl ViewsService {
         let outputs = ordered.outputs;
         let encoding = v1::Encoding::try_from(request.encoding).unwrap_or(v1::Encoding::Unspecified);
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
-        // What is left of it is for packing a frame whose holes could not be traced in time.
+        // The rest of the deadline is for packing the frame, if its holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
         let bytes = frame_memory::bytes_of(&ordered.job);
         let answer = async {
@@ -247,13 +248,13 @@ impl ViewsService {
             }
         };
         probe::consider(&self.node, &ordered.job, &frame);
-        // Fetching samples has spans of its own.
+        // Fetched samples have their own spans.
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));
         let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
         let (node, job, history) = (self.node.clone(), ordered.job, ordered.history);
         let pack = move || {
-            // Whatever became of its holes: the next frame is ordered once this one has been sent.
+            // The next frame may be ordered once this one is sent, so its depth is cached before.
             if let Some((name, left)) = history.zip(History::of(&frame, &job.camera, job.history.as_deref()))
             {
                 node.histories.keep(name, left);
@@ -265,16 +266,17 @@ impl ViewsService {
         let chunks =
             tokio::task::spawn_blocking(pack).await.map_err(|e| Status::internal(e.to_string()))??;
         drop((turn, span));
-        // The frame as it was rendered is gone.
+        // The rendered frame is dropped, and only its chunks remain.
         permit.keep(chunks.iter().map(|chunk| chunk.encoded_len() as u64).sum());
         Ok((chunks, (active, permit)))
     }
 }
 
 fn ask_the_coordinator() -> Status {
-    invalid(InvalidField::new("order", "must be given: clients ask the coordinator, which sends orders here"))
+    invalid(InvalidField::new("order", "must be given: clients must send their requests to the coordinator"))
 }
 
+/// Validates an order for a view.
 fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
     let state: SceneState = order.state.map(SceneState::from).unwrap_or_default();
     let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
@@ -290,8 +292,8 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         Plan::Warp(warp) => warp.faces.of(camera),
     };
     let (info, limits) = match ids.first() {
-        Some(id) => node.set_in(Version { number: id.version, state })?,
-        None => node.set_showing(state)?,
+        Some(id) => node.served.set_in(Version { number: id.version, state })?,
+        None => node.served.set_showing(state)?,
     };
     view.validate(&limits)?;
     let mut samples = Vec::with_capacity(ids.len());
@@ -305,18 +307,19 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         samples.push(Source { id: *id, faces: faces_of(id.camera), addresses, dispensable });
     }
     let View { camera, width, height, outputs, pin, .. } = view;
-    // A view from triangles can be repeated by the backend that it was rendered with, whichever is this cluster's.
+    // A pinned direct view is repeated by the backend that rendered it, even if the cluster uses another one.
     let specification = pin.as_ref().and_then(|pin| pin.specification);
-    let visibility = specification.map_or_else(|| node.visibility_of(&info), |pinned| pinned.visibility);
+    let visibility =
+        specification.map_or_else(|| node.served.visibility_of_views(&info), |pinned| pinned.visibility);
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
     let asked = outputs;
-    let begins = matches!(&plan, Plan::Warp(warp) if warp.search == Search::Seeded);
-    let name = Some(order.history).filter(|name| begins && (1..=MAX_NAME).contains(&name.len()));
-    // What the frame is judged by, and what the next one begins from, whether or not it was asked for.
+    let reprojects = matches!(&plan, Plan::Warp(warp) if warp.search == Search::Seeded);
+    let name = Some(order.history).filter(|name| reprojects && (1..=MAX_NAME).contains(&name.len()));
+    // Extra images: those that the frame is judged by, and those that the next frame's search starts from.
     let judged_by = [Output::Color, Output::Confidence].into_iter().filter(|_| order.observe);
-    let begun_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
-    let outputs = judged_by.chain(begun_from).fold(asked, Outputs::with);
+    let starts_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
+    let outputs = judged_by.chain(starts_from).fold(asked, Outputs::with);
     let history = name.as_deref().and_then(|name| node.histories.get(name));
     let (epoch, reflections) = (state.epoch, info.reflections);
     let job =
@@ -341,7 +344,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     })
 }
 
-/// The frame with only the outputs that were requested.
+/// Removes the images that were not requested.
 fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
     for output in Output::ALL.into_iter().filter(|&output| !outputs.has(output)) {
         *frame.image_mut(output) = None;
@@ -349,7 +352,7 @@ fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
     frame
 }
 
-/// The frame of an order: by its plan or, where the order allows it and that plan's frame is not good enough, from triangles.
+/// Renders an order by its plan, or from triangles if the order allows it and the plan's frame is not good enough.
 async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
     let began = Instant::now();
     let with = |frame: Frame, decision: Option<Decision>| Frame { decision, ..frame };
@@ -358,7 +361,7 @@ async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>
     };
     match traced(node, ordered, until).await {
         Ok(frame) => return Ok(with(frame, ordered.decision)),
-        // A sample that was held is not held any more, or too little was seen by those that are.
+        // A sample was dropped meanwhile, or the samples miss too much of the view.
         Err(Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_))) => {}
         Err(fault) => return Err(fault),
     }
@@ -370,8 +373,8 @@ async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>
     Ok(with(frame, ordered.decision.map(fell_short)))
 }
 
-/// The frame, with what no sample saw traced where the plan wants that. A frame whose holes nobody traces is
-/// delivered with them marked, under a plan that says so; a pinned one is left to another worker.
+/// Renders a frame, and traces its holes if the plan says so. If no worker traces them, a pinned frame fails, and another
+/// worker renders it. Any other frame keeps marked holes, and its plan says so.
 async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
     let Plan::Warp(warp) = &ordered.job.plan else {
         return render(node, ordered, &ordered.samples, &ordered.job).await;
@@ -380,7 +383,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     let mut job = ordered.job.clone();
     job.outputs.mask |= traces;
     if ordered.fallback.is_some() {
-        // What it is judged by.
+        // The frame is judged by these images.
         (job.outputs.range, job.outputs.source) = (true, true);
     }
     let mut frame = render(node, ordered, &ordered.samples, &job).await?;
@@ -395,7 +398,7 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         }
         static MARKED: RateLimitedLog = RateLimitedLog::new();
         if let Some(left_out) = MARKED.now() {
-            warn!(%fault, left_out, "a frame is delivered with its holes marked instead of traced");
+            warn!(%fault, left_out, "holes of a frame are marked instead of traced");
         }
         if let Plan::Warp(done) = &mut frame.provenance.plan {
             done.holes = Holes::Mark;
@@ -407,15 +410,15 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     Ok(frame)
 }
 
-/// The cameras of a plan's samples, in the order in which a frame's source counts them.
+/// Cameras of the plan's samples, in the order that the frame's source image counts them.
 fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
-    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_surroundings());
+    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_reflection_probe());
     of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
 
-/// The frame as composed or rendered, with the stages before the role's own. If the device is lost, or the
-/// compositor misses what it was given, everything is done once more, in a batch of its own: a view that takes
-/// devices down shall not take its neighbours down twice.
+/// Gets the samples and renders the frame, with stages for both waits. Retries once, in a separate batch, if the
+/// device is lost or the compositor lacks a sample: a view that causes the loss of a device must not fail the views
+/// beside it twice.
 async fn render(
     node: &Arc<Node>,
     ordered: &Ordered,
@@ -430,19 +433,25 @@ async fn render(
             fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
         let samples = try_join_all(fetches).await?;
         let samples_ms = began.elapsed().as_secs_f64() * 1e3;
-        let rendered = node.render_view(job.clone(), ordered.info.clone(), samples, again).await;
+        let rendered =
+            node.render_thread.render_view(job.clone(), ordered.info.clone(), samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
                 let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
-                    let reason = format!("{device:?} answered, not the device {:?}", ordered.device);
+                    let reason = format!(
+                        "the frame was rendered by {device:?}, not by the pinned device {:?}",
+                        ordered.device
+                    );
                     return Err(Fault::Pin(reason));
                 }
-                // Where the device does not have the backend that was asked for, the sampler takes another one.
+                // If the device lacks the requested backend, the sampler uses another one.
                 let differs = ordered.specification.zip(*specification);
                 if let Some(at) = differs.and_then(|(asked, used)| asked.difference(&used, plan)) {
                     let Difference { field, first, second } = at;
-                    return Err(Fault::Pin(format!("{field} {second} answered, not {field} {first}")));
+                    return Err(Fault::Pin(format!(
+                        "the frame was rendered with {field} {second}, not with the pinned {field} {first}"
+                    )));
                 }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
                 if !needed.is_empty() {
@@ -461,7 +470,7 @@ async fn render(
     }
 }
 
-/// The frame in chunks, what packing took in its header.
+/// Packs a frame into chunks. The header has the time of packing.
 fn encode(
     frame: &Frame,
     meta: FrameMeta,

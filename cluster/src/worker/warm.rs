@@ -1,8 +1,8 @@
-//! What a role is put through before views wait for it, and what views then cost there.
+//! Warms up a role before views wait for it, and measures the cost of its views.
 //!
-//! Drivers make a program's machine code where it is first used, and the software driver takes a second and more for all
-//! that a frame needs. So a role renders small views, whose result is thrown away. Rendered again, at
-//! two sizes, they say what a view costs before the first one is asked for: the planner never has to guess.
+//! A driver compiles a program at its first use; the software driver needs a second or more for the programs of a
+//! frame. So a role first renders small views and discards them. It then renders views at two sizes again. Their
+//! times give the cost of a view before the first request, so the planner never has to guess.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,29 +14,28 @@ use argus_scene::{
 
 use crate::core::quality::Cost;
 
-/// Pixels of the views by which costs are measured: from small to usual.
+/// Sizes of the measured views, pixels: small and typical.
 const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
 
-/// Times that each view is rendered after its programs were made; the fastest counts, since other processes take their
-/// turns on the same cores.
+/// Number of measurements of each view. The fastest counts, since other processes use the same cores.
 const ROUNDS: usize = 3;
 
-/// A view that takes longer than this, milliseconds, is measured once: others wait meanwhile.
+/// A view that takes longer than this, milliseconds, is measured once, since clients wait meanwhile.
 const SLOW_MS: f64 = 200.0;
 
-/// Texels on a side of the samples by which the cost of reconstructing is measured.
+/// Texels per side of the samples that views are measured from.
 pub(super) const SIDES: [u32; 2] = [96, 192];
 
-/// Samples that views are reconstructed from, to see what that costs: as many as a view usually has.
+/// Number of samples that views are measured from, as many as a view usually has.
 const SAMPLES: usize = 4;
 
-/// No set has so many versions.
+/// Version number of the measured samples, which no set reaches.
 const LAST_VERSION: u64 = u64::MAX;
 
-/// Renders views from triangles, and measures what they cost.
+/// Renders views from triangles, and measures their cost.
 ///
 /// # Errors
-/// Those of rendering.
+/// The error of rendering.
 pub(super) fn sampler(
     sampler: &mut dyn Sampler,
     scene: &Scene,
@@ -52,11 +51,11 @@ pub(super) fn sampler(
     measured(render, &mut || {})
 }
 
-/// The small samples of the scene that views are reconstructed from, to see what that costs.
+/// The job of small samples that views are measured from.
 ///
-/// Rendering and taking up samples of the usual size takes seconds. So these are small, of two sizes, and what their texels add
-/// to the cost is carried on to the usual size. They are of the scene itself: silhouettes, glossy surfaces and what hides
-/// behind others decide what a view from samples costs.
+/// Rendering and uploading samples of full size takes seconds. So the samples are small, of two sizes, and the cost
+/// per texel is extrapolated to full size. They show the scene itself, because silhouettes, glossy surfaces and
+/// occlusion determine the cost of a view from samples.
 pub(super) fn small_samples(
     scene: &Scene,
     info: &Arc<SampleSetInfo>,
@@ -72,11 +71,11 @@ pub(super) fn small_samples(
     SampleJob::new(Arc::new(small), ids, false)
 }
 
-/// Reconstructs views from such samples, one set a size, and measures what views cost from samples of the usual size.
-/// `between` is called between slices of the work.
+/// Reconstructs views from these samples, one set for each size, and extrapolates their cost to samples of full size.
+/// Calls `between` between slices of the work.
 ///
 /// # Errors
-/// Those of rendering.
+/// The error of rendering.
 pub(super) fn compositor(
     compositor: &mut dyn Compositor,
     scene: &Scene,
@@ -93,7 +92,7 @@ pub(super) fn compositor(
         }
         between();
         let plan = Plan::Warp(Warp { samples: ids.clone(), ..Warp::default() });
-        // A view whose way the planner chose is judged by its ranges.
+        // The worker checks a planned view by its ranges.
         let outputs = Outputs::COLOR.with(Output::Range);
         let view = |size| ViewJob { outputs, ..view(info, camera, size, plan.clone(), info.visibility) };
         let ready = compositor.ready(&view(SIZES[0]), between);
@@ -107,12 +106,12 @@ pub(super) fn compositor(
     }
     let [(few, Some(small)), (many, Some(large))] = times[..] else { return Ok(None) };
     let texels = info.rig.sample_texels() as f64;
-    let a_texel = ((large.fixed_ms - small.fixed_ms) / (many - few)).max(0.0);
-    Ok(Some(Cost { fixed_ms: large.fixed_ms + a_texel * (texels - many).max(0.0), ..large }))
+    let ms_per_texel = ((large.fixed_ms - small.fixed_ms) / (many - few)).max(0.0);
+    Ok(Some(Cost { fixed_ms: large.fixed_ms + ms_per_texel * (texels - many).max(0.0), ..large }))
 }
 
-/// What rendering a view costs, by size; the first time, which makes programs, does not count, and neither does what is done
-/// `between`.
+/// Measures the cost of a view by its size. Neither the first rendering, which compiles programs, nor the time of
+/// `between` counts.
 fn measured(
     mut render: impl FnMut([u32; 2]) -> Result<(), RenderError>,
     between: &mut dyn FnMut(),
@@ -144,7 +143,7 @@ fn view(
     visibility: Visibility,
 ) -> ViewJob {
     let (epoch, time_secs) = (info.version.state.epoch, info.time_secs());
-    // Reflection maps are made for the first view that needs them: they cost as much as samples.
+    // Reflection maps are made for the first view that needs them, since they cost as much as samples.
     let (outputs, reflections, history) = (Outputs::COLOR, None, None);
     ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
 }
@@ -156,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_done_between_two_slices_is_no_part_of_the_cost() {
+    fn time_between_two_slices_is_not_part_of_the_cost() {
         let mut pauses = 0;
         let render = |_| {
             std::thread::sleep(Duration::from_millis(2));
@@ -169,7 +168,7 @@ mod tests {
         let cost = measured(render, &mut between).unwrap().unwrap();
         assert!(cost.ms(320 * 240) < 100.0, "{cost:?}");
         assert_eq!(pauses, 1 + SIZES.len() * ROUNDS);
-        let failing = |_| Err(RenderError::Internal("as told".to_owned()));
+        let failing = |_| Err(RenderError::Internal("requested by the test".to_owned()));
         assert!(measured(failing, &mut || {}).is_err());
     }
 }

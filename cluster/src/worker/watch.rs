@@ -1,4 +1,4 @@
-//! What a worker is watched by.
+//! Health checks and metrics of a worker.
 
 use std::fmt;
 use std::sync::Arc;
@@ -7,12 +7,12 @@ use super::node::Node;
 use crate::core::Role;
 use crate::observe::{Exposition, Monitored};
 
-/// A worker, as it is watched.
+/// The monitored worker.
 pub(super) struct Watch(pub(super) Arc<Node>);
 
 impl Monitored for Watch {
     fn ready(&self) -> Result<(), String> {
-        match (self.0.is_leaving(), self.0.acting(), self.0.is_led()) {
+        match (self.0.status.is_leaving(), self.0.status.role(), self.0.status.is_led()) {
             (true, ..) => Err("the worker is shutting down".to_owned()),
             (_, None, _) => Err("no coordinator has given the worker a role yet".to_owned()),
             (_, Some(_), false) => Err("the worker has lost its coordinator".to_owned()),
@@ -21,19 +21,19 @@ impl Monitored for Watch {
     }
 
     fn live(&self) -> Result<(), String> {
-        let busy = self.0.busy_for();
+        let busy = self.0.render_thread.busy_for();
         match busy < self.0.config.wedged_after {
             true => Ok(()),
-            false => Err(format!("one piece of work has kept the render thread for {} s", busy.as_secs())),
+            false => Err(format!("the render thread has been at one piece of work for {} s", busy.as_secs())),
         }
     }
 
     fn expose(&self, to: &mut Exposition<'_>) -> fmt::Result {
-        let (report, backlog) = (self.0.report(), self.0.backlog());
-        let acts = |role| f64::from(self.0.acting() == Some(role));
+        let (report, backlog) = (self.0.report(), self.0.render_thread.backlog());
+        let acts = |role| f64::from(self.0.status.role() == Some(role));
         to.gauges(
             "worker_role",
-            "1 for the role it plays",
+            "1 for the role in effect, else 0",
             [
                 ([("role", "sampler")], acts(Role::Sampler)),
                 ([("role", "compositor")], acts(Role::Compositor)),
@@ -43,28 +43,32 @@ impl Monitored for Watch {
         let kinds = ["sample", "view", "direct", "ray"].map(|kind| [("kind", kind)]);
         let done = [report.samples_rendered, report.views_composed, report.views_direct, report.rays_traced];
         let done = kinds.into_iter().zip(done.map(|count| count as f64));
-        to.counters("worker_rendered", "What it rendered", done)?;
+        to.counters("worker_rendered", "Results rendered, by kind", done)?;
         let waiting = [backlog.samples, backlog.warped, backlog.direct, backlog.pixels];
         let waiting = kinds.into_iter().zip(waiting.map(|count| count as f64));
-        to.gauges("worker_queued", "What waits for its render thread or is in work", waiting)?;
+        to.gauges("worker_queued", "Results queued for the render thread or in progress, by kind", waiting)?;
         let cost = [report.sample_ms, report.view_ms, report.direct_ms, report.ray_ms];
         let cost = cost.map(|ms| ms.map_or(f64::NAN, |ms| ms * 1e-3));
         to.gauges(
             "worker_cost_seconds",
-            "What one takes; absent until measured",
+            "Time of one result, by kind; absent until measured",
             kinds.into_iter().zip(cost),
         )?;
         to.counters(
             "worker_busy_seconds",
-            "Time its render thread worked",
+            "Busy time of the render thread, by role",
             [
                 ([("role", "sampler")], report.sampling_busy_ms * 1e-3),
                 ([("role", "compositor")], report.compositing_busy_ms * 1e-3),
             ],
         )?;
-        to.counter("worker_samples_received", "Samples that came from others", report.samples_received)?;
+        to.counter(
+            "worker_samples_received",
+            "Samples received from other workers",
+            report.samples_received,
+        )?;
         let takes =
-            "Time for taking samples up: unpacking what came beside rendering, and bringing it to the device";
+            "Time of unpacking received samples (outside of the render thread) and of uploading them (hold)";
         to.counters(
             "worker_taking_up_seconds",
             takes,
@@ -74,13 +78,21 @@ impl Monitored for Watch {
             ],
         )?;
         let progress = report.sample_progress.unwrap_or(f64::NAN);
-        to.gauge("worker_sample_progress", "Share of the samples in work that is rendered", progress)?;
-        to.gauge("worker_samples_held", "Samples it can serve", report.held.len() as f64)?;
-        to.gauge("worker_held_bytes", "Texel bytes of samples that it keeps", self.0.store.bytes() as f64)?;
+        to.gauge(
+            "worker_sample_progress",
+            "Rendered share of the samples in progress, 0 to 1; absent if none is in progress",
+            progress,
+        )?;
+        to.gauge(
+            "worker_samples_held",
+            "Samples that it can send and reconstruct from",
+            report.held.len() as f64,
+        )?;
+        to.gauge("worker_held_bytes", "Texel bytes of held samples", self.0.store.bytes() as f64)?;
         let composed_from = self.0.health.held() as f64;
         to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;
-        to.gauge("worker_requests", "Requests in work", self.0.requests() as f64)?;
-        let frames = "Bytes of frames that are being made, packed or sent";
+        to.gauge("worker_requests", "Requests in progress", self.0.requests() as f64)?;
+        let frames = "Bytes reserved for frames that are rendered, packed or sent";
         to.gauge("worker_frame_bytes", frames, self.0.frame_memory.reserved() as f64)
     }
 }

@@ -108,16 +108,16 @@ async fn a_ticket_is_accepted_once_unchanged_and_only_by_its_worker() {
         Some(v1::Sealed { body: body.into(), ..sealed.clone() }),
         Some(v1::Sealed { seal: vec![0; 32].into(), ..sealed.clone() }),
     ] {
-        assert!(refused(v1::Redirect { ticket, ..redirect.clone() }).await.contains("was not given out"));
+        assert!(refused(v1::Redirect { ticket, ..redirect.clone() }).await.contains("was not issued"));
     }
     let other = cluster.workers.iter().map(|worker| worker.url()).find(|url| *url != redirect.address);
     assert!(
         refused(v1::Redirect { address: other.unwrap(), ..redirect.clone() })
             .await
-            .contains("was not given out")
+            .contains("was not issued")
     );
     redeem(&redirect).await.unwrap();
-    assert!(refused(redirect).await.contains("was shown before"));
+    assert!(refused(redirect).await.contains("was redeemed before"));
     // A coordinator does not redeem tickets.
     let here =
         v1::Redirect { address: cluster.coordinator.url(), ticket: Some(sealed), ..Default::default() };

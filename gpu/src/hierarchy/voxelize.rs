@@ -45,7 +45,7 @@ impl Voxelize {
             let count = pieces.count;
             let step = Split { count, cells: (1u32 << (level + 1)) as f32 };
             let masks = gpu.buffer("masks of children", u64::from(count) * 4, BufferUsages::STORAGE);
-            let places = gpu.buffer("places of children", u64::from(count) * 4, BufferUsages::STORAGE);
+            let offsets = gpu.buffer("offsets of children", u64::from(count) * 4, BufferUsages::STORAGE);
             let sums = ScanSums::new(gpu, u64::from(count));
             let mut commands = gpu.commands("mark cells");
             commands
@@ -53,10 +53,10 @@ impl Voxelize {
                 .read("triangles", triangles)
                 .read("pieces", &pieces.buffer)
                 .write("masks", &masks)
-                .write("places", &places)
+                .write("offsets", &offsets)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_linear(u64::from(count));
-            scan.run(&mut commands, "voxelise", &places, count, &sums);
+            scan.run(&mut commands, "voxelise", &offsets, count, &sums);
             let total = commands.read_buffer(sums.total(), 0..4);
             let total = first_u32(&commands.submit().wait()?.take(total));
             super::octree::fits(gpu, "pieces of triangles", u64::from(total) * 8)?;
@@ -66,7 +66,7 @@ impl Voxelize {
                 .compute("voxelise", &self.divide)
                 .read("pieces", &pieces.buffer)
                 .write("masks", &masks)
-                .write("places", &places)
+                .write("offsets", &offsets)
                 .write("children", &children)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_linear(u64::from(count));

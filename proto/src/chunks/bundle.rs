@@ -179,7 +179,7 @@ impl Partial {
         }
         check_name(&file.name)?;
         if !self.names.insert(file.name.clone()) {
-            return Err(WireError::field("file.name", format!("{} comes twice", file.name)));
+            return Err(WireError::field("file.name", format!("{} occurs twice", file.name)));
         }
         if file.bytes > self.bytes_due {
             return Err(WireError::field("file.bytes", "exceeds the bundle's total"));

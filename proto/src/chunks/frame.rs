@@ -164,7 +164,7 @@ impl Header {
         for image in &header.images {
             let output = known::<v1::Output>(image.output, "images.output")?.try_into()?;
             if images.iter().any(|(other, ..)| *other == output) {
-                return Err(InvalidField::new("images.output", format!("{output:?} comes twice")));
+                return Err(InvalidField::new("images.output", format!("{output:?} occurs twice")));
             }
             let encoding = known(image.encoding, "images.encoding")?;
             let raw = raw_bytes(width, height, output)

@@ -58,12 +58,11 @@ fn runs(ascending: &[u32]) -> Vec<u32> {
     runs
 }
 
-/// Checks a request, which came from outside. Returns the frame and the job. `time_secs` is the scene time of its
-/// epoch.
+/// Validates an untrusted request. Returns the frame and the job. `time_secs` is the scene time of its epoch.
 ///
 /// # Errors
-/// The invalid field: what [`View::validate`] refuses of a direct view, or runs that do not name 1 to
-/// [`MAX_TRACE_PIXELS`] pixels of that view in ascending order.
+/// [`InvalidField`] if [`View::validate`] refuses a direct view of this size, or if the runs are not 1 to
+/// [`MAX_TRACE_PIXELS`] pixels of the view in ascending order.
 pub fn trace_job(
     wire: v1::TraceRequest,
     time_secs: f64,
@@ -279,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_without_any_sample_is_asked_for_in_parts_and_joined() {
+    fn a_view_without_samples_is_requested_in_parts_and_joined() {
         let count = MAX_TRACE_PIXELS as u32 + 10;
         let requests = trace_requests(&job(1024, 1024, (5..5 + count).collect()), FRAME);
         assert_eq!(requests.iter().map(|(_, n)| *n).collect::<Vec<_>>(), [MAX_TRACE_PIXELS, 10]);
@@ -295,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_malformed_request_is_refused_by_field() {
+    fn a_malformed_request_is_refused_with_its_invalid_field() {
         let good = trace_requests(&job(10, 10, vec![0, 1, 99]), FRAME).remove(0).0;
         assert_eq!(good.runs, [0, 2, 97, 1]);
         assert_eq!(trace_job(good.clone(), 0.5, &Limits::default()).unwrap().1.pixels, [0, 1, 99]);
@@ -322,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_survive_and_what_is_malformed_is_refused() {
+    fn pixels_survive_and_malformed_chunks_are_refused() {
         // More than one chunk of each.
         let whole = pixels(400_000);
         let chunks = pixel_chunks(&whole).unwrap();

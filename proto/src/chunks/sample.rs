@@ -107,9 +107,9 @@ pub enum Received {
 #[derive(Debug)]
 pub struct SampleAssembler {
     info: SampleSetInfo,
-    /// The requested samples that have not come yet.
+    /// Requested samples that have not arrived yet.
     missing: BTreeSet<u64>,
-    /// The faces that were asked for.
+    /// Requested faces.
     faces: FaceMasks,
     partial: Option<(Header, Gather)>,
 }
@@ -144,7 +144,7 @@ impl SampleAssembler {
         Self { info, missing, faces: FaceMasks::default(), partial: None }
     }
 
-    /// For samples of which these faces were asked for.
+    /// Accepts only samples that have these faces.
     pub fn with_faces(self, faces: FaceMasks) -> Self {
         Self { faces, ..self }
     }
@@ -214,7 +214,7 @@ impl Header {
     fn check(id: SampleId, header: v1::SampleHeader, info: &SampleSetInfo) -> Result<Self, InvalidField> {
         let camera: SampleCamera = required(header.camera, "sample.camera")?.try_into()?;
         let due = info.camera(id.camera)?;
-        // Not the whole camera: the last bit of a tangent may differ between machines.
+        // Compares kind and size, not all fields: the last bit of a tangent may differ between machines.
         if camera.size() != due.size() || std::mem::discriminant(&camera) != std::mem::discriminant(&due) {
             return Err(InvalidField::new(
                 "sample.camera",
@@ -226,7 +226,7 @@ impl Header {
         for plane in header.planes {
             let plane = PlaneHeader::check(plane, &camera)?;
             if planes.iter().any(|other| other.kind == plane.kind) {
-                return Err(InvalidField::new("planes.kind", format!("{:?} comes twice", plane.kind)));
+                return Err(InvalidField::new("planes.kind", format!("{:?} occurs twice", plane.kind)));
             }
             planes.push(plane);
         }
@@ -273,7 +273,7 @@ impl PlaneHeader {
             v1::PlaneKind::Normal => PlaneKind::Normal,
             v1::PlaneKind::Specular => PlaneKind::Specular,
             v1::PlaneKind::Reflector => PlaneKind::Reflector,
-            v1::PlaneKind::Place => PlaneKind::Place,
+            v1::PlaneKind::ProbeSphere => PlaneKind::ProbeSphere,
             v1::PlaneKind::LightVisibility => PlaneKind::LightVisibility,
         };
         let size = Plane::size_of(kind, camera);
@@ -317,7 +317,7 @@ fn wire_kind(kind: PlaneKind) -> v1::PlaneKind {
         PlaneKind::Normal => v1::PlaneKind::Normal,
         PlaneKind::Specular => v1::PlaneKind::Specular,
         PlaneKind::Reflector => v1::PlaneKind::Reflector,
-        PlaneKind::Place => v1::PlaneKind::Place,
+        PlaneKind::ProbeSphere => v1::PlaneKind::ProbeSphere,
         PlaneKind::LightVisibility => v1::PlaneKind::LightVisibility,
     }
 }

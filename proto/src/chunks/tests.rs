@@ -21,7 +21,7 @@ fn receive(
     id: SampleId,
     chunks: Vec<v1::SampleChunk>,
 ) -> Result<Vec<Received>, WireError> {
-    // Whichever faces the sample has were asked for.
+    // All faces of the sample were requested.
     let faces = match chunks.first().and_then(|chunk| chunk.body.as_ref()) {
         Some(sample_chunk::Body::Header(header)) => FaceMask::new(header.faces, "faces").ok(),
         _ => None,
@@ -78,7 +78,8 @@ proptest! {
         let at = at.index(chunks.len());
         match fault {
             0 => drop(chunks.remove(at)),
-            // A frame may follow a whole one, so that the last chunk repeated is noticed as bytes without header.
+            // A complete frame may be followed by another one, so a repeated last chunk is detected as bytes without
+            // a header.
             1 => chunks.insert(at, chunks[at].clone()),
             _ => match chunks[at].body.as_mut().unwrap() {
                 frame_chunk::Body::Header(header) => header.images[0].packed_bytes += 1,
@@ -140,7 +141,7 @@ fn a_large_frame_is_cut_into_pieces_of_at_most_a_mebibyte() {
 }
 
 #[test]
-fn hostile_frame_headers_are_refused_before_memory_is_set_aside() {
+fn hostile_frame_headers_are_refused_before_memory_is_allocated() {
     let good = frame_chunks(&frame(), &FrameMeta::default(), Encoding::Raw).unwrap();
     type Change = fn(&mut v1::FrameHeader);
     let cases: [(&str, Change); 13] = [
@@ -172,7 +173,7 @@ fn hostile_frame_headers_are_refused_before_memory_is_set_aside() {
 }
 
 #[test]
-fn bytes_that_overlap_skip_exceed_or_stop_are_refused() {
+fn overlapping_skipped_excess_and_missing_bytes_are_refused() {
     let good = frame_chunks(&frame(), &FrameMeta::default(), Encoding::Raw).unwrap();
     let after = |chunks: &[usize]| {
         let mut assembler = FrameAssembler::new(Limits::default());
@@ -210,7 +211,7 @@ fn sample() -> (argus_scene::SampleSetInfo, Sample) {
 }
 
 #[test]
-fn samples_that_were_not_asked_for_or_do_not_fit_the_rig_are_refused() {
+fn samples_that_were_not_requested_or_do_not_fit_the_rig_are_refused() {
     let (info, sample) = sample();
     let good = sample_chunks(&sample).unwrap();
     type Change = fn(&mut v1::SampleHeader);
@@ -247,7 +248,7 @@ fn samples_that_were_not_asked_for_or_do_not_fit_the_rig_are_refused() {
 }
 
 #[test]
-fn a_sample_that_lacks_faces_that_were_asked_for_is_refused() {
+fn a_sample_that_lacks_requested_faces_is_refused() {
     let (info, sample) = sample();
     let camera = argus_scene::SampleCamera::Omni {
         center: sample.camera.center(),
@@ -268,7 +269,7 @@ fn a_sample_that_lacks_faces_that_were_asked_for_is_refused() {
 }
 
 #[test]
-fn a_sample_damaged_on_its_way_is_noticed_by_its_hash() {
+fn a_damaged_sample_is_detected_by_its_hash() {
     let (info, sample) = sample();
     let mut chunks = sample_chunks(&sample).unwrap();
     // The claimed hashes agree with each other, but not with the texels.
@@ -336,7 +337,7 @@ fn bundles_and_procedural_scenes_survive() {
 }
 
 #[test]
-fn bundles_that_lie_or_leave_their_folder_are_refused() {
+fn bundles_with_false_sizes_or_names_outside_their_folder_are_refused() {
     let hash = SceneHash([3; 32]);
     for name in ["../up", "/etc/passwd", "a/../../b", "a//b", "C:\\x", "a\\b", "", "./a"] {
         let files = vec![(name.to_owned(), Bytes::new())];

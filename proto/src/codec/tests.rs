@@ -29,7 +29,7 @@ proptest! {
         let layout = LAYOUTS[which];
         let raw = &seed[..texels * layout.texel_bytes()];
         round_trip(layout, raw);
-        // Packing is only refused, never wrong: the split itself is its own inverse whatever zstd gains.
+        // Whether zstd saves bytes or not, the split is its own inverse.
         let joined = match layout {
             Layout::R8 => join::<1, 1>(&split::<1, 1>(raw)),
             Layout::Rgb8 => join::<3, 1>(&split::<3, 1>(raw)),
@@ -74,7 +74,7 @@ fn every_layout_survives_ramps_of_odd_sizes_and_a_single_texel() {
 }
 
 #[test]
-fn a_claim_of_another_size_is_refused_without_the_memory_it_asks_for() {
+fn a_false_size_is_refused_before_memory_is_allocated() {
     let raw = ramp(Layout::R32, 5000);
     let packed = pack(Layout::R32, &raw).unwrap().unwrap();
     for claimed in [0, 4, raw.len() - 4, raw.len() + 4, raw.len() + 1] {
@@ -89,7 +89,7 @@ fn a_claim_of_another_size_is_refused_without_the_memory_it_asks_for() {
     assert!(pack(Layout::R32, &[1, 2, 3]).is_err());
 }
 
-/// A surface over a plane seen at an angle, with silhouettes: what range and radiance of a sample look like.
+/// A surface over a plane seen at an angle, with silhouettes, like a sample's range and radiance.
 fn picture(width: usize, height: usize) -> (Vec<u8>, Vec<u8>, Vec<u8>) {
     let (mut range, mut radiance, mut color) = (Vec::new(), Vec::new(), Vec::new());
     for y in 0..height {
@@ -98,7 +98,7 @@ fn picture(width: usize, height: usize) -> (Vec<u8>, Vec<u8>, Vec<u8>) {
             let ground = 0.02 + 0.05 * v + 0.002 * (40.0 * u).sin() * (30.0 * v).cos();
             let tree = (9.0 * u).fract() < 0.3 && (7.0 * v).fract() < 0.4;
             let inverse = if tree { ground * 1.7 } else { ground };
-            // Twelve of 23 bits of mantissa, as a sampler that rounds stores them.
+            // Twelve of 23 bits of mantissa, as samplers round them.
             range.extend_from_slice(&(inverse.to_bits() & !0x7ff).to_le_bytes());
             let grain = ((x * 7919 + y * 104_729) % 13) as f32 * 0.004;
             let shade = if tree { 0.2 } else { 0.5 } + 0.2 * (12.0 * u * v).sin() + grain;

@@ -1,4 +1,4 @@
-//! Cameras, boxes, sample cameras.
+//! Conversions of cameras, boxes and sample cameras.
 
 use argus_scene::scene::NamedCamera;
 use argus_scene::{Bounds, Camera, InvalidField, OmniLayout, Reflections, SampleCamera};
@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{point, required};
 use crate::v1;
 
-/// A camera whose field of view is left out has this one, that of [`Camera::look_at`].
+/// Field of view of a camera whose field of view is absent: that of [`Camera::look_at`].
 const DEFAULT_FOV_DEG: f64 = 45.0;
 
 impl From<&Camera> for v1::Camera {
@@ -55,7 +55,7 @@ impl TryFrom<v1::NamedCamera> for NamedCamera {
 }
 
 impl From<Bounds> for v1::Bounds {
-    /// An empty box has no corners on the wire, which knows no infinities.
+    /// An empty box has no corners on the wire, which carries no infinities.
     fn from(bounds: Bounds) -> Self {
         if bounds.is_empty() {
             return Self { min: None, max: None };
@@ -94,8 +94,8 @@ impl From<&SampleCamera> for v1::SampleCamera {
                 layout: Some(match *layout {
                     OmniLayout::CubeFaces { face } => Layout::CubeFace(face),
                     OmniLayout::DualParaboloid { side } => Layout::ParaboloidSide(side),
-                    OmniLayout::Surroundings { side, count } => {
-                        Layout::Surroundings(v1::SurroundingsLayout { side, count })
+                    OmniLayout::ReflectionProbes { side, count } => {
+                        Layout::ReflectionProbes(v1::ReflectionProbesLayout { side, count })
                     }
                 }),
             }),
@@ -107,7 +107,7 @@ impl From<&SampleCamera> for v1::SampleCamera {
 impl TryFrom<v1::SampleCamera> for SampleCamera {
     type Error = InvalidField;
 
-    /// The sample camera; its size within what [`argus_scene::Rig::validate`] allows any rig.
+    /// The sample camera. Its size must be within the limits of [`argus_scene::Rig::validate`].
     fn try_from(wire: v1::SampleCamera) -> Result<Self, InvalidField> {
         use v1::omni_camera::Layout;
         use v1::sample_camera::Kind;
@@ -133,12 +133,12 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
                     Layout::ParaboloidSide(side) => OmniLayout::DualParaboloid {
                         side: within("sample.camera.omni.paraboloid_side", side, 1, 4096)?,
                     },
-                    Layout::Surroundings(v1::SurroundingsLayout { side, count }) => {
+                    Layout::ReflectionProbes(v1::ReflectionProbesLayout { side, count }) => {
                         let knobs = Reflections { side, ..Reflections::default() };
                         knobs.validate()?;
-                        OmniLayout::Surroundings {
+                        OmniLayout::ReflectionProbes {
                             side,
-                            count: within("sample.camera.omni.surroundings.count", count, 1, 1024)?,
+                            count: within("sample.camera.omni.reflection_probes.count", count, 1, 1024)?,
                         }
                     }
                 },

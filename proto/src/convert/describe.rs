@@ -28,7 +28,7 @@ pub struct Description {
     pub rig: Rig,
     /// The service's choices for open fields of a plan.
     pub defaults: PlanRequest,
-    /// Seconds of scene time from one epoch to the next; 0 where the scene stands still.
+    /// Seconds of scene time from one epoch to the next; 0 in a still scene.
     pub epoch_secs: f64,
 }
 

@@ -34,7 +34,7 @@ pub(crate) fn unspecified(field: &'static str) -> InvalidField {
     InvalidField::new(field, "must not be unspecified")
 }
 
-/// A number that is neither NaN nor infinite.
+/// A finite number.
 pub(crate) fn finite(value: f64, field: &'static str) -> Result<f64, InvalidField> {
     if value.is_finite() {
         Ok(value)
@@ -43,7 +43,7 @@ pub(crate) fn finite(value: f64, field: &'static str) -> Result<f64, InvalidFiel
     }
 }
 
-/// A duration in milliseconds or a count that was averaged: finite and not negative.
+/// A duration, milliseconds, or a mean count: finite and not negative.
 pub(crate) fn duration_ms(value: f64, field: &'static str) -> Result<f64, InvalidField> {
     if finite(value, field)? >= 0.0 {
         Ok(value)
@@ -74,10 +74,10 @@ pub(crate) fn hash(value: &Bytes, field: &'static str) -> Result<[u8; 32], Inval
     value.as_ref().try_into().map_err(wrong)
 }
 
-/// A scene's hash on the wire.
+/// A scene's hash from the wire.
 ///
 /// # Errors
-/// `field` unless it has 32 bytes.
+/// [`InvalidField`] of `field` unless it has 32 bytes.
 pub fn scene_hash(value: &Bytes, field: &'static str) -> Result<SceneHash, InvalidField> {
     hash(value, field).map(SceneHash)
 }
@@ -87,10 +87,10 @@ pub fn scene_hash_bytes(hash: SceneHash) -> Bytes {
     Bytes::copy_from_slice(&hash.0)
 }
 
-/// The hash of a specification, checked.
+/// A specification's hash from the wire.
 ///
 /// # Errors
-/// If it is not 32 bytes long.
+/// [`InvalidField`] of `field` unless it has 32 bytes.
 pub fn specification_hash(value: &Bytes, field: &'static str) -> Result<SpecificationHash, InvalidField> {
     hash(value, field).map(SpecificationHash)
 }

@@ -1,9 +1,9 @@
-//! Light, rigs, and what a sample set's samples have in common.
+//! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
     Bounds, Effect, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, MegaViews, PointKnobs,
-    Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Surroundings,
-    Version, Visibility, VplKnobs,
+    ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification,
+    Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -95,7 +95,7 @@ impl TryFrom<v1::Light> for Light {
             },
             Kind::Spot(light) => {
                 let (inner_cone, outer_cone) = (light.inner_cone, light.outer_cone);
-                // Written so that NaN fails.
+                // Written so that NaN is refused.
                 if !(inner_cone >= 0.0 && inner_cone < outer_cone && outer_cone.is_finite()) {
                     let reason = format!("must be above inner_cone {inner_cone}, not {outer_cone}");
                     return Err(InvalidField::new("lights.spot.outer_cone", reason));
@@ -275,11 +275,8 @@ impl From<&Specification> for v1::Specification {
             sub_samples: specification.sub_samples,
             light_effects: specification.effects.bits(),
             indirect: indirect_to_wire(specification.indirect),
-            reflections: specification.reflections.map(|Surroundings { knobs, count }| v1::Surroundings {
-                side: knobs.side,
-                levels: knobs.levels,
-                most: knobs.most,
-                count,
+            reflections: specification.reflections.map(|ReflectionProbeSet { knobs, count }| {
+                v1::ReflectionProbes { side: knobs.side, levels: knobs.levels, most: knobs.most, count }
             }),
             exposure: specification.exposure,
         }
@@ -291,8 +288,8 @@ impl TryFrom<v1::Specification> for Specification {
 
     /// The specification, validated.
     fn try_from(wire: v1::Specification) -> Result<Self, InvalidField> {
-        let reflections = wire.reflections.map(|v1::Surroundings { side, levels, most, count }| {
-            Surroundings { knobs: Reflections { side, levels, most }, count }
+        let reflections = wire.reflections.map(|v1::ReflectionProbes { side, levels, most, count }| {
+            ReflectionProbeSet { knobs: Reflections { side, levels, most }, count }
         });
         let specification = Self {
             visibility: visibility(wire.visibility, "specification.visibility")?,
@@ -320,7 +317,7 @@ impl From<MapSource> for v1::VplMaps {
     }
 }
 
-/// Where the shadow maps of virtual point lights come from.
+/// The source of the shadow maps of virtual point lights.
 fn map_source(number: i32) -> Result<MapSource, InvalidField> {
     let field = "specification.indirect.maps";
     Ok(match known(number, field)? {
@@ -413,20 +410,20 @@ impl From<Visibility> for v1::Visibility {
     }
 }
 
-/// A way to see triangles.
+/// A visibility backend.
 ///
 /// # Errors
-/// If the number names none.
+/// [`InvalidField`] of `field` if the number is unknown or unspecified.
 pub fn visibility(number: i32, field: &'static str) -> Result<Visibility, InvalidField> {
     match v1::Visibility::try_from(number) {
         Ok(v1::Visibility::Raster) => Ok(Visibility::Raster),
         Ok(v1::Visibility::Trace) => Ok(Visibility::Trace),
         Ok(v1::Visibility::Cpu) => Ok(Visibility::Cpu),
-        _ => Err(InvalidField::new(field, format!("{number} names no way to see triangles"))),
+        _ => Err(InvalidField::new(field, format!("{number} is not a known visibility backend"))),
     }
 }
 
-/// How long an epoch lasts: up to a day, written so that NaN is refused.
+/// Seconds of an epoch, 0 to 86400. Written so that NaN is refused.
 pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidField> {
     match (0.0..=86400.0).contains(&secs) {
         true => Ok(secs),

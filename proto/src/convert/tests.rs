@@ -9,7 +9,7 @@ use prost::Message;
 use super::*;
 use crate::arbitrary;
 
-/// Through the vocabulary's wire type *and* its bytes, as between two processes.
+/// Converts to the wire type and its bytes, and back, as between two processes.
 fn across<W: Message + Default>(wire: W) -> W {
     W::decode(wire.encode_to_vec().as_slice()).unwrap()
 }
@@ -75,7 +75,7 @@ fn rejected(change: impl FnOnce(&mut v1::View)) -> InvalidField {
 }
 
 #[test]
-fn each_malformed_view_is_rejected_by_the_field_at_fault() {
+fn a_malformed_view_is_rejected_with_the_invalid_field() {
     type Change = fn(&mut v1::View);
     type CameraChange = fn(&mut v1::Camera);
     let camera: [(&str, CameraChange); 9] = [
@@ -106,7 +106,7 @@ fn each_malformed_view_is_rejected_by_the_field_at_fault() {
 }
 
 #[test]
-fn what_a_client_leaves_out_of_a_view_has_its_documented_default() {
+fn absent_fields_of_a_view_have_documented_defaults() {
     let mut wire = view();
     wire.plan = None;
     let camera = wire.camera.as_mut().unwrap();
@@ -119,7 +119,7 @@ fn what_a_client_leaves_out_of_a_view_has_its_documented_default() {
 }
 
 #[test]
-fn a_pinned_plan_that_cannot_be_rendered_is_rejected_below_pin() {
+fn an_invalid_pinned_plan_is_rejected_with_a_field_below_pin() {
     let pinned = |plan| {
         let provenance = v1::Provenance { scene_hash: vec![7; 32].into(), plan, ..Default::default() };
         rejected(|v| v.pin = Some(provenance))
@@ -173,7 +173,7 @@ fn a_plan_of_nine_cameras_is_refused() {
 }
 
 #[test]
-fn light_and_rigs_that_are_not_finite_are_rejected() {
+fn lights_and_rigs_with_non_finite_values_are_rejected() {
     let sun = |change: fn(&mut v1::DirectionalLight)| {
         let mut light = v1::DirectionalLight {
             direction: Some(DVec3::NEG_Y.into()),

@@ -1,4 +1,4 @@
-//! Views, plans and provenance.
+//! Conversions of views, plans and provenance.
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
@@ -12,9 +12,9 @@ use super::{
 };
 use crate::v1;
 
-/// More samples than this never serve one view: [`PlanRequest::samples`].
+/// Greatest number of samples of a plan, like that of [`PlanRequest::samples`].
 const MAX_PLAN_SAMPLES: usize = 8;
-/// 16 × 16 on the regular grid.
+/// Greatest number of sub-pixels of a pixel: a regular grid of 16 × 16.
 const MAX_SAMPLES_PER_PIXEL: u32 = 256;
 
 impl From<Output> for v1::Output {
@@ -44,7 +44,7 @@ impl TryFrom<v1::Output> for Output {
     }
 }
 
-/// The members of a set of outputs, for the wire.
+/// A set of outputs for the wire.
 pub(crate) fn wire_outputs(outputs: Outputs) -> Vec<i32> {
     let present = Output::ALL.into_iter().filter(|&output| outputs.has(output));
     present.map(|output| v1::Output::from(output) as i32).collect()
@@ -68,7 +68,7 @@ impl From<Search> for v1::Search {
     }
 }
 
-/// The search of a wire number; `None` where the client left the choice open.
+/// The search with this number; `None` if the client left it open.
 fn search(number: i32) -> Result<Option<Search>, InvalidField> {
     Ok(match known(number, "plan.search")? {
         v1::Search::Unspecified => None,
@@ -89,7 +89,7 @@ impl From<Holes> for v1::Holes {
     }
 }
 
-/// The treatment of holes of a wire number; `None` where the client left the choice open.
+/// The treatment of holes with this number; `None` if the client left it open.
 fn holes(number: i32, field: &'static str) -> Result<Option<Holes>, InvalidField> {
     Ok(match known(number, field)? {
         v1::Holes::Unspecified => None,
@@ -108,7 +108,7 @@ impl From<Preset> for v1::Preset {
     }
 }
 
-/// The preset of a wire number; `None` where the client left the choice open.
+/// The preset with this number; `None` if the client left it open.
 fn preset(number: i32) -> Result<Option<Preset>, InvalidField> {
     Ok(match known(number, "plan.preset")? {
         v1::Preset::Unspecified => None,
@@ -215,7 +215,7 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
     }
 }
 
-/// The faces of samples, in their order; empty for all faces of all of them.
+/// Masks of the samples' faces for the wire, in the samples' order; empty if all samples have all faces.
 fn face_bits(samples: &[SampleId], faces: &FaceMasks) -> Vec<u32> {
     match faces.are_all() {
         true => Vec::new(),
@@ -223,16 +223,17 @@ fn face_bits(samples: &[SampleId], faces: &FaceMasks) -> Vec<u32> {
     }
 }
 
-/// The faces of cameras, in their order; none for all faces of all of them.
+/// Masks of the cameras' faces from the wire, in the cameras' order. Without masks, all cameras have all faces.
 ///
 /// # Errors
-/// [`InvalidField`] of that field for a mask of no face, and for another number of masks than of cameras.
+/// [`InvalidField`] of `field` for an empty mask, or if the number of masks is not the number of cameras.
 pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<FaceMasks, InvalidField> {
     if bits.is_empty() {
         return Ok(FaceMasks::default());
     }
     if bits.len() != cameras.len() {
-        let reason = format!("must have a mask for each of {} samples, not {}", cameras.len(), bits.len());
+        let reason =
+            format!("must have one mask for each of {} samples, not {} masks", cameras.len(), bits.len());
         return Err(InvalidField::new(field, reason));
     }
     cameras.iter().zip(bits).map(|(camera, bits)| Ok((*camera, FaceMask::new(*bits, field)?))).collect()
@@ -282,13 +283,14 @@ impl TryFrom<v1::Plan> for Plan {
             }
             Kind::Warp(plan) => {
                 // Reflection maps come on top, and at most once.
-                let of_rig = plan.samples.iter().filter(|id| id.camera != SampleId::SURROUNDINGS).count();
+                let of_rig =
+                    plan.samples.iter().filter(|id| id.camera != SampleId::REFLECTION_PROBES).count();
                 if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
                     let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
                     return Err(InvalidField::new("plan.warp.samples", reason));
                 }
                 let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;
-                // Some searches take no steps, whatever number stands there.
+                // Some searches take no steps. Their number is ignored.
                 let least = u32::from(search.takes_steps());
                 let cameras: Vec<u64> = plan.samples.iter().map(|id| id.camera).collect();
                 Self::Warp(Warp {
@@ -330,7 +332,7 @@ impl TryFrom<v1::Provenance> for Provenance {
             let field = "provenance.specification_hash";
             let said = specification_hash(&wire.specification_hash, field)?;
             if specification.is_none_or(|specification| specification.hash() != said) {
-                return Err(InvalidField::new(field, "is not that of the specification"));
+                return Err(InvalidField::new(field, "must be the hash of the specification"));
             }
         }
         Ok(Self {
@@ -373,7 +375,7 @@ impl TryFrom<v1::View> for View {
     }
 }
 
-/// A pinned provenance, its errors below `pin`.
+/// A pinned provenance. Its errors name fields below `pin`.
 fn pin(wire: v1::Provenance) -> Result<Provenance, InvalidField> {
     wire.try_into().map_err(|at: InvalidField| {
         let field = match at.field {

@@ -1,6 +1,7 @@
-//! Tables of baseline JPEG: ITU-T T.81, Annex K (typical quantisation and codes) and figure A.6 (the zigzag order).
+//! Tables of baseline JPEG. Source: ITU-T T.81, Annex K (typical quantisation tables and Huffman codes) and figure
+//! A.6 (zigzag order).
 
-/// Tables K.1 and K.2: divisors of the luminance's and the chrominance's coefficients at quality 50, row by row.
+/// Tables K.1 and K.2: quantisation divisors of luminance and chrominance at quality 50, in row order.
 #[rustfmt::skip]
 pub(super) const DIVISORS: [[u16; 64]; 2] = [
     [
@@ -25,7 +26,7 @@ pub(super) const DIVISORS: [[u16; 64]; 2] = [
     ],
 ];
 
-/// Position in the block, row by row, of each coefficient in the order in which they are sent.
+/// Position in the block, in row order, of each coefficient in zigzag order.
 #[rustfmt::skip]
 pub(super) const ZIGZAG: [u8; 64] = [
     0, 1, 8, 16, 9, 2, 3, 10,
@@ -38,15 +39,15 @@ pub(super) const ZIGZAG: [u8; 64] = [
     53, 60, 61, 54, 47, 55, 62, 63,
 ];
 
-/// Symbols of a Huffman code, as a JPEG file gives them.
+/// A Huffman code as a JPEG file stores it.
 pub(super) struct Symbols {
-    /// How many have codes of 1, 2, … 16 bits.
+    /// Number of codes of 1, 2, … 16 bits.
     pub(super) lengths: [u8; 16],
-    /// The symbols, those with the shortest codes first.
+    /// The symbols, ordered by the length of their codes.
     pub(super) values: &'static [u8],
 }
 
-/// Tables K.3 and K.4: differences of mean values, of luminance and chrominance.
+/// Tables K.3 and K.4: codes of the differences of mean values, for luminance and chrominance.
 #[rustfmt::skip]
 pub(super) const DC: [Symbols; 2] = [
     Symbols {
@@ -63,7 +64,7 @@ pub(super) const DC: [Symbols; 2] = [
     },
 ];
 
-/// Tables K.5 and K.6: runs of zeros and the coefficients after them, of luminance and chrominance.
+/// Tables K.5 and K.6: codes of runs of zeros with the following coefficient, for luminance and chrominance.
 #[rustfmt::skip]
 pub(super) const AC: [Symbols; 2] = [
     Symbols {

@@ -1,4 +1,4 @@
-//! Judged by another decoder, that of the `image` crate.
+//! Tests that decode with the `image` crate.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 use image::RgbImage;
@@ -20,7 +20,7 @@ fn decoded(jpeg: &[u8]) -> RgbImage {
     image::load_from_memory_with_format(jpeg, image::ImageFormat::Jpeg).unwrap().to_rgb8()
 }
 
-/// Peak signal to noise ratio of the luminance, in decibels.
+/// Peak signal-to-noise ratio of the luminance, decibels.
 fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
     assert_eq!(a.dimensions(), b.dimensions());
     let luminance = |pixel: &image::Rgb<u8>| {
@@ -32,7 +32,7 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
 }
 
 #[test]
-fn an_image_is_about_as_good_as_that_of_another_encoder() {
+fn quality_is_close_to_that_of_another_encoder() {
     let image = picture(331, 243);
     for quality in [20, 50, 75, 90] {
         let ours = encode(&image, 331, 243, quality).unwrap();
@@ -45,15 +45,15 @@ fn an_image_is_about_as_good_as_that_of_another_encoder() {
 }
 
 #[test]
-fn grey_loses_no_more_than_its_divisors_take() {
-    // Without colour nothing is at half resolution, and at the best quality all divisors are 1.
+fn grey_images_lose_at_most_the_quantisation_error() {
+    // Grey images have no half-resolution colour, and at the best quality all divisors are 1.
     let grey = RgbImage::from_fn(64, 48, |x, y| image::Rgb([((x * 37 + y * 101) % 256) as u8; 3]));
     let db = psnr(&grey, &decoded(&encode(&grey, 64, 48, 100).unwrap()));
     assert!(db > 50.0, "{db} dB");
 }
 
 #[test]
-fn every_size_around_a_unit_is_whole() {
+fn images_of_every_size_around_a_unit_are_complete() {
     for (width, height) in
         [(1, 1), (1, 33), (7, 9), (8, 8), (15, 16), (16, 16), (17, 16), (16, 17), (31, 33), (48, 1)]
     {
@@ -66,20 +66,20 @@ fn every_size_around_a_unit_is_whole() {
 }
 
 #[test]
-fn what_is_no_image_is_refused() {
+fn invalid_images_are_refused() {
     assert!(encode(&[], 0, 0, 90).is_none());
     assert!(encode(&[0; 3], 0, 1, 90).is_none());
     assert!(encode(&[0; 11], 2, 2, 90).is_none());
     assert!(encode(&[0; 13], 2, 2, 90).is_none());
     assert!(encode(&vec![0; 65_536 * 3], 65_536, 1, 90).is_none());
     assert!(encode(&[], u32::MAX, u32::MAX, 90).is_none());
-    // Qualities beyond the range are its ends.
+    // Qualities outside the range are clamped.
     assert_eq!(encode(&[9; 12], 2, 2, 0), encode(&[9; 12], 2, 2, 1));
     assert_eq!(encode(&[9; 12], 2, 2, 255), encode(&[9; 12], 2, 2, 100));
 }
 
 proptest! {
-    /// Coefficients as large as they can be, and codes with bytes of ones.
+    /// An image with the largest coefficients, and with bytes of ones in its codes.
     #[test]
     fn whatever_the_pixels_are_the_file_can_be_read(
         width in 1_u32..40,
@@ -91,7 +91,7 @@ proptest! {
         let mut state = seed | 1;
         let image = RgbImage::from_fn(width, height, |_, _| {
             image::Rgb([0; 3].map(|_: u8| {
-                // Xorshift, Marsaglia 2003.
+                // Xorshift (Marsaglia 2003).
                 state ^= state << 13;
                 state ^= state >> 17;
                 state ^= state << 5;

@@ -137,7 +137,7 @@ fn name(kind: PlaneKind) -> &'static str {
         PlaneKind::Specular => "specular_plane",
         PlaneKind::Reflector => "reflector_plane",
         PlaneKind::LightVisibility => "light_visibility_plane",
-        PlaneKind::Place => "no plane of a sample",
+        PlaneKind::ProbeSphere => "no plane of a sample",
     }
 }
 

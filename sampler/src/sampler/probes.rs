@@ -1,7 +1,7 @@
 //! Reflection probes: prepared for shading, and returned as a sample of the set.
 
 use argus_gpu::Gpu;
-use argus_scene::{Cancel, Lighting, RenderError, Sample, SampleId, SampleJob, Stage, Surroundings};
+use argus_scene::{Cancel, Lighting, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage};
 
 use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
@@ -42,7 +42,7 @@ impl SurfacePrograms {
     }
 
     /// The programs for a job with those reflections, once their probes are made.
-    pub(super) fn of(&self, reflections: Option<Surroundings>) -> SurfaceProgram<'_> {
+    pub(super) fn of(&self, reflections: Option<ReflectionProbeSet>) -> SurfaceProgram<'_> {
         let probes = self.probes.as_deref().filter(|_| reflections.is_some());
         match probes.and_then(|probes| Some((probes, probes.probe_bindings()?))) {
             Some((ProbeRenderer { shade, shade_sample, resolve, .. }, probe_bindings)) => {
@@ -62,16 +62,16 @@ impl GpuSampler {
     /// Prepares the reflection probes, if the job asks for reflections. Returns the cost.
     pub(super) fn prepare_probes(
         &mut self,
-        reflections: Option<Surroundings>,
+        reflections: Option<ReflectionProbeSet>,
         lighting: &Lighting,
         time_secs: f64,
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
-        let Some(of) = reflections else { return Ok(Vec::new()) };
+        let Some(set) = reflections else { return Ok(Vec::new()) };
         let drifts = self.drifts();
-        let mut probes = match self.surface_programs.probes.take().filter(|probes| probes.of == of) {
+        let mut probes = match self.surface_programs.probes.take().filter(|probes| probes.set == set) {
             Some(probes) => probes,
-            None => Box::new(ProbeRenderer::new(&self.gpu, &self.scene, &self.resident, &self.knobs, of)?),
+            None => Box::new(ProbeRenderer::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
         };
         // Keeps the programs if the job was cancelled.
         let stages = match probes.is_made(lighting, time_secs, drifts) {

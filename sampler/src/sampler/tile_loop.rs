@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, PendingReadback, Submitted, wgpu};
-use argus_scene::{Cancel, Lighting, RenderError, Stage, Surroundings, Visibility};
+use argus_scene::{Cancel, Lighting, ReflectionProbeSet, RenderError, Stage, Visibility};
 use argus_shaders::layout::sampler::Rays;
 use bytes::Bytes;
 use glam::DVec3;
@@ -28,7 +28,7 @@ pub(super) struct JobScene<'a> {
     pub(super) time_secs: f64,
     /// `None` for the scene's own lighting at that time.
     pub(super) lighting: Option<&'a Lighting>,
-    pub(super) reflections: Option<Surroundings>,
+    pub(super) reflections: Option<ReflectionProbeSet>,
     pub(super) visibility: Visibility,
     /// Whether surfaces are shaded; otherwise neither indirect light nor reflection probes are made.
     pub(super) is_shaded: bool,
@@ -39,7 +39,7 @@ pub(super) struct ReadyScene {
     begin: Instant,
     pub(super) time_secs: f64,
     pub(super) lighting: Lighting,
-    pub(super) reflections: Option<Surroundings>,
+    pub(super) reflections: Option<ReflectionProbeSet>,
     pub(super) eye: Eye,
     pub(super) backend: Visibility,
     /// Times of the job's stages so far.

@@ -6,8 +6,8 @@ use argus_scene::procedural::mirrors;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::{level_sides, map_size};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, PlaneKind, Reflections, RenderError, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Scene, Surroundings, Version, ViewJob,
+    Camera, Cancel, Material, PixelJob, PlaneKind, ReflectionProbeSet, Reflections, RenderError, SampleId,
+    SampleJob, SampleSetInfo, Sampler as _, Scene, Version, ViewJob,
 };
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -16,8 +16,8 @@ use crate::rooms::{add_room, grey, lit_by};
 
 const SIZE: [u32; 2] = [160, 120];
 
-fn maps(scene: &Scene) -> Option<Surroundings> {
-    Surroundings::of(scene, Reflections { levels: 7, ..Reflections::default() })
+fn maps(scene: &Scene) -> Option<ReflectionProbeSet> {
+    ReflectionProbeSet::of(scene, Reflections { levels: 7, ..Reflections::default() })
         .expect("the knobs are in range")
 }
 
@@ -97,10 +97,10 @@ fn reflections_are_the_same_a_million_metres_away() {
     assert!(apart * 50 < near.1.len(), "{apart} of {} bytes differ", near.1.len());
 }
 
-fn surroundings_of(scene: &Arc<Scene>, reflections: Option<Surroundings>) -> SampleJob {
+fn probes_of(scene: &Arc<Scene>, reflections: Option<ReflectionProbeSet>) -> SampleJob {
     let job = sample_job(scene, omni_rig(scene.bounds().center(), 16), 0, true);
     let info = SampleSetInfo { reflections, ..(*job.info).clone() };
-    let id = SampleId { camera: SampleId::SURROUNDINGS, ..job.ids[0] };
+    let id = SampleId { camera: SampleId::REFLECTION_PROBES, ..job.ids[0] };
     SampleJob { info: Arc::new(info), ids: vec![id], ..job }
 }
 
@@ -109,7 +109,7 @@ fn a_reflector_is_culled_from_its_own_probe_and_walls_have_their_range() {
     let scene = room_with_a_ball(DVec3::new(5.0, 0.0, 0.0), chrome(0.0));
     let maps = maps(&scene).unwrap();
     assert_eq!(maps.count, 1);
-    let found = sample(&mut sampler(&scene), &surroundings_of(&scene, Some(maps)));
+    let found = sample(&mut sampler(&scene), &probes_of(&scene, Some(maps)));
     let [columns, rows] = map_size(maps.knobs.side);
     assert_eq!(found.camera.size(), [columns, rows]);
     let ranges = floats(&host_bytes(&found, PlaneKind::InverseRange));
@@ -122,7 +122,7 @@ fn a_reflector_is_culled_from_its_own_probe_and_walls_have_their_range() {
             "the ball has a radius of 0.7, walls are 2 to 3.5 away: {range}"
         );
     }
-    let place = floats(&host_bytes(&found, PlaneKind::Place));
+    let place = floats(&host_bytes(&found, PlaneKind::ProbeSphere));
     assert!(
         Vec3::new(place[0], place[1], place[2]).length() < 1e-6 && (place[3] - 1.2).abs() < 0.1,
         "{place:?}"
@@ -133,7 +133,7 @@ fn a_reflector_is_culled_from_its_own_probe_and_walls_have_their_range() {
 fn levels_of_a_probe_blur_and_keep_its_light() {
     let scene = room_with_a_ball(DVec3::ZERO, chrome(0.0));
     let maps = maps(&scene).unwrap();
-    let found = sample(&mut sampler(&scene), &surroundings_of(&scene, Some(maps)));
+    let found = sample(&mut sampler(&scene), &probes_of(&scene, Some(maps)));
     let radiance = radiance_of(&found);
     let columns = map_size(maps.knobs.side)[0] as usize;
     let mut row = 1;
@@ -170,8 +170,8 @@ fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
     let apart = pixels.iter().enumerate().filter(|&at| !same(at)).count();
     assert!(apart * 50 <= pixels.len(), "{apart} of {} differ: only edges may", pixels.len());
 
-    let order = surroundings_of(&scene, maps(&scene));
-    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::Place];
+    let order = probes_of(&scene, maps(&scene));
+    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::ProbeSphere];
     let again = [&mut sampler, &mut crate::common::sampler(&scene)]
         .map(|sampler| planes.map(|kind| host_bytes(&sample(sampler, &order), kind)));
     assert_eq!(again[0], again[1], "whatever was rendered before");
@@ -181,14 +181,14 @@ fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
 fn probes_of_a_time_do_not_depend_on_earlier_times() {
     let scene = Arc::new(mirrors(5));
     let at = |epoch| {
-        let job = surroundings_of(&scene, maps(&scene));
+        let job = probes_of(&scene, maps(&scene));
         let info = SampleSetInfo { epoch_secs: 0.5, ..(*job.info).clone() }
             .at_version(&scene, Version::of_epoch(epoch, epoch));
         let ids = job.ids.iter().map(|id| SampleId { version: epoch, ..*id }).collect();
         SampleJob { info: Arc::new(info), ids, ..job }
     };
     let mut moving = sampler(&scene);
-    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::Place];
+    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::ProbeSphere];
     let [before, moved] =
         [0, 5].map(|epoch| planes.map(|kind| host_bytes(&sample(&mut moving, &at(epoch)), kind)));
     assert_ne!(before, moved);
@@ -225,8 +225,7 @@ fn a_reflector_plane_names_the_probe_of_each_surface() {
 fn probes_that_a_scene_does_not_have_are_refused_by_field() {
     let scene = Arc::new(mirrors(5));
     let refused = |reflections| {
-        let found =
-            sampler(&scene).render_samples(&surroundings_of(&scene, reflections), &Cancel::new()).remove(0);
+        let found = sampler(&scene).render_samples(&probes_of(&scene, reflections), &Cancel::new()).remove(0);
         match found.unwrap_err() {
             RenderError::Invalid(field) => field.field,
             other => panic!("{other:?}"),
@@ -234,5 +233,5 @@ fn probes_that_a_scene_does_not_have_are_refused_by_field() {
     };
     assert_eq!(refused(None), "sample.index");
     let maps = maps(&scene).unwrap();
-    assert_eq!(refused(Some(Surroundings { count: 4, ..maps })), "reflections.count");
+    assert_eq!(refused(Some(ReflectionProbeSet { count: 4, ..maps })), "reflections.count");
 }

@@ -251,9 +251,9 @@ fn backends_are_measured_where_there_is_a_choice_and_frames_name_theirs() {
     let mut sampler = sampler_with(&scene, SamplerKnobs::default());
     let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
     let info = &common::sample_job(&scene, rig, 0, true).info;
-    let ways = sampler.ways(info).unwrap();
-    assert!(ways.iter().any(|(way, _)| *way == Visibility::Cpu));
-    assert!(ways.len() == 1 || ways.iter().all(|(_, ms)| *ms > 0.0), "{ways:?}");
+    let costs = sampler.measure_backends(info).unwrap();
+    assert!(costs.iter().any(|(way, _)| *way == Visibility::Cpu));
+    assert!(costs.len() == 1 || costs.iter().all(|(_, ms)| *ms > 0.0), "{costs:?}");
     for visibility in Visibility::ALL {
         let job = ViewJob { visibility, ..view_job(scene.default_camera(), SIZE, 1) };
         let provenance = direct(&mut sampler, &job).provenance;

@@ -1,5 +1,5 @@
-//! Reflection and refraction of the surrounding scene in glossy and transparent objects, by rays. Maps of the
-//! surroundings ([`crate::reflection`]) approximate it.
+//! Reflection and refraction of the scene in glossy and transparent objects, by rays. Reflection probes
+//! ([`crate::reflection`]) approximate it.
 //!
 //! A surface reflects the mean radiance over its lobe (GGX about its normal, Karis 2013), weighted by the environment
 //! BRDF of the sky's reflection. It transmits the radiance of the refracted direction, as if the object had no far
@@ -44,8 +44,8 @@ impl Tracer {
         (Surface { albedo: surface.albedo - transmitted, ..*surface }, transmitted)
     }
 
-    /// Radiance of the surroundings that an object sends against a ray's unit direction; `None` if it reflects only the
-    /// sky.
+    /// Radiance of the scene that an object reflects or transmits against a ray's unit direction; `None` if it reflects only
+    /// the sky.
     pub(super) fn sent_of_around(
         &self,
         hit: &Hit,

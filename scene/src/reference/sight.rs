@@ -24,7 +24,7 @@ const SLACK: f64 = 1e-3;
 /// Rays through the triangles of a scene, without cut-outs.
 ///
 /// A camera's worth to a view is its visibility of the surfaces that the view's rays meet, with single-sided surfaces
-/// seen from their front, as in samples. A camera inside a column shows the surroundings of the column and nothing of
+/// seen from their front, as in samples. A camera inside a column shows what is around the column and nothing of
 /// the column. [`Sight::best`] uses time zero.
 pub struct SceneSight {
     /// The visible triangles, at time zero.

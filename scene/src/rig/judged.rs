@@ -30,7 +30,7 @@ pub(super) struct Judged {
 
 /// Results of a camera's rays.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Known {
+pub(super) struct RayResults {
     pub(super) asked: u64,
     pub(super) seen: u64,
 }
@@ -41,7 +41,7 @@ impl Judged {
     pub(super) fn new(
         (index, camera): (u64, &SampleCamera),
         (eye, targets): (DVec3, &[Target]),
-        known: Known,
+        results: RayResults,
         texel_pixels: impl Fn(&Target) -> f64,
         most_pixels: f64,
     ) -> Self {
@@ -73,14 +73,14 @@ impl Judged {
                 judged.near |= u64::from(texel_pixels(target) <= most_pixels) << i;
             }
         }
-        judged.asked = known.asked & judged.framed;
-        judged.seen = known.seen & judged.asked;
+        judged.asked = results.asked & judged.framed;
+        judged.seen = results.seen & judged.asked;
         judged
     }
 
     /// Results of its rays.
-    pub(super) fn known(&self) -> Known {
-        Known { asked: self.asked, seen: self.seen }
+    pub(super) fn results(&self) -> RayResults {
+        RayResults { asked: self.asked, seen: self.seen }
     }
 
     /// Targets that it shows with fine texels.
@@ -188,7 +188,7 @@ mod tests {
     fn a_cube_frames_every_direction_but_not_its_own_position() {
         let cube = SampleCamera::Omni { center: DVec3::ONE, layout: OmniLayout::CubeFaces { face: 8 } };
         let targets = [DVec3::ZERO, DVec3::ONE, DVec3::new(1.0, 9.0, 1.0), DVec3::NAN].map(Target::Surface);
-        let judged = Judged::new((1, &cube), (DVec3::Y * 3.0, &targets), Known::default(), |_| 1.0, 2.0);
+        let judged = Judged::new((1, &cube), (DVec3::Y * 3.0, &targets), RayResults::default(), |_| 1.0, 2.0);
         assert_eq!(judged.framed, 0b101);
         let by_faces: Vec<bool> =
             targets.iter().map(|target| frames(&cube.faces(), cube.center(), target)).collect();

@@ -8,7 +8,7 @@
 use glam::{DVec2, DVec3};
 
 use super::Sight;
-use super::judged::Known;
+use super::judged::RayResults;
 use super::survey::{GRID, RAYS, Survey, Target, place, ray_at};
 use crate::Camera;
 
@@ -48,12 +48,13 @@ impl Survey {
             let bits = kept.filter_map(|(ray, before)| Some((mask >> (*before)? & 1) << ray));
             bits.fold(0, |all, bit| all | bit)
         };
-        let moved = |known: Known| Known { asked: moved(known.asked), seen: moved(known.seen) };
-        let judged = self.judged.iter().map(|judged| (judged.index, judged.known()));
+        let moved =
+            |results: RayResults| RayResults { asked: moved(results.asked), seen: moved(results.seen) };
+        let judged = self.judged.iter().map(|judged| (judged.index, judged.results()));
         let earlier =
-            self.known.iter().filter(|(at, _)| self.judged.iter().all(|judged| judged.index != *at));
-        survey.known = judged.chain(earlier.copied()).map(|(at, known)| (at, moved(known))).collect();
-        survey.known.retain(|(_, known)| known.asked != 0);
+            self.results.iter().filter(|(at, _)| self.judged.iter().all(|judged| judged.index != *at));
+        survey.results = judged.chain(earlier.copied()).map(|(at, results)| (at, moved(results))).collect();
+        survey.results.retain(|(_, results)| results.asked != 0);
         survey
     }
 
@@ -199,9 +200,10 @@ mod tests {
                 survey = judged(survey.renewed(&here, SIZE, &room, 0.0), &room, &here);
                 rays += room.rays().iter().sum::<usize>();
                 let anew = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);
-                let [known, whole] = [&survey, &anew].map(|s| s.coverage(&s.choose(|_| true, 4)));
-                apart = apart.max((known.covered - whole.covered).abs().max((known.fine - whole.fine).abs()));
-                assert!(survey.known.len() < 64);
+                let [renewed, whole] = [&survey, &anew].map(|s| s.coverage(&s.choose(|_| true, 4)));
+                apart =
+                    apart.max((renewed.covered - whole.covered).abs().max((renewed.fine - whole.fine).abs()));
+                assert!(survey.results.len() < 64);
             }
             // A survey without an earlier one sends 48 rays and about 60 more.
             assert!(rays < 20 * 50, "{rays} rays at {middle}");
@@ -216,9 +218,9 @@ mod tests {
         let first = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);
         room.rays();
         let later = first.renewed(&here, SIZE, &room, 1.0);
-        assert_eq!((room.rays()[0], later.known.len()), (RAYS, 0));
+        assert_eq!((room.rays()[0], later.results.len()), (RAYS, 0));
         let back = Camera::look_at(here.eye, here.eye - DVec3::X);
-        assert_eq!(first.renewed(&back, SIZE, &room, 0.0).known.len(), 0);
+        assert_eq!(first.renewed(&back, SIZE, &room, 0.0).results.len(), 0);
         assert!(first.apart(&back) > 1.0);
         let odd = Camera { eye: DVec3::NAN, ..here };
         assert_eq!(first.apart(&odd), f64::INFINITY);

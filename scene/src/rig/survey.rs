@@ -7,7 +7,7 @@
 use glam::{DVec2, DVec3};
 
 use super::Sight;
-use super::judged::{Judged, Known};
+use super::judged::{Judged, RayResults};
 use crate::{Camera, FaceMask, Rig, SampleCamera};
 
 /// Columns and rows of a survey's rays: fewer rays than the bits of a [`u64`].
@@ -82,7 +82,7 @@ pub struct Survey {
     pub(super) met_from: Vec<DVec3>,
     pub(super) judged: Vec<Judged>,
     /// Ray results of earlier surveys for cameras that this one has not judged.
-    pub(super) known: Vec<(u64, Known)>,
+    pub(super) results: Vec<(u64, RayResults)>,
 }
 
 impl Survey {
@@ -102,7 +102,7 @@ impl Survey {
             targets: Vec::with_capacity(RAYS),
             met_from: Vec::with_capacity(RAYS),
             judged: Vec::new(),
-            known: Vec::new(),
+            results: Vec::new(),
         }
     }
 
@@ -156,10 +156,10 @@ impl Survey {
         }
         let camera = rig.camera(index).ok()?;
         let (at, texel_angle) = (camera.center(), camera.texel_angle());
-        let known = self.known.iter().find(|(known, _)| *known == index).map(|(_, known)| *known);
+        let results = self.results.iter().find(|(camera, _)| *camera == index).map(|(_, results)| *results);
         let texel_pixels = |target: &Target| self.texel_pixels(at, texel_angle, target);
         let view = (self.eye, &self.targets[..]);
-        Some(Judged::new((index, &camera), view, known.unwrap_or_default(), texel_pixels, most_pixels))
+        Some(Judged::new((index, &camera), view, results.unwrap_or_default(), texel_pixels, most_pixels))
     }
 
     /// Pixels of the view, to a side, that a texel of a sample at a position covers at a target.
@@ -378,12 +378,12 @@ mod tests {
             assert_eq!(chosen.len(), 4);
             assert_eq!(chosen[0], by_all.choose(|_| true, 1)[0], "{place}");
             // The chosen cameras' coverage is exact; a single camera's may be too low.
-            let (known, whole) = (by_few.coverage(&chosen), by_all.coverage(&chosen));
-            assert_eq!(known.fine, whole.fine, "{place}: {known:?} {whole:?}");
-            assert!(known.covered <= whole.covered && known.covered >= whole.fine);
+            let (few, whole) = (by_few.coverage(&chosen), by_all.coverage(&chosen));
+            assert_eq!(few.fine, whole.fine, "{place}: {few:?} {whole:?}");
+            assert!(few.covered <= whole.covered && few.covered >= whole.fine);
             for index in &near {
-                let (known, whole) = (by_few.coverage(&[*index]), by_all.coverage(&[*index]));
-                assert!(known.covered <= whole.covered && known.fine <= whole.fine);
+                let (few, whole) = (by_few.coverage(&[*index]), by_all.coverage(&[*index]));
+                assert!(few.covered <= whole.covered && few.fine <= whole.fine);
             }
             let [few, all] = [few, all].map(|sight| sight.0.into_inner());
             assert!(few < all, "{place}: {few} of {all} rays");

@@ -70,10 +70,10 @@ fn check(scene: &Scene) {
 }
 
 /// A scene file, its triangles, its bounds, how exactly those are known, and its rig.
-type Known = (&'static str, usize, [f64; 3], [f64; 3], f64, RigKind);
+type ExpectedScene = (&'static str, usize, [f64; 3], [f64; 3], f64, RigKind);
 
 /// Counts and bounds from the collection's own page, each taken by two other programs.
-const REAL: [Known; 23] = {
+const REAL: [ExpectedScene; 23] = {
     use RigKind::{Cell, TileCorners};
     const BUNNY: ([f64; 3], [f64; 3]) = ([-0.095, 0.033, -0.062], [0.061, 0.187, 0.059]);
     const BOX: ([f64; 3], [f64; 3]) = ([-1.02, 0.0, -1.04], [1.0, 1.99, 0.99]);

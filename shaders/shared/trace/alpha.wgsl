@@ -1,11 +1,11 @@
-// The alpha test of cut-outs, by the rasteriser's rule: `identify_cutout` of `visibility.wgsl`.
+// Alpha test of cut-outs. Equals the rasteriser's: `identify_cutout` of `visibility.wgsl`.
 
 import package::shared::geometry::{attributes, color_of, indices, instances, materials, meshes, uv_of};
 import package::shared::texture::{sample_alpha, slots};
 import package::shared::trace::trees::MIRRORED;
 import package::shared::trace::triangle::Leaf;
 
-// What an alpha test reads at a triangle's corners.
+// A triangle's vertex attributes for the alpha test: texture coordinates and alpha of each corner.
 struct Corners {
     a: vec3f,
     b: vec3f,
@@ -13,7 +13,7 @@ struct Corners {
     material: u32,
 }
 
-// Texture coordinates and the vertex colour's alpha.
+// Texture coordinates and vertex alpha of a corner. `has`: whether the mesh has each of them.
 fn corner_at(record: u32, has: vec4u) -> vec3f {
     let held = attributes[record];
     return vec3f(select(vec2f(0.0), uv_of(held), has.x != 0u), select(1.0, color_of(held).a, has.y != 0u));
@@ -29,6 +29,7 @@ fn corners_of(leaf: Leaf, instance: u32) -> Corners {
     return Corners(a, b, c, mesh.has.w);
 }
 
+// Tests alpha at the barycentric weights u / inverse and v / inverse.
 fn passes_alpha_test(corners: Corners, u: f32, v: f32, inverse: f32) -> bool {
     let weights = saturate(vec2f(u, v) / inverse);
     let at = corners.a * (1.0 - weights.x - weights.y) + corners.b * weights.x + corners.c * weights.y;

@@ -1,8 +1,8 @@
-// How a packet goes through all that is placed, and what is common to programs that do: which triangles they look for
-// (KIND), and what a packet does with those of a leaf (meet), each says for itself.
+// Traversal of all placed trees by a packet. The importing program defines which triangles it looks for (KIND), and how a
+// packet intersects the triangles of a leaf (meet).
 //
-// The software driver executes a loop's body once whether or not it is wanted, and once more where the loop ends at its
-// head: what a packet does for a leaf therefore comes first, and asks whether there is one.
+// The software driver executes a loop's body once even if it should not run, and once more if the loop ends at its head. So
+// each body starts with the leaf, and checks that there is one.
 
 import package::program::{KIND, meet};
 import package::shared::trace::found::{Found, Lane, farthest, limit_of};
@@ -11,7 +11,7 @@ import package::shared::trace::trees::{REFERENCE_FIRST, REFERENCE_LEAF};
 import package::shared::trace::triangle::leaf_of;
 import package::shared::trace::walk::{NO_LEAF, Stack, next_leaf, walk_of_top, walk_of_tree};
 
-// Through one tree.
+// Traverses one tree.
 fn follow_tree(block: Block, lane: Lane, tree: u32, found: ptr<function, Found>) {
     let walk = walk_of_tree(block, lane.index, tree);
     var stack: Stack;
@@ -32,7 +32,7 @@ fn follow_tree(block: Block, lane: Lane, tree: u32, found: ptr<function, Found>)
     (*found).is_cut = (*found).is_cut || reference != NO_LEAF;
 }
 
-// Through all trees that a packet may see, nearest first.
+// Traverses all trees that the packet may see, nearest first.
 fn follow(block: Block, lane: Lane, found: ptr<function, Found>) {
     let walk = walk_of_top(block, lane.index, KIND);
     var stack: Stack;

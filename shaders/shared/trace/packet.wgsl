@@ -1,14 +1,14 @@
-// Where a packet lies: a block of sub-samples that a subgroup follows together.
+// Position of a packet: the block of sub-samples that a subgroup traces together.
 
 import package::shared::trace::found::Lane;
 import package::shared::trace::pyramid::{Block, rays};
 
-// A packet's place. Packets of a workgroup lie below one another, in 8 columns and 8 times `rows_of_lane` rows
-// whatever the subgroup's size.
+// A packet and one of its lanes. The packets of a workgroup are below one another. Together they cover 8 columns and
+// 8 × `rows_of_lane` rows, for every subgroup size.
 struct Packet {
     block: Block,
     lane: Lane,
-    // The lane's first sub-sample in the tile, and rows to its next.
+    // Position of the lane's first sub-sample in the tile, and rows to its next one.
     at: vec2u,
     step: u32,
 }
@@ -23,6 +23,7 @@ fn packet_at(group: vec3u, subgroup: u32, size: u32, index: u32, rows_of_lane: u
     );
 }
 
+// Whether a sub-sample is inside the tile.
 fn is_inside(at: vec2u) -> bool {
     return at.x < rays.width && at.y < rays.height;
 }

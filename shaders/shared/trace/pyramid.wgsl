@@ -1,35 +1,36 @@
-// A packet's rays in one shape, to cull boxes with.
+// The pyramid around a packet's rays, which culls boxes.
 
 import package::shared::rays::{Rays, ray_through};
 import package::shared::trace::trees::PlacedTree;
 
 @group(0) @binding(0) var<uniform> rays: Rays;
 
-// Farther than anything, and not infinite.
+// Distance of nothing: finite, and farther than any hit.
 const NOWHERE: f32 = 3e38;
-// Covers the rounding of a few operations, as a share of their largest operand.
+// Relative rounding error of a few operations, by their largest operand.
 const ROUNDING: f32 = 5e-7;
 
-// Sub-samples of a packet, in the tile.
+// Sub-samples of a packet, as positions in the tile.
 struct Block {
-    // The first, and from it to the last.
+    // The first sub-sample, and the offset from it to the last.
     begin: vec2f,
     extent: vec2f,
 }
 
-// A packet's pyramid in some space, about that space's zero.
+// A packet's pyramid, in the space of a tree or about the eye.
 struct Pyramid {
     eye: vec3f,
-    // Ray of the block's first sub-sample; to the next one in its row, in its column.
+    // Ray of the block's first sub-sample, and the steps to the next one in its row and in its column.
     first: vec3f,
     right: vec3f,
     down: vec3f,
-    // Normals of the sides, inwards.
+    // Inward normals of the sides.
     sides: array<vec3f, 4>,
-    // Dotted with a point about the eye: how far along the rays it is, in units of their directions.
+    // Dot product with a point relative to the eye: its distance along the rays, in units of their directions.
     ahead: vec3f,
 }
 
+// A side's normal, pointing to the side of `inside`.
 fn inwards(normal: vec3f, inside: vec3f) -> vec3f {
     return select(-normal, normal, dot(normal, inside) >= 0.0);
 }
@@ -48,8 +49,8 @@ fn pyramid_of(eye: vec3f, first: vec3f, right: vec3f, down: vec3f, extent: vec2f
     );
 }
 
-// How near a box is, at least; NOWHERE if it is outside the pyramid. Boxes of points are never missed: what rounding
-// may move is added.
+// Lower bound of a box's distance; NOWHERE if the box is outside the pyramid. Boxes are padded by rounding errors, so that
+// none is missed.
 fn nearness(pyramid: Pyramid, low: vec3f, high: vec3f) -> f32 {
     let a = low - pyramid.eye;
     let b = high - pyramid.eye;
@@ -65,7 +66,7 @@ fn nearness(pyramid: Pyramid, low: vec3f, high: vec3f) -> f32 {
     return select(NOWHERE, max(middle - reach, 0.0), seen);
 }
 
-// The packet's pyramid where a tree is.
+// The packet's pyramid in the space of a tree.
 fn pyramid_in_tree(tree: PlacedTree, block: Block) -> Pyramid {
     let x = tree.tree_from_eye_x;
     let y = tree.tree_from_eye_y;

@@ -1,14 +1,14 @@
-// Triangles of a leaf, made ready so that a ray costs additions: all rays of a tile start at the eye, so a triangle's
-// edge functions are linear across the image (Olano, Greer: "Triangle Scan Conversion using 2D Homogeneous
-// Coordinates", 1997).
+// Setup of a leaf's triangles. All rays of a tile start at the eye, so a triangle's edge functions are linear across the
+// image, and a ray costs only additions (Olano and Greer, "Triangle Scan Conversion using 2D Homogeneous Coordinates",
+// 1997).
 
 import package::shared::trace::pyramid::{Block, Pyramid, ROUNDING};
 import package::shared::trace::trees::{
     CUTOUT, CUTOUT_KIND, ONE_SIDED, REFERENCE_FIRST, record_place, reference_count, triangles,
 };
 
-// A triangle's functions of the place in the block (x, y, 1): three that are at least zero inside, and the inverse
-// distance.
+// Linear functions of the position in the block (x, y, 1): three edge functions, at least zero inside the triangle, and the
+// inverse distance.
 struct Prepared {
     u: vec3f,
     v: vec3f,
@@ -16,6 +16,7 @@ struct Prepared {
     inverse: vec3f,
 }
 
+// The function dot(n, ray) of the position in the block.
 fn linear(pyramid: Pyramid, n: vec3f) -> vec3f {
     return vec3f(dot(n, pyramid.right), dot(n, pyramid.down), dot(n, pyramid.first));
 }
@@ -24,9 +25,9 @@ fn sum_of_parts(n: vec3f) -> f32 {
     return abs(n.x) + abs(n.y) + abs(n.z);
 }
 
-// Corners about the eye; `longest` bounds the parts of the rays' directions. Edges are moved outwards by what rounding
-// may move them, so that no ray slips between two triangles; the distance is not. What has no volume with the eye is
-// edge-on, and not seen.
+// Sets up a triangle: its first corner relative to the eye, and its edges. `longest` bounds the components of the rays'
+// directions. Edges are moved outwards by their rounding error, so that no ray slips between two triangles. A triangle in
+// a plane with the eye is not visible.
 fn prepare(pyramid: Pyramid, a: vec3f, e1: vec3f, e2: vec3f, longest: f32) -> Prepared {
     let normal = cross(e1, e2);
     let volume = dot(normal, a);
@@ -45,11 +46,12 @@ fn prepare(pyramid: Pyramid, a: vec3f, e1: vec3f, e2: vec3f, longest: f32) -> Pr
     return Prepared(u, v, w, n);
 }
 
-// The largest value in the block.
-fn most(f: vec3f, extent: vec2f) -> f32 {
+// The largest value of a function in the block.
+fn largest_in_block(f: vec3f, extent: vec2f) -> f32 {
     return f.z + max(f.x * extent.x, 0.0) + max(f.y * extent.y, 0.0);
 }
 
+// The value of a function at a position in the block.
 fn at_place(f: vec3f, place: vec2f) -> f32 {
     return f.z + f.x * place.x + f.y * place.y;
 }
@@ -65,18 +67,20 @@ fn prepared_by_lane(prepared: Prepared, lane: u32) -> Prepared {
     );
 }
 
-// A leaf's triangles, one to a lane.
+// The triangle of a leaf that a lane sets up.
 struct Leaf {
     prepared: Prepared,
-    // Position in `triangles`; its first texel's w, and so on.
+    // Index in `triangles`.
     triangle: u32,
+    // Instance, primitive and flags from its texels.
     instance: u32,
     primitive: u32,
     flags: u32,
-    // The packet may see it.
+    // Whether the packet may see it.
     seen: bool,
 }
 
+// Sets up a leaf's triangles, one per lane. Triangles of another kind or beyond `horizon` (inverse distance) are not seen.
 fn leaf_of(
     pyramid: Pyramid, block: Block, lane: u32, reference: u32, kind: u32, longest: f32, horizon: f32,
 ) -> Leaf {
@@ -94,9 +98,9 @@ fn leaf_of(
     let is_cutout = (t2.w & CUTOUT) != 0u;
     let seen = lane < count && is_cutout == (kind == CUTOUT_KIND)
         && !(from_behind && (t2.w & ONE_SIDED) != 0u)
-        && most(prepared.inverse, block.extent) > horizon
-        && most(prepared.u, block.extent) >= 0.0
-        && most(prepared.v, block.extent) >= 0.0
-        && most(prepared.w, block.extent) >= 0.0;
+        && largest_in_block(prepared.inverse, block.extent) > horizon
+        && largest_in_block(prepared.u, block.extent) >= 0.0
+        && largest_in_block(prepared.v, block.extent) >= 0.0
+        && largest_in_block(prepared.w, block.extent) >= 0.0;
     return Leaf(prepared, triangle, t0.w, t1.w, t2.w, seen);
 }

@@ -1,4 +1,4 @@
-// The way down a tree, nearest first, that all lanes of a packet go together.
+// Depth-first traversal of a tree, nearest child first, by all lanes of a packet together.
 
 import package::shared::rays::ray_through;
 import package::shared::trace::pyramid::{Block, NOWHERE, Pyramid, nearness, pyramid_in_tree, pyramid_of, rays};
@@ -6,27 +6,28 @@ import package::shared::trace::trees::{
     Child, REFERENCE_FIRST, REFERENCE_LEAF, children, placed, record_place, reference_count, top,
 };
 
-// Deepest level of a tree; the host builds no deeper one.
+// Most levels of a tree. The host builds no deeper trees.
 const MOST_LEVELS: u32 = 24;
 
-// No reference to a leaf: what a search for one answers where there is none, and where it did not come to its end.
+// Results of `next_leaf` that are no reference: no leaf is left, or a loop was cut off.
 const NO_LEAF: u32 = 0;
 const CUT: u32 = 1;
 
-// Children that wait at some node, one to a lane: how near, and what.
+// A child that waits to be visited, one per lane.
 struct Waiting {
+    // Lower bound of its distance; NOWHERE for none.
     near: f32,
     reference: u32,
 }
 
-// One level of the way down, each: children that were left waiting there.
+// The waiting children of each ancestor of the current node.
 struct Stack {
     near: array<f32, MOST_LEVELS>,
     reference: array<u32, MOST_LEVELS>,
     height: u32,
 }
 
-// The children of a node, those that a packet may see.
+// The children of a node that the packet may see, one per lane.
 fn open(pyramid: Pyramid, reference: u32, kind: u32, lane: u32, of_top: bool) -> Waiting {
     let mine = min(lane, reference_count(reference) - 1u) + (reference & REFERENCE_FIRST);
     var child: Child;
@@ -41,8 +42,8 @@ fn open(pyramid: Pyramid, reference: u32, kind: u32, lane: u32, of_top: bool) ->
     return Waiting(select(NOWHERE, nearness(pyramid, child.min, child.max), wanted), child.reference);
 }
 
-// Down to the next leaf, nearest first; NO_LEAF if there is none before `limit`, CUT if a loop was ended. A level is
-// left on the stack only while children wait there, so the stack is never higher than the tree has levels.
+// Finds the next leaf, nearest first. NO_LEAF if none is nearer than `limit`; CUT if a loop was cut off. Levels without
+// waiting children are not pushed, so the stack is at most as high as the tree.
 fn next_leaf(
     pyramid: Pyramid, kind: u32, lane: u32, limit: f32, of_top: bool, stack: ptr<function, Stack>,
     waiting: ptr<function, Waiting>,
@@ -75,11 +76,11 @@ fn next_leaf(
     return leaf;
 }
 
-// A packet at the root of a tree.
+// Start of a traversal at the root of a tree.
 struct Walk {
     pyramid: Pyramid,
     waiting: Waiting,
-    // Bounds the parts of the rays' directions.
+    // Bound of the components of the rays' directions.
     longest: f32,
 }
 
@@ -89,11 +90,12 @@ fn walk_from(pyramid: Pyramid, block: Block, lane: u32, root: u32, wanted: bool)
     return Walk(pyramid, Waiting(select(NOWHERE, 0.0, waits), root), max(corner.x, max(corner.y, corner.z)));
 }
 
+// Start of the traversal of a placed tree.
 fn walk_of_tree(block: Block, lane: u32, tree: u32) -> Walk {
     return walk_from(pyramid_in_tree(placed[tree], block), block, lane, placed[tree].root, true);
 }
 
-// The tree over all that is placed, about the eye.
+// Start of the traversal of the tree over all placed trees.
 fn walk_of_top(block: Block, lane: u32, kind: u32) -> Walk {
     let pyramid = pyramid_of(vec3f(0.0), ray_through(rays, block.begin), rays.right, rays.down, block.extent);
     return walk_from(pyramid, block, lane, top[0].reference, (top[0].kinds & kind) != 0u);

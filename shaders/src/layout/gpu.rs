@@ -1,8 +1,8 @@
-//! `shaders/gpu/*.wgsl`: hierarchies and the traversal of two of them.
+//! Mirrors of structs of `shaders/gpu/*.wgsl`: hierarchies and their traversals.
 
 use super::Mirror;
 
-/// All of this file's.
+/// All mirrors of this file.
 pub(super) const MIRRORS: &[Mirror] = &[
     Digit::MIRROR,
     Split::MIRROR,
@@ -25,9 +25,9 @@ pub(super) const MIRRORS: &[Mirror] = &[
 mirror! {
     /// One digit of a radix sort: `gpu/sort.wgsl`.
     pub struct Digit {
-        /// Keys.
+        /// Number of keys.
         pub count: u32,
-        /// Runs of keys.
+        /// Number of runs of keys.
         pub runs: u32,
         /// Lowest bit of the digit.
         pub shift: u32,
@@ -37,17 +37,17 @@ mirror! {
 mirror! {
     /// One level of voxelisation: `gpu/voxelize.wgsl`.
     pub struct Split {
-        /// Pairs of a triangle and a cell.
+        /// Number of pieces: pairs of a triangle and a cell that it overlaps.
         pub count: u32,
-        /// Cells along an edge of the root, one level further down.
+        /// Cells along an edge of the root, on the next level.
         pub cells: f32,
     }
 }
 
 mirror! {
-    /// One level of an octree in the making: `gpu/levels.wgsl`.
+    /// One level of an octree that is built: `gpu/levels.wgsl`.
     pub struct LevelStep {
-        /// Sorted elements, or most nodes there can be.
+        /// Number of sorted elements, or bound on the number of nodes.
         pub count: u32,
         /// The level that is made.
         pub level: u32,
@@ -59,7 +59,7 @@ mirror! {
 mirror! {
     /// One level of the scene's octree: `gpu/octree.wgsl`.
     pub struct Average {
-        /// Most nodes there can be on the level.
+        /// Bound on the number of nodes of the level.
         pub count: u32,
         /// The level.
         pub level: u32,
@@ -71,18 +71,18 @@ mirror! {
 mirror! {
     /// One step of a view octree: `gpu/view_octree.wgsl`.
     pub struct ViewStep {
-        /// The views' root cube, in edges of the scene's.
+        /// Least corner of the views' root cube, in edges of the scene's root cube.
         pub origin: [f32; 3],
-        /// Its edge.
+        /// Edge of the views' root cube, in edges of the scene's root cube.
         pub edge: f32,
-        /// Views, or most nodes there can be.
+        /// Number of views, or bound on the number of nodes.
         pub count: u32,
         /// The level.
         pub level: u32,
         /// Cells along an edge of the root on the level.
         pub cells: f32,
-        /// 1: spheres around the views themselves, where those are smaller than the cell's; 2: nodes of this level tell
-        /// views apart by which way they look.
+        /// Bits. 1: uses a sphere around the views themselves if it is smaller than the cell's. 2: the nodes of this level
+        /// divide the views of a cell by their direction.
         pub flags: u32,
     }
 }
@@ -90,61 +90,61 @@ mirror! {
 mirror! {
     /// One step of a traversal: `gpu/traverse.wgsl`.
     pub struct PairStep {
-        /// Cells along an edge of the scene's root, of the pairs that are tested.
+        /// Cells along an edge of the scene's root, on the level of the tested pairs.
         pub cells: f32,
         /// Radius of such a cell's sphere.
         pub radius: f32,
         /// Texels of a hemisphere's side.
         pub side: f32,
-        /// How large a node may appear and still be rendered whole, texels.
+        /// Largest apparent size of a node that is rendered, texels.
         pub threshold: f32,
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Pairs that the queues hold.
+        /// Capacity of the queues, pairs.
         pub capacity: u32,
-        /// Entry of the counters for this step's queue.
+        /// Index in the counters of the queue that is read.
         pub counters_in: u32,
-        /// Entry for the queue that it fills.
+        /// Index in the counters of the queue that is filled.
         pub counters_out: u32,
-        /// Entry that says whether a queue of this part of the frame overflowed.
+        /// Index in the counters of the overflow flag of this part of the frame.
         pub overflow: u32,
-        /// The only octant that this pass follows; 8: all.
+        /// The octant of the view node that this pass descends to; 8: all octants.
         pub octant: u32,
-        /// 1: the pairs of this step are counted.
+        /// 1: this pass counts the pairs of the step.
         pub counted: u32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
-        /// Pairs whose centers are nearer, edges of the root, are not rendered.
+        /// Least distance of the centres of a rendered pair, edges of the root.
         pub near: f32,
-        /// Pairs whose centers are at least this far, edges of the root, are not rendered.
+        /// Bound of the distance of the centres of a rendered pair, edges of the root.
         pub far: f32,
-        /// 1: the view nodes of the pairs tested are leaves.
+        /// 1: the view nodes of the tested pairs are leaves.
         pub leaf_views: u32,
-        /// The owner of what belongs to the first view.
+        /// Owner number of the first view.
         pub first_owner: u32,
     }
 }
 
 mirror! {
-    /// What goes before a step: `gpu/queue.wgsl`.
+    /// Workgroups and first pairs of a step: `gpu/queue.wgsl`.
     pub struct QueueStep {
-        /// Entry of the counters for the queue.
+        /// Index of the queue in the counters.
         pub counters: u32,
-        /// Entry that says whether a queue of this part of the frame overflowed.
+        /// Index in the counters of the overflow flag of this part of the frame.
         pub overflow: u32,
-        /// Where the three numbers of workgroups go.
+        /// Index in the arguments of the three numbers of workgroups.
         pub arguments: u32,
-        /// Pairs that a workgroup takes.
+        /// Pairs per workgroup.
         pub group: u32,
         /// The scene's root, or the first of its leaves.
         pub scene_node: u32,
         /// First view.
         pub first_view: u32,
-        /// Pairs that a traversal begins with.
+        /// Number of pairs that the traversal starts with.
         pub count: u32,
-        /// Of the view octree.
+        /// Level of the view octree.
         pub level: u32,
-        /// Maps that there is room for.
+        /// Number of allocated maps.
         pub maps: u32,
     }
 }
@@ -160,23 +160,23 @@ mirror! {
         pub side: u32,
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Pairs that the queue holds.
+        /// Capacity of the queue, pairs.
         pub capacity: u32,
-        /// Entry of the counters for the queue.
+        /// Index of the queue in the counters.
         pub counters: u32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
     }
 }
 
 mirror! {
-    /// Maps that take what those above them hold: `shared/map_fusion.wgsl`.
+    /// Merging maps into those of descendants: `shared/map_fusion.wgsl`.
     pub struct Fusion {
         /// Texels of a hemisphere's side.
         pub side: u32,
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
         /// Level of the maps, or number of queries.
         pub level: u32,
@@ -186,23 +186,23 @@ mirror! {
 mirror! {
     /// Every triangle for every view: `gpu/raster_views.wgsl`.
     pub struct RasterStep {
-        /// Triangles.
+        /// Number of triangles.
         pub triangles: u32,
-        /// The first of the views that are rendered.
+        /// First view that is rendered.
         pub first_view: u32,
         /// Texels of a hemisphere's side.
         pub side: u32,
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
     }
 }
 
 mirror! {
-    /// One level of a tree of balls: `gpu/spheres.wgsl`.
+    /// One level of a sphere tree: `gpu/spheres.wgsl`.
     pub struct SphereStep {
-        /// Points, or nodes of the level.
+        /// Number of points, or of nodes of the level.
         pub count: u32,
         /// First node of the level.
         pub first: u32,
@@ -212,13 +212,13 @@ mirror! {
 mirror! {
     /// One level of an octree that is cut: `gpu/cut_tree.wgsl`.
     pub struct CellStep {
-        /// Nodes of the level.
+        /// Number of nodes of the level.
         pub count: u32,
-        /// The first of them.
+        /// First node of the level.
         pub first: u32,
         /// Cells along an edge of the root on the level.
         pub cells: f32,
-        /// By how much a ball is larger than its cell's.
+        /// Padding of the spheres' radii, edges of the root.
         pub pad: f32,
     }
 }
@@ -226,29 +226,29 @@ mirror! {
 mirror! {
     /// A step of finding cuts: `gpu/cut.wgsl`.
     pub struct CutStep {
-        /// Views.
+        /// Number of views.
         pub views: u32,
-        /// The tree's root.
+        /// Index of the tree's root.
         pub root: u32,
-        /// Texels of a hemisphere's side by the threshold.
+        /// Texels of a hemisphere's side, divided by the threshold.
         pub scale: f32,
-        /// Motion of a view, edges of the root, beyond which it starts over.
+        /// Motion of a view, edges of the root, beyond which its cut restarts from the root.
         pub jump: f32,
-        /// Entries that the queues and the cut hold.
+        /// Capacity of the queues and of the cuts, entries.
         pub capacity: u32,
-        /// Chunks of the cut.
+        /// Number of chunks.
         pub chunks: u32,
-        /// Entry of the counters for the queue that is read.
+        /// Index in the counters of the queue that is read.
         pub queue_in: u32,
-        /// Entry for the queue that is filled.
+        /// Index in the counters of the queue that is filled.
         pub queue_out: u32,
-        /// Where numbers of workgroups go.
+        /// Index in the arguments of the numbers of workgroups.
         pub arguments: u32,
-        /// Units of motion by which chunks may be overdue while views move.
+        /// Lazy cuts: units of motion by which chunks may be overdue while views move.
         pub lag: u32,
-        /// 1: every view starts over.
+        /// 1: the cuts of all views restart from the root.
         pub restart: u32,
-        /// 0: of this step's queue only what started over is divided.
+        /// 0: this step divides only nodes of views that restarted in this frame.
         pub deep: u32,
     }
 }
@@ -256,59 +256,59 @@ mirror! {
 mirror! {
     /// Drawing cuts: `gpu/cut_draw.wgsl`.
     pub struct DrawStep {
-        /// Views.
+        /// Number of views.
         pub views: u32,
         /// Texels of a hemisphere's side.
         pub side: u32,
-        /// How large a node may appear and be drawn whole, texels.
+        /// Largest apparent size of a node that is drawn as one disc, texels.
         pub threshold: f32,
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
-        /// Entries that the queue holds.
+        /// Capacity of the queue, entries.
         pub capacity: u32,
-        /// Its entry of the counters.
+        /// Index of the queue in the counters.
         pub queue: u32,
-        /// Where the number of workgroups goes.
+        /// Index in the arguments of the number of workgroups.
         pub arguments: u32,
     }
 }
 
 mirror! {
-    /// Random points splatted, and levels between which gaps are filled: `gpu/imperfect_views.wgsl`.
+    /// Splatting random points, and filling gaps from coarser levels: `gpu/imperfect_views.wgsl`.
     pub struct ImperfectStep {
-        /// Maps.
+        /// Number of maps.
         pub count: u32,
-        /// Points to each.
+        /// Number of points per map.
         pub points: u32,
-        /// Points to choose from.
+        /// Number of points to choose from.
         pub pool: u32,
-        /// Where those begin among the nodes.
+        /// Index of the first point among the nodes.
         pub first: u32,
         /// Texels of a hemisphere's side.
         pub side: u32,
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
         /// Texels on a side of the level that is written.
         pub to_side: u32,
         /// Texels on a side of the level that is read.
         pub from_side: u32,
-        /// Where the level that is written begins in the pyramid.
+        /// Offset of the written level in the pyramid.
         pub to_begin: u32,
-        /// Where the level that is read begins in the pyramid.
+        /// Offset of the read level in the pyramid.
         pub from_begin: u32,
     }
 }
 
 mirror! {
-    /// Atomics at pseudo-random places: `gpu/scattered_atomics.wgsl`.
+    /// Atomics at pseudo-random words: `gpu/scattered_atomics.wgsl`.
     pub struct Scatter {
-        /// Words of the buffer, of 32 or of 64 bits.
+        /// Number of words of the buffer, of 32 or 64 bits.
         pub words: u32,
-        /// Tells dispatches apart.
+        /// Seed of the words, different in each dispatch.
         pub seed: u32,
     }
 }

@@ -1,8 +1,8 @@
-//! `shaders/sampler/*.wgsl` and what they import of a scene: what the sampler hands to the GPU.
+//! Mirrors of structs of `shaders/sampler/*.wgsl`, and of the modules of a scene's data that they import.
 
 use super::Mirror;
 
-/// All of this file's.
+/// All mirrors of this file.
 pub(super) const MIRRORS: &[Mirror] = &[
     TextureSlot::MIRROR,
     MeshLayout::MIRROR,
@@ -29,7 +29,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     Receive::MIRROR,
 ];
 
-/// Values in [`TextureSlot::usage`], as `shared/texture.wgsl` has them.
+/// Roles of a texture in [`TextureSlot::usage`]. Equal to those of `shared/texture.wgsl`.
 pub mod role {
     /// Base colour and alpha.
     pub const BASE_COLOR: u32 = 0;
@@ -46,21 +46,21 @@ mirror! {
     pub struct TextureSlot {
         /// Rows of the linear part of the transform from a mesh's uv to the texture's.
         pub texture_from_uv: [f32; 4],
-        /// Added last.
+        /// Translation of that transform.
         pub offset: [f32; 4],
-        /// Width and height of level 0, where the addresses of its levels begin, how many levels there are.
+        /// Width and height of level 0, index of level 0 among the levels' addresses, number of levels.
         pub extent: [u32; 4],
-        /// Addressing of u and v (0 repeat, 1 clamp, 2 mirror), what its material uses it for ([`role`]).
+        /// Addressing of u and v (0 repeat, 1 clamp, 2 mirror), role in the material ([`role`]).
         pub usage: [u32; 4],
     }
 }
 
 mirror! {
-    /// Where a mesh's data begin, and which attributes its vertices have: `shared/geometry.wgsl`.
+    /// Offsets of a mesh's data, and its vertex attributes: `shared/geometry.wgsl`.
     pub struct MeshLayout {
-        /// First index, first vertex, first record of attributes, records of attributes to a vertex.
+        /// First index, first vertex, first record of attributes, records of attributes per vertex.
         pub first: [u32; 4],
-        /// Whether its vertices have texture coordinates, colours, tangents; its material.
+        /// 1 if its vertices have texture coordinates, colours, tangents; index of its material.
         pub has: [u32; 4],
     }
 }
@@ -68,7 +68,7 @@ mirror! {
 mirror! {
     /// The transform of an instance relative to the eye: `shared/geometry.wgsl`.
     pub struct InstanceTransform {
-        /// First row of the transform from world axes about the eye to mesh space.
+        /// First row of the transform from world axes relative to the eye to mesh space.
         pub mesh_from_eye_x: [f32; 4],
         /// The second row.
         pub mesh_from_eye_y: [f32; 4],
@@ -84,18 +84,18 @@ mirror! {
 mirror! {
     /// A material: `shared/geometry.wgsl`.
     pub struct MaterialData {
-        /// Linear, with alpha.
+        /// Linear base colour, and alpha.
         pub base_color: [f32; 4],
-        /// Linear radiance.
+        /// Emitted radiance, linear.
         pub emissive: [f32; 3],
-        /// Factor.
+        /// Metallic factor.
         pub metallic: f32,
-        /// Roughness, scale of the normal map, reflectance of the dielectric, alpha below which nothing is.
+        /// Roughness, scale of the normal map, reflectance of the dielectric at normal incidence, alpha cutoff.
         pub factors: [f32; 4],
-        /// First sRGB-encoded texture among all slots, how many, first of the others, how many.
+        /// Its textures among all slots: first and number of those encoded as sRGB, first and number of the others.
         pub textures: [u32; 4],
-        /// Whether it has a specular lobe; 1 + the index of the base colour's slot, or 0; the share of light that passes
-        /// through, f32 bits.
+        /// 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; transmitted share of light,
+        /// f32 bits.
         pub traits: [u32; 4],
     }
 }
@@ -103,15 +103,15 @@ mirror! {
 mirror! {
     /// The rays of a tile of a pinhole image: `shared/rays.wgsl`.
     pub struct Rays {
-        /// From the eye to the tile's top left corner at unit depth, world axes.
+        /// Vector from the eye to the tile's top left corner at unit depth, world axes.
         pub top_left: [f32; 3],
         /// Sub-samples along each side of a texel.
         pub side: u32,
-        /// From one sub-sample to the next.
+        /// Step from one sub-sample to the next in its row.
         pub right: [f32; 3],
-        /// Sub-samples of the tile: columns.
+        /// Columns of the tile, sub-samples.
         pub width: u32,
-        /// From one row of sub-samples to the next.
+        /// Step from one row of sub-samples to the next.
         pub down: [f32; 3],
         /// Rows.
         pub height: u32,
@@ -119,19 +119,19 @@ mirror! {
 }
 
 mirror! {
-    /// A run of an instance's triangles, placed before a tile: `sampler/visibility.wgsl`.
+    /// A run of an instance's triangles, with its transform to a tile: `sampler/visibility.wgsl`.
     pub struct Draw {
-        /// Row of the transform from the mesh's vertices to clip space.
+        /// First row of the transform from mesh space to clip space.
         pub clip_from_mesh_x: [f32; 4],
         /// The second row.
         pub clip_from_mesh_y: [f32; 4],
-        /// The fourth row; the third is `near` everywhere.
+        /// The fourth row. The third row is (0, 0, 0, `near`).
         pub clip_from_mesh_w: [f32; 4],
         /// Distance of the near plane, metres.
         pub near: f32,
         /// Index of the instance.
         pub instance: u32,
-        /// Triangle of the mesh that the run begins with.
+        /// First triangle of the run, within the mesh.
         pub first_triangle: u32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: u32,
@@ -139,23 +139,24 @@ mirror! {
 }
 
 mirror! {
-    /// A child of a node of a wide tree: `sampler/trace.wgsl`.
+    /// A child of a node of a wide tree: `shared/trace/trees.wgsl`.
     pub struct Child {
         /// Smallest coordinates.
         pub min: [f32; 3],
-        /// What is below it: how many less one (3 bits), whether triangles (1), the first of them.
+        /// Its children or triangles. From the highest bits: their number - 1 (3 bits), 1 for triangles (1 bit), index of
+        /// the first (28 bits).
         pub reference: u32,
         /// Largest coordinates.
         pub max: [f32; 3],
-        /// Whether opaque triangles are in it (1), and such with an alpha test (2).
+        /// Kinds of triangles below it, bits: 1 opaque, 2 with an alpha test.
         pub kinds: u32,
     }
 }
 
 mirror! {
-    /// A tree of triangles as one eye sees it: `sampler/trace.wgsl`.
+    /// A tree of triangles with its transform from the eye: `shared/trace/trees.wgsl`.
     pub struct PlacedTree {
-        /// Row of the transform from world axes about the eye to the tree's space.
+        /// First row of the transform from world axes relative to the eye to the tree's space.
         pub tree_from_eye_x: [f32; 4],
         /// The second row.
         pub tree_from_eye_y: [f32; 4],
@@ -163,7 +164,7 @@ mirror! {
         pub tree_from_eye_z: [f32; 4],
         /// Reference to its root.
         pub root: u32,
-        /// Index of the instance; all ones where each triangle says it.
+        /// Index of the instance; all ones if each triangle has its own.
         pub instance: u32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: [u32; 2],
@@ -195,7 +196,7 @@ mirror! {
         pub size: [u32; 2],
         /// Sub-samples along each side of a pixel.
         pub side: u32,
-        /// Radiance to display-linear.
+        /// Factor from radiance to display-linear.
         pub exposure: f32,
     }
 }
@@ -203,15 +204,15 @@ mirror! {
 mirror! {
     /// A virtual point light: `shared/vpl.wgsl`.
     pub struct Vpl {
-        /// Relative to the root, the middle of the scene.
+        /// Position relative to the centre of the scene, metres.
         pub position: [f32; 3],
         /// WGSL aligns what follows.
         pub _pad: f32,
-        /// Unit normal.
+        /// Unit normal; zero for a particle.
         pub normal: [f32; 3],
         /// WGSL aligns what follows.
         pub _pad2: f32,
-        /// Flux by π².
+        /// Flux / π²; of a particle, flux / 4π².
         pub intensity: [f32; 3],
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad3: f32,
@@ -219,33 +220,32 @@ mirror! {
 }
 
 mirror! {
-    /// A group of VPLs: `shared/vpl.wgsl`.
+    /// A node of the tree over VPLs: `shared/vpl.wgsl`.
     pub struct VplNode {
-        /// Middle of a ball around the positions, relative to the root.
+        /// Centre of the bounding sphere of the positions, relative to the centre of the scene.
         pub center: [f32; 3],
-        /// Its radius.
+        /// Radius of the bounding sphere.
         pub radius: f32,
-        /// Axis of a cone around the normals.
+        /// Axis of the bounding cone of the normals.
         pub axis: [f32; 3],
-        /// Cosine of its half angle.
+        /// Cosine of the cone's half angle; -1 if it holds all directions.
         pub cosine: f32,
         /// First VPL.
         pub first: u32,
-        /// How many.
+        /// Number of VPLs.
         pub count: u32,
-        /// The node after all that are below this one.
+        /// The next node after all descendants of this one.
         pub skip: u32,
-        /// Whether none is below it.
+        /// 1: a leaf.
         pub leaf: u32,
-        /// Sum of the intensities, mean of the channels.
+        /// Sum of the intensities, averaged over the channels.
         pub power: f32,
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: [u32; 3],
     }
 }
 
-/// Groups that a block's list of VPLs holds, words of a list, sub-samples on a side of a block: as
-/// `shared/vpl.wgsl` has them.
+/// Sizes of blocks and of their lists of VPLs. Equal to those of `shared/vpl.wgsl`.
 pub mod vpl {
     /// Most groups of a list.
     pub const MOST_GROUPS: u32 = 256;
@@ -266,35 +266,35 @@ mirror! {
 mirror! {
     /// Uniform of the passes that gather light from VPLs: `shared/vpl.wgsl`.
     pub struct Gathering {
-        /// Added to positions about the eye.
+        /// Vector from the centre of the scene to the eye, metres.
         pub root_from_eye: [f32; 3],
-        /// VPLs that a sub-sample gathers from.
+        /// VPLs that each sub-sample gathers from.
         pub samples: u32,
         /// Number of blocks of the tile.
         pub blocks: [u32; 2],
         /// Sub-samples of the tile.
         pub size: [u32; 2],
-        /// Where the tile begins in the image, sub-samples.
+        /// Position of the tile in the image, sub-samples.
         pub origin: [u32; 2],
         /// Texels on a side of a hemisphere's map.
         pub map_side: u32,
         /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
-        /// Sub-samples that the filter reaches on each side.
+        /// Radius of the filter, sub-samples.
         pub reach: u32,
-        /// Metres: nearer than this no VPL lights more strongly.
+        /// Distance in metres below which a VPL's light is clamped.
         pub least_distance: f32,
-        /// Metres: farther than this no VPL lights.
+        /// Distance in metres beyond which a VPL has no effect.
         pub cutoff: f32,
-        /// Widths of a texel.
+        /// Depth bias of shadow maps, in widths of a texel.
         pub bias: f32,
-        /// Metres by which the maps' surfaces may lie before the true ones.
+        /// Metres by which surfaces in the maps may be in front of the true ones.
         pub slack: f32,
-        /// Whether groups are left out.
+        /// 1: groups that cannot light a block are culled.
         pub culls: u32,
-        /// Whether groups are chosen by what they are worth rather than by how many VPLs they have.
+        /// 1: groups are drawn by their estimated light; 0: by their number of VPLs.
         pub weighs: u32,
-        /// Groups that a block keeps on average; 0 for all that may light it.
+        /// Average number of groups in a block's list; 0: all groups that may light it.
         pub kept_groups: u32,
     }
 }
@@ -338,11 +338,11 @@ mirror! {
 mirror! {
     /// Leaves of an octree that are shaded in one submission: `shared/surfel.wgsl`.
     pub struct LeafChunk {
-        /// The octree's root, its corner of least coordinates, about the eye; metres.
+        /// Least corner of the octree's root relative to the eye, metres.
         pub root_about_eye: [f32; 3],
         /// Length of the root's edge, metres.
         pub edge: f32,
-        /// Columns and rows of the image that they are shaded in: multiples of [`LEAF_BLOCK`].
+        /// Columns and rows of the image that the leaves are shaded in: multiples of [`LEAF_BLOCK`].
         pub size: [u32; 2],
         /// First leaf.
         pub first: u32,
@@ -355,7 +355,7 @@ mirror! {
     }
 }
 
-/// Texels on a side of the squares of that image, as `shared/surfel.wgsl` has it.
+/// Texels on a side of a square of consecutive leaves in that image. Equal to that of `shared/surfel.wgsl`.
 pub const LEAF_BLOCK: u32 = 16;
 
 /// Bytes of a surfel of `shared/surfel.wgsl`.
@@ -366,7 +366,7 @@ mirror! {
     pub struct NodeLevel {
         /// First node.
         pub first: u32,
-        /// Nodes.
+        /// Number of nodes.
         pub count: u32,
         /// Length of the root's edge, metres.
         pub edge: f32,
@@ -378,7 +378,7 @@ mirror! {
     pub struct MapLookup {
         /// Index of the camera, or of the first one, among the views of the traversal.
         pub view: u32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
         /// Texels on a side of a hemisphere.
         pub map_side: u32,
@@ -400,9 +400,9 @@ mirror! {
         pub rows: u32,
         /// Texels on a side of this level.
         pub level_side: u32,
-        /// Its first row in the probe.
+        /// First row of this level in the probe.
         pub level_row: u32,
-        /// Its roughness.
+        /// Roughness of the surfaces that this level is for.
         pub roughness: f32,
     }
 }
@@ -412,7 +412,7 @@ mirror! {
     pub struct OwnLevel {
         /// First node.
         pub first: u32,
-        /// Nodes.
+        /// Number of nodes.
         pub count: u32,
     }
 }
@@ -454,7 +454,7 @@ mirror! {
         pub first: u32,
         /// Number of receivers.
         pub count: u32,
-        /// Maps of one array: 2 to the power of this.
+        /// Base-2 logarithm of the number of maps in one array.
         pub map_shift: u32,
         /// Texels of a hemisphere's side.
         pub map_side: u32,

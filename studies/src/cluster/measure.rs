@@ -349,7 +349,7 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
                 version: Some(Version::of_epoch(id.version, frame.provenance.epoch).into()),
                 cameras: vec![id.camera],
                 // A worker that does not hold the sample must not render it.
-                ahead: true,
+                prefetch: true,
                 specification_hash: specification_hash.clone(),
                 ..v1::SubscribeRequest::default()
             };

@@ -77,7 +77,7 @@ pub(super) struct Worker {
     pub(super) leaving: bool,
     /// Factor on the time of all its work.
     pub(super) slowness: f64,
-    pub(super) told: Option<Assignment>,
+    pub(super) assignment: Option<Assignment>,
     pub(super) acting: Option<Role>,
     pub(super) applied: u64,
     pub(super) held: BTreeSet<SampleId>,
@@ -91,7 +91,7 @@ pub(super) struct Worker {
     /// Slots that wait for a sample from this worker.
     pub(super) children: HashMap<SampleId, Vec<usize>>,
     pub(super) renders: VecDeque<SampleId>,
-    pub(super) renders_ahead: VecDeque<SampleId>,
+    pub(super) prefetches: VecDeque<SampleId>,
     pub(super) waiting: BTreeMap<ViewId, Waiting>,
     pub(super) views: VecDeque<(Attempt, Vec<SampleId>)>,
     pub(super) direct: VecDeque<Attempt>,
@@ -113,20 +113,20 @@ impl Worker {
     }
 
     /// Whether a sample is being rendered or queued.
-    pub(super) fn renders(&self, id: SampleId, ahead: bool) -> bool {
+    pub(super) fn renders(&self, id: SampleId, prefetch: bool) -> bool {
         let now = matches!(&self.busy, Some(Busy { rendering: Rendering::Sample(now), .. }) if *now == id);
-        now || self.renders.contains(&id) || (ahead && self.renders_ahead.contains(&id))
+        now || self.renders.contains(&id) || (prefetch && self.prefetches.contains(&id))
     }
 
     /// Queues a sample to be rendered, unless it is in work or queued.
-    pub(super) fn render(&mut self, id: SampleId, ahead: bool) {
-        if self.renders(id, ahead) {
+    pub(super) fn render(&mut self, id: SampleId, prefetch: bool) {
+        if self.renders(id, prefetch) {
             return;
         }
-        match ahead {
-            true => self.renders_ahead.push_back(id),
+        match prefetch {
+            true => self.prefetches.push_back(id),
             false => {
-                self.renders_ahead.retain(|other| *other != id);
+                self.prefetches.retain(|other| *other != id);
                 self.renders.push_back(id);
             }
         }
@@ -138,7 +138,7 @@ impl Worker {
             samples: self.renders.len(),
             direct: self.direct.len(),
             warped: self.views.len(),
-            ahead: self.renders_ahead.len(),
+            prefetch: self.prefetches.len(),
             ..Left::default()
         }
     }
@@ -162,7 +162,7 @@ impl Worker {
         let turn = self.policy.next(&self.waiting())?;
         match turn.kind {
             Kind::Sample => self.renders.pop_front().map(|id| (Rendering::Sample(id), 0)),
-            Kind::Ahead => self.renders_ahead.pop_front().map(|id| (Rendering::Sample(id), 0)),
+            Kind::Prefetch => self.prefetches.pop_front().map(|id| (Rendering::Sample(id), 0)),
             Kind::Direct => {
                 let views = take_batch(&mut self.direct, turn.most, |_, _| true);
                 Some((Rendering::Direct(views.into()), 0))
@@ -206,11 +206,11 @@ impl Worker {
 
     /// The next report. A new role is taken up once the queue allows it.
     pub(super) fn report(&mut self) -> Report {
-        if let Some(told) = &self.told {
-            let before = self.acting.unwrap_or(told.role);
-            if may_change_role(before, told.role, &(self.waiting() + self.in_work())) {
-                self.acting = Some(told.role);
-                self.applied = told.sequence;
+        if let Some(assignment) = &self.assignment {
+            let before = self.acting.unwrap_or(assignment.role);
+            if may_change_role(before, assignment.role, &(self.waiting() + self.in_work())) {
+                self.acting = Some(assignment.role);
+                self.applied = assignment.sequence;
             }
         }
         let [sample, direct, view] = &mut self.recent;

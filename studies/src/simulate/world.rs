@@ -38,7 +38,7 @@ pub(super) trait Load {
 pub(super) enum Message {
     Order(ViewId, Box<Order>),
     Assignment(Assignment),
-    Subscribe { id: SampleId, from: usize, ahead: bool },
+    Subscribe { id: SampleId, from: usize, prefetch: bool },
     Sample { id: SampleId },
     NoSample { id: SampleId, from: usize },
 }
@@ -315,7 +315,7 @@ impl World {
         let id = WorkerId(self.next_id);
         self.next_id += 1;
         let worker = &mut self.workers[slot];
-        (worker.id, worker.told, worker.applied) = (Some(id), None, 0);
+        (worker.id, worker.assignment, worker.applied) = (Some(id), None, 0);
         self.slots.insert(id, slot);
         let hello = Hello {
             public_address: None,

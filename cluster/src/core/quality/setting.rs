@@ -36,7 +36,7 @@ impl Setting {
                 search: warp.search,
                 steps: if warp.search.takes_steps() { warp.steps } else { 0 },
                 supersampling: warp.supersampling,
-                samples: warp.samples.iter().filter(|id| !id.is_surroundings()).count() as u32,
+                samples: warp.samples.iter().filter(|id| !id.is_reflection_probe()).count() as u32,
                 holes: warp.holes,
             },
         }

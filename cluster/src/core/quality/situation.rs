@@ -90,7 +90,7 @@ fn texels_per_radian(camera: &SampleCamera) -> f64 {
         SampleCamera::Omni { layout, .. } => match layout {
             OmniLayout::CubeFaces { face: side }
             | OmniLayout::DualParaboloid { side }
-            | OmniLayout::Surroundings { side, .. } => 0.5 * f64::from(*side),
+            | OmniLayout::ReflectionProbes { side, .. } => 0.5 * f64::from(*side),
         },
     }
 }

@@ -54,29 +54,29 @@ fn weight(name: &str, id: SampleId) -> u64 {
 /// Most holders of a sample in an order, beside its owner: more only make orders long.
 const MOST_NAMED: usize = 3;
 
-/// What the directory reads.
+/// Inputs of the directory: the workers, and who holds which samples.
 #[derive(Clone, Copy)]
-pub(super) struct Known<'a> {
+pub(super) struct Inputs<'a> {
     pub(super) workers: &'a Workers,
     pub(super) locations: &'a SampleLocations,
 }
 
 impl Directory {
     /// The owner of a sample, chosen now if it has none; `None` without samplers.
-    pub(super) fn owner(&mut self, id: SampleId, known: Known<'_>, now: Uptime) -> Option<WorkerId> {
-        let before = self.owners.get(&id).and_then(|entry| known.workers.get(entry.owner));
+    pub(super) fn owner(&mut self, id: SampleId, inputs: Inputs<'_>, now: Uptime) -> Option<WorkerId> {
+        let before = self.owners.get(&id).and_then(|entry| inputs.workers.get(entry.owner));
         let owner = match before.filter(|w| w.takes_samples()) {
             Some(owner) => owner.id(),
-            None => self.best_owner(id, known)?,
+            None => self.best_owner(id, inputs)?,
         };
         self.set(id, Entry { owner, used: now });
         Some(owner)
     }
 
     /// The best owner of a sample: a sampler that holds it, or else the one that would have it first.
-    fn best_owner(&self, id: SampleId, known: Known<'_>) -> Option<WorkerId> {
+    fn best_owner(&self, id: SampleId, inputs: Inputs<'_>) -> Option<WorkerId> {
         let samplers =
-            known.workers.queues().samplers().iter().filter_map(|entry| known.workers.get(entry.worker));
+            inputs.workers.queues().samplers().iter().filter_map(|entry| inputs.workers.get(entry.worker));
         let done_ms = |w: &Worker| {
             let share = self.shares.get(&(id.version, w.id())).copied().unwrap_or(0);
             (share + 1) as f64 * w.report().sample_ms.or(w.report().direct_ms).unwrap_or(1.0)
@@ -84,7 +84,7 @@ impl Directory {
         samplers
             .map(|w| {
                 (
-                    known.locations.faces(id, w.id()).is_empty(),
+                    inputs.locations.faces(id, w.id()).is_empty(),
                     done_ms(w),
                     std::cmp::Reverse(weight(&w.hello().name, id)),
                     w.id(),
@@ -133,11 +133,11 @@ impl Directory {
         &mut self,
         id: SampleId,
         reader: WorkerId,
-        known: Known<'_>,
+        inputs: Inputs<'_>,
         trees: &mut DistributionTrees,
         now: Uptime,
     ) -> (Source, bool) {
-        let Known { workers, locations, .. } = known;
+        let Inputs { workers, locations, .. } = inputs;
         let anyone_holds = locations.is_held(id);
         let on_its_way = locations.is_on_its_way(id);
         // An owner stays one while it holds the sample, renders it, or would render it again.
@@ -145,7 +145,7 @@ impl Directory {
             self.owners.get(&id).and_then(|entry| workers.get(entry.owner)).filter(|w| !w.is_suspected());
         let owner = match before.filter(|w| locations.has(id, w.id()) || on_its_way || w.takes_samples()) {
             Some(owner) => owner.id(),
-            None => self.best_owner(id, known).unwrap_or(reader),
+            None => self.best_owner(id, inputs).unwrap_or(reader),
         };
         self.set(id, Entry { owner, used: now });
         let to_render = !anyone_holds && !on_its_way;
@@ -179,8 +179,8 @@ impl Directory {
     }
 
     /// Where worker `reader` finds a dispensable sample: only at workers that hold it.
-    pub(super) fn among_holders(id: SampleId, reader: WorkerId, known: Known<'_>) -> Source {
-        let Known { workers, locations, .. } = known;
+    pub(super) fn among_holders(id: SampleId, reader: WorkerId, inputs: Inputs<'_>) -> Source {
+        let Inputs { workers, locations, .. } = inputs;
         let holds = |worker: &WorkerId| *worker != reader && locations.has(id, *worker);
         let holders = locations.near(id, reader).filter(holds).filter_map(|worker| workers.get(worker));
         let holders = holders.filter(|worker| !worker.is_suspected()).take(MOST_NAMED);

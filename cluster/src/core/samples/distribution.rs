@@ -1,6 +1,6 @@
 //! Distribution trees: how a sample reaches compositors without one worker sending it to all.
 //!
-//! Workers are ordered by when they were told to fetch a sample. The first [`FAN_OUT`] fetch it from a holder, each
+//! Workers are ordered by when they were assigned a sample. The first [`FAN_OUT`] fetch it from a holder, each
 //! other one from an earlier worker: its *parent*, which passes on what it has or will have. A parent always precedes
 //! its children, and no worker changes places while a sample lasts, so there are no cycles. If one transfer takes
 //! time t, a thousand workers have the sample after FAN_OUT · log_FAN_OUT(1000) · t, which is least near e: 19 t at
@@ -15,7 +15,7 @@ use crate::core::event::WorkerId;
 /// Most children of a worker.
 pub(super) const FAN_OUT: usize = 3;
 
-/// The order in which workers were told to fetch one sample.
+/// The order in which workers were assigned one sample.
 #[derive(Debug, Clone, Default)]
 pub(super) struct DistributionTree {
     /// The workers in order; `None` for a lost one.

@@ -3,7 +3,7 @@
 use argus_scene::{FaceMask, SampleId};
 
 use super::Samples;
-use super::directory::{Directory, Known};
+use super::directory::{Directory, Inputs};
 use crate::core::event::{Source, WorkerId};
 use crate::core::time::Uptime;
 use crate::core::workers::Workers;
@@ -30,14 +30,14 @@ impl Samples {
     ) -> (Vec<Source>, u64) {
         let mut to_render = 0;
         let mut source = |&(id, access): &(SampleId, Access)| {
-            let known = Known { workers, locations: &self.locations };
+            let inputs = Inputs { workers, locations: &self.locations };
             match access {
                 Access::AtHand => {
                     Source { id, faces: FaceMask::ALL, addresses: Vec::new(), dispensable: true }
                 }
-                Access::Dispensable => Directory::among_holders(id, reader, known),
+                Access::Dispensable => Directory::among_holders(id, reader, inputs),
                 Access::Needed => {
-                    let (source, is_new) = self.directory.locate(id, reader, known, &mut self.trees, now);
+                    let (source, is_new) = self.directory.locate(id, reader, inputs, &mut self.trees, now);
                     to_render += u64::from(is_new);
                     source
                 }

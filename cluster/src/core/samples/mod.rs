@@ -151,7 +151,7 @@ impl Samples {
         refined: &[u64],
     ) -> Vec<SampleId> {
         let indices = self.cameras.best(&self.set.rig, camera, count, refined).into_iter();
-        self.set.with_surroundings(indices.map(|camera| SampleId { version, camera }).collect())
+        self.set.with_reflection_probes(indices.map(|camera| SampleId { version, camera }).collect())
     }
 
     /// Whether a sampler must still render a sample of such a camera.

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use argus_scene::{FaceMask, SampleId};
 
-use super::directory::Known;
+use super::directory::Inputs;
 use super::placement::Budget;
 use super::{NeededVersions, Samples};
 use crate::core::event::{Source, WorkerId};
@@ -41,10 +41,10 @@ struct Wanted {
 /// The workers that fetch a sample from its owner.
 #[derive(Debug)]
 enum Readers {
-    /// These workers, told at once; each waits until its parent has the sample. For the next version's samples, they
+    /// These workers at once; each waits until its parent has the sample. For the next version's samples, they
     /// are the workers that compose from the last one's. For a second copy, it is one worker.
     AtOnce(Vec<WorkerId>),
-    /// All compositors, each told once its parent has the sample: refinements are not urgent.
+    /// All compositors, each once its parent has the sample: refinements are not urgent.
     InTime,
 }
 
@@ -94,7 +94,7 @@ impl Samples {
     ) -> PrefetchLists {
         self.changed = false;
         // The last view of an older version may have been answered since the next version was served. A worker that
-        // is told to hold its samples, and to drop versions that old, would drop them and render them again.
+        // must hold its samples and drop such old versions would drop them and render them again.
         self.versions.retire(|number| needed.contains(number));
         let wanted = self.wanted(workers, now);
         self.trees.retain(|id| wanted.contains_key(&id) || self.locations.is_on_its_way(id));
@@ -102,8 +102,8 @@ impl Samples {
         let mut to_render = Vec::new();
         for (id, wanted) in wanted {
             let faces = wanted.faces;
-            let known = Known { workers, locations: &self.locations };
-            let Some(owner) = self.directory.owner(id, known, now) else { continue };
+            let inputs = Inputs { workers, locations: &self.locations };
+            let Some(owner) = self.directory.owner(id, inputs, now) else { continue };
             // A new owner also fetches it, from workers that got it from the old one.
             let holder = match self.locations.faces(id, owner).contains(faces) {
                 true => Some(owner),
@@ -119,7 +119,7 @@ impl Samples {
         let suspected = workers.iter().filter(|w| w.is_suspected());
         let suspected = suspected.map(|w| w.hello().address.clone()).collect();
         let kept_from = self.kept_from(needed);
-        PrefetchLists { lists: told(lists, kept_from, workers), kept_from, suspected }
+        PrefetchLists { lists: sent_lists(lists, kept_from, workers), kept_from, suspected }
     }
 
     /// The samples to prefetch, each with the workers that fetch it from its owner.
@@ -207,7 +207,7 @@ fn responds(worker: WorkerId, workers: &Workers) -> bool {
 
 /// The lists that are sent. A worker drops what its list omits, so a suspected worker gets no list until it is heard
 /// again. All workers keep their samples while there is no sampler, which is temporary.
-fn told(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
+fn sent_lists(mut lists: Lists, kept_from: u64, workers: &Workers) -> Lists {
     let no_worker_samples = workers.queues().samplers().is_empty();
     let mut list_of = |worker: &Worker| match no_worker_samples {
         true => {

@@ -61,8 +61,8 @@ fn samples_out_of_use_are_not_copied() {
     let mut sim = Sim::with_workers(3);
     let used = used(&mut sim);
     let listed = |sim: &Sim| {
-        let told = sim.workers.values().filter_map(|worker| worker.told.last());
-        told.flat_map(|told| &told.prefetch).filter(|source| used.contains(&source.id)).count()
+        let newest = sim.workers.values().filter_map(|worker| worker.assignments.last());
+        newest.flat_map(|newest| &newest.prefetch).filter(|source| used.contains(&source.id)).count()
     };
     assert!(listed(&sim) >= used.len());
     (0..61).for_each(|_| sim.second(0, 0));

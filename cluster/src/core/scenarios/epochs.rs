@@ -76,10 +76,11 @@ fn a_view_in_work_keeps_its_epoch_and_its_samples() {
     let slow = sim.ask(false);
     let order = sim.orders.remove(&slow).unwrap();
     watch(&mut sim, 2000);
-    let told = |sim: &Sim| sim.workers.values().map(|w| w.told.last().unwrap().kept_from).max().unwrap();
+    let kept_from =
+        |sim: &Sim| sim.workers.values().map(|w| w.assignments.last().unwrap().kept_from).max().unwrap();
     assert!(sim.core.set().version.state.epoch > order.state.epoch + 10);
     let version = order.sources[0].id.version;
-    assert!(told(&sim) <= version);
+    assert!(kept_from(&sim) <= version);
     let held = &sim.workers[&order.worker].report.held;
     assert!(order.sources.iter().all(|source| held.contains(&source.id)));
     // The worker dies: another one gets the same order.
@@ -88,7 +89,7 @@ fn a_view_in_work_keeps_its_epoch_and_its_samples() {
     assert_eq!((again.state.epoch, &again.plan, again.attempt), (order.state.epoch, &order.plan, 2));
     sim.answer(slow);
     watch(&mut sim, 500);
-    assert!(told(&sim) > version + 10, "then they go");
+    assert!(kept_from(&sim) > version + 10, "then they go");
     let oldest = sim.workers.values().flat_map(|w| &w.report.held).map(|id| id.version).min().unwrap();
     assert!(oldest + 4 >= sim.core.set().version.number, "version {oldest} is still held");
 }
@@ -155,22 +156,22 @@ fn a_sampler_that_dies_in_the_middle_of_an_epoch_is_replaced() {
     let mut sim = moving(4);
     watch(&mut sim, 3000);
     let before = sim.core.set().version.state.epoch;
-    let renders = |w: &SimWorkerTold| w.1;
-    let told: Vec<SimWorkerTold> = sim
+    let renders = |w: &RenderingWorker| w.1;
+    let workers: Vec<RenderingWorker> = sim
         .workers
         .iter()
         .map(|(id, w)| {
-            (*id, w.told.last().is_some_and(|t| t.prefetch.iter().any(|s| s.addresses.is_empty())))
+            (*id, w.assignments.last().is_some_and(|t| t.prefetch.iter().any(|s| s.addresses.is_empty())))
         })
         .collect();
-    let victim = told.iter().find(|w| renders(w)).unwrap().0;
+    let victim = workers.iter().find(|w| renders(w)).unwrap().0;
     sim.leave(victim);
     let epochs = watch(&mut sim, 3000);
     assert!(epochs.is_sorted() && epochs[epochs.len() - 1] >= before + 25, "{before}, then {epochs:?}");
 }
 
-/// A worker, and whether it was told to render.
-type SimWorkerTold = (WorkerId, bool);
+/// A worker, and whether it is asked to render.
+type RenderingWorker = (WorkerId, bool);
 
 #[test]
 fn pins_of_kept_epochs_are_repeated_and_others_refused() {
@@ -209,11 +210,11 @@ fn pins_of_kept_epochs_are_repeated_and_others_refused() {
 #[test]
 fn a_still_scene_needs_no_further_assignments() {
     let mut sim = Sim::with_workers(3);
-    let told = |sim: &Sim| sim.workers.values().map(|w| w.told.len()).sum::<usize>();
+    let assigned = |sim: &Sim| sim.workers.values().map(|w| w.assignments.len()).sum::<usize>();
     watch(&mut sim, 500);
-    let before = told(&sim);
+    let before = assigned(&sim);
     let epochs = watch(&mut sim, 1500);
-    assert_eq!(told(&sim), before);
+    assert_eq!(assigned(&sim), before);
     assert!(epochs.iter().all(|epoch| *epoch == 0));
     let direct = sim.pin(3, Plan::Direct { samples_per_pixel: 1 });
     assert!(sim.refused.iter().any(|(t, fault)| *t == direct && matches!(fault, Fault::Pin(_))));

@@ -66,9 +66,12 @@ fn lap(sim: &mut Sim, views: &[Camera]) -> Lap {
 
 /// Refinements in any worker's prefetch list.
 fn refined(sim: &Sim) -> BTreeSet<u64> {
-    let told = sim.workers.values().filter_map(|worker| worker.told.last());
+    let newest = sim.workers.values().filter_map(|worker| worker.assignments.last());
     let is_refined = |index: &u64| sim.core.set().rig.level(*index) != Some(0);
-    told.flat_map(|told| told.prefetch.iter().map(|source| source.id.camera)).filter(is_refined).collect()
+    newest
+        .flat_map(|newest| newest.prefetch.iter().map(|source| source.id.camera))
+        .filter(is_refined)
+        .collect()
 }
 
 fn rendered(sim: &Sim) -> u64 {
@@ -98,13 +101,13 @@ fn holes_vanish_lap_by_lap_and_placements_settle() {
         let laps: Vec<Lap> = (0..30).map(|_| lap(&mut sim, &views)).collect();
         let settled = laps.last().unwrap();
         assert!(share(settled) < 0.0025, "{workers} workers: {}", share(settled));
-        let (told, roles) = (refined(&sim), sim.roles_changed());
+        let (placed, roles) = (refined(&sim), sim.roles_changed());
         for _ in 0..10 {
             assert_eq!(&lap(&mut sim, &views), settled, "{workers} workers: nothing moves any more");
         }
-        assert_eq!(refined(&sim), told);
+        assert_eq!(refined(&sim), placed);
         assert_eq!(sim.roles_changed(), roles);
-        assert_eq!(rendered(&sim), told.len() as u64, "each is rendered once");
+        assert_eq!(rendered(&sim), placed.len() as u64, "each is rendered once");
     }
 }
 
@@ -173,18 +176,19 @@ fn a_refining_sampler_composes_once_queues_are_as_long_as_a_sample_takes() {
     let Plan::Warp(warp) = sim.orders[&view_id].plan.clone() else { panic!("a warp") };
     sim.answer(view_id);
     sim.workers.get_mut(&sampler).unwrap().report.held.extend(warp.samples);
-    // A view needs samples that no worker holds: the sampler is told to render them, and has not reported since.
+    // A view needs samples that no worker holds: the sampler is asked to render them, and has not reported since.
     let place = Camera::look_at(DVec3::new(3.9, 1.7, 0.9), DVec3::new(9.0, 1.0, 3.0));
     for _ in 0..20 {
         let view_id = sim.ask_from(place, PlanRequest::from_samples(), None);
         sim.answer_with(view_id, PIXELS as u64 / 5);
     }
-    let told = |sim: &Sim| sim.workers[&sampler].told.last().map_or(0, |told| told.prefetch.len());
-    let before = told(&sim);
+    let listed =
+        |sim: &Sim| sim.workers[&sampler].assignments.last().map_or(0, |newest| newest.prefetch.len());
+    let before = listed(&sim);
     sim.now = sim.now.after(Duration::from_secs(2));
     sim.report_all();
     sim.step(Event::Tick);
-    assert!(told(&sim) > before, "a sample is placed");
+    assert!(listed(&sim) > before, "a sample is placed");
     let asked: Vec<ViewId> =
         (0..40).map(|_| sim.ask_from(views[0], PlanRequest::from_samples(), None)).collect();
     let to_it: Vec<bool> = asked.iter().map(|view_id| sim.orders[view_id].worker == sampler).collect();

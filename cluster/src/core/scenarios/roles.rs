@@ -20,11 +20,11 @@ fn a_single_worker_plays_both_roles_and_a_second_takes_one() {
     let second = sim.join("b");
     sim.report(second);
     assert_eq!(sim.roles(), (1, 1));
-    assert_eq!(sim.workers[&first].told.last().unwrap().role, Role::Sampler);
-    assert_eq!(sim.workers[&second].told.last().unwrap().role, Role::Compositor);
+    assert_eq!(sim.workers[&first].assignments.last().unwrap().role, Role::Sampler);
+    assert_eq!(sim.workers[&second].assignments.last().unwrap().role, Role::Compositor);
     sim.step(Event::Left { worker: second });
     assert_eq!(sim.roles(), (1, 1));
-    assert_eq!(sim.workers[&first].told.last().unwrap().role, Role::Both);
+    assert_eq!(sim.workers[&first].assignments.last().unwrap().role, Role::Both);
 }
 
 #[test]
@@ -137,12 +137,12 @@ fn the_views_of_a_suspected_worker_are_retried_before_it_is_lost() {
     all_but(&mut sim, hangs, 1);
     assert_ne!(sim.orders[&view_id].worker, hangs);
     assert!(sim.expelled.is_empty() && sim.roles() == roles, "its place is kept");
-    let told = |sim: &Sim| {
+    let suspected = |sim: &Sim| {
         let others = sim.workers.iter().filter(|(id, _)| **id != hangs);
-        others.map(|(_, w)| w.told.last().unwrap().suspected.clone()).collect::<Vec<_>>()
+        others.map(|(_, w)| w.assignments.last().unwrap().suspected.clone()).collect::<Vec<_>>()
     };
     assert!(
-        told(&sim).iter().all(|suspected| *suspected == [address.clone()]),
+        suspected(&sim).iter().all(|suspected| *suspected == [address.clone()]),
         "other workers do not wait for it"
     );
     for direct in [false, true, false, true] {
@@ -154,7 +154,7 @@ fn the_views_of_a_suspected_worker_are_retried_before_it_is_lost() {
     // It was only slow.
     sim.report(hangs);
     all_but(&mut sim, hangs, 1);
-    assert!(told(&sim).iter().all(Vec::is_empty));
+    assert!(suspected(&sim).iter().all(Vec::is_empty));
     let back = (0..8).filter(|_| {
         let next = sim.ask(true);
         sim.orders[&next].worker == hangs
@@ -168,7 +168,7 @@ fn a_suspected_worker_gets_no_new_prefetch_list() {
     let mut sim = Sim::with_workers(3);
     // Prefetch lists hold refinements and samples of the next version.
     let lists = |sim: &Sim| -> Vec<Vec<Source>> {
-        sim.workers.values().map(|w| w.told.last().unwrap().prefetch.clone()).collect()
+        sim.workers.values().map(|w| w.assignments.last().unwrap().prefetch.clone()).collect()
     };
     for _ in 0..40 {
         let view_id = sim.ask(false);
@@ -186,10 +186,10 @@ fn a_suspected_worker_gets_no_new_prefetch_list() {
     let view_id = sim.ask(true);
     let sampler = sim.orders[&view_id].worker;
     sim.answer(view_id);
-    let told = sim.workers[&sampler].told.len();
+    let assignments = sim.workers[&sampler].assignments.len();
     all_but(&mut sim, sampler, 8);
     assert_eq!(lists(&sim), before);
-    assert_eq!(sim.workers[&sampler].told.len(), told, "it hears nothing while it may hang");
+    assert_eq!(sim.workers[&sampler].assignments.len(), assignments, "it hears nothing while it may hang");
 }
 
 #[test]
@@ -288,7 +288,7 @@ fn a_stuck_worker_is_suspected_if_another_one_answers() {
     assert_ne!(sim.orders[&view_id].worker, stuck);
     let other = sim.orders[&view_id].worker;
     assert_eq!(
-        sim.workers[&other].told.last().unwrap().suspected,
+        sim.workers[&other].assignments.last().unwrap().suspected,
         [address],
         "other workers do not wait for it"
     );
@@ -300,7 +300,7 @@ fn a_stuck_worker_is_suspected_if_another_one_answers() {
     assert_eq!(sim.core.status().counters.views_retried, 1, "one piece of work is one suspicion");
     sim.answer_all();
     at_one_piece(&mut sim, stuck, secs(0.0));
-    assert!(sim.workers[&other].told.last().unwrap().suspected.is_empty(), "it was only slow");
+    assert!(sim.workers[&other].assignments.last().unwrap().suspected.is_empty(), "it was only slow");
     assert!(sim.expelled.is_empty());
 }
 

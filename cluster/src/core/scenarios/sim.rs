@@ -35,7 +35,7 @@ pub(super) struct Sim {
 pub(super) struct SimWorker {
     pub(super) name: String,
     pub(super) report: Report,
-    pub(super) told: Vec<Assignment>,
+    pub(super) assignments: Vec<Assignment>,
     /// Samples that it holds because of its prefetch list.
     pub(super) prefetch: BTreeSet<SampleId>,
     /// Whether it acknowledges at its next report.
@@ -91,7 +91,7 @@ impl Sim {
                         assignment.kept_from
                     );
                     if let Some(worker) = self.workers.get_mut(&worker) {
-                        worker.told.push(assignment);
+                        worker.assignments.push(assignment);
                     }
                 }
                 Action::Expel { worker, .. } => {
@@ -147,20 +147,20 @@ impl Sim {
 
     pub(super) fn report(&mut self, id: WorkerId) {
         let Some(worker) = self.workers.get_mut(&id) else { return };
-        if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
-            worker.report.applied = told.sequence;
+        if let Some(assignment) = worker.assignments.last().filter(|_| worker.obedient) {
+            worker.report.applied = assignment.sequence;
         }
         // It holds its prefetch list at once, and drops refinements that are no longer in it.
         let rig = self.core.set().rig;
-        if let Some(told) = worker.told.last().filter(|_| worker.obedient) {
-            let prefetch: BTreeSet<SampleId> = told.prefetch.iter().map(|source| source.id).collect();
-            let rendered = told.prefetch.iter().filter(|source| source.addresses.is_empty());
+        if let Some(assignment) = worker.assignments.last().filter(|_| worker.obedient) {
+            let prefetch: BTreeSet<SampleId> = assignment.prefetch.iter().map(|source| source.id).collect();
+            let rendered = assignment.prefetch.iter().filter(|source| source.addresses.is_empty());
             let rendered = rendered.filter(|source| !worker.report.held.contains(&source.id)).count();
             worker.report.samples_rendered += rendered as u64;
             let stays = |id: &SampleId| prefetch.contains(id) || rig.level(id.camera) == Some(0);
             worker.report.held.retain(|id| stays(id) || !worker.prefetch.contains(id));
             let report = &mut worker.report;
-            for source in &told.prefetch {
+            for source in &assignment.prefetch {
                 let before = match report.held.contains(&source.id) {
                     true => report.faces(source.id),
                     false => FaceMask::NONE,
@@ -173,7 +173,7 @@ impl Sim {
                 }
             }
             report.held.extend(prefetch.difference(&worker.prefetch));
-            report.held.retain(|id| id.version >= told.kept_from);
+            report.held.retain(|id| id.version >= assignment.kept_from);
             worker.prefetch = prefetch;
         }
         worker.report.sample_ms = Some(self.direct_ms);

@@ -11,8 +11,10 @@ fn measured() -> Sim {
 
 /// Workers whose newest assignment tells them to measure.
 fn measuring(sim: &Sim) -> Vec<WorkerId> {
-    let told = |worker: &super::sim::SimWorker| worker.told.last().is_some_and(|told| told.measure_ways);
-    sim.workers.iter().filter(|(_, worker)| told(worker)).map(|(id, _)| *id).collect()
+    let is_asked = |worker: &super::sim::SimWorker| {
+        worker.assignments.last().is_some_and(|newest| newest.measure_backends)
+    };
+    sim.workers.iter().filter(|(_, worker)| is_asked(worker)).map(|(id, _)| *id).collect()
 }
 
 #[test]
@@ -38,20 +40,20 @@ fn the_cheapest_measured_backend_is_used_for_all_samples() {
     sim.step(Event::Tick);
     assert_eq!(measuring(&sim), [first]);
     assert!(sim.orders.is_empty(), "a view from samples waits");
-    sim.workers.get_mut(&first).unwrap().report.ways =
+    sim.workers.get_mut(&first).unwrap().report.backend_costs =
         vec![(Visibility::Raster, 80.0), (Visibility::Cpu, 8.0), (Visibility::Trace, f64::NAN)];
     sim.report(first);
     assert_eq!(sim.core.set().visibility, Visibility::Cpu);
     assert!(measuring(&sim).is_empty());
     assert!(sim.orders.is_empty(), "they have yet to hear of it");
     // Later measurements of another worker change nothing.
-    sim.workers.get_mut(&second).unwrap().report.ways = vec![(Visibility::Raster, 1.0)];
+    sim.workers.get_mut(&second).unwrap().report.backend_costs = vec![(Visibility::Raster, 1.0)];
     sim.report_all();
     assert_eq!(sim.core.set().visibility, Visibility::Cpu);
     assert_eq!(sim.roles(), (1, 1));
     assert!(sim.orders.contains_key(&view));
     let third = sim.join("c");
-    assert!(!sim.workers[&third].told[0].measure_ways);
+    assert!(!sim.workers[&third].assignments[0].measure_backends);
 }
 
 #[test]
@@ -65,7 +67,7 @@ fn another_worker_measures_if_the_first_is_lost() {
     sim.step(Event::Left { worker: first });
     sim.step(Event::Tick);
     assert_eq!(measuring(&sim), [second]);
-    sim.workers.get_mut(&second).unwrap().report.ways = vec![(Visibility::Trace, 3.0)];
+    sim.workers.get_mut(&second).unwrap().report.backend_costs = vec![(Visibility::Trace, 3.0)];
     sim.report(second);
     sim.report(second);
     assert_eq!(sim.core.set().visibility, Visibility::Trace);
@@ -96,7 +98,7 @@ fn a_new_version_of_the_same_epoch_keeps_workers_ready() {
     sim.step(Event::Tick);
     assert_eq!(measuring(&sim), [first]);
     let before = sim.core.set().version;
-    sim.workers.get_mut(&first).unwrap().report.ways = vec![(Visibility::Cpu, 8.0)];
+    sim.workers.get_mut(&first).unwrap().report.backend_costs = vec![(Visibility::Cpu, 8.0)];
     sim.report(first);
     let served = sim.core.set().version;
     assert_eq!((served.state, served.number), (before.state, before.number + 1));

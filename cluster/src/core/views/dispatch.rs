@@ -155,7 +155,7 @@ impl Views {
         let Some(&SampleId { version, .. }) = view.samples().iter().find(lost) else { return };
         let there = |camera: &u64| !is_lost(SampleId { version, camera: *camera });
         let usable: Vec<u64> = samples.placement().usable().iter().copied().filter(there).collect();
-        let count = view.samples().iter().filter(|id| !id.is_surroundings()).count();
+        let count = view.samples().iter().filter(|id| !id.is_reflection_probe()).count();
         let ids = samples.sample_ids_among(&view.camera, count, version, &usable);
         if let Plan::Warp(warp) = &mut view.plan {
             (warp.samples, warp.faces) = (ids, FaceMasks::default());

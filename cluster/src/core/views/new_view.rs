@@ -201,8 +201,8 @@ fn widen(view: &View, plan: &mut Plan, cluster: Cluster<'_>) {
     let at_hand = |id: &SampleId| readers > 0 && 2 * samples.locations().count(*id) >= readers;
     let all = samples.sample_ids(&view.camera, MOST_SAMPLES, samples.set().version.number).into_iter();
     let further: Vec<SampleId> =
-        all.filter(|id| !id.is_surroundings() && !warp.samples.contains(id) && at_hand(id)).collect();
+        all.filter(|id| !id.is_reflection_probe() && !warp.samples.contains(id) && at_hand(id)).collect();
     // Reflection maps come last.
-    let own = warp.samples.iter().filter(|id| !id.is_surroundings()).count();
+    let own = warp.samples.iter().filter(|id| !id.is_reflection_probe()).count();
     warp.samples.splice(own..own, further.into_iter().take(MOST_SAMPLES.saturating_sub(own)));
 }

@@ -51,7 +51,7 @@ struct FromSamples {
 type Faces = Vec<(u64, FaceMask)>;
 
 /// Cached results for one view, by cameras and faces: most workers hold the same samples.
-type Known = HashMap<Faces, Option<FromSamples>>;
+type CachedPlans = HashMap<Faces, Option<FromSamples>>;
 
 impl Cluster<'_> {
     /// The survey that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
@@ -127,7 +127,7 @@ impl Cluster<'_> {
     /// The offers of workers with room for a view.
     pub(super) fn offers(&self, view: &Pending, open: &OpenView) -> Vec<Offer> {
         let asked = self.asked(view, open);
-        let mut known = Known::new();
+        let mut cached = CachedPlans::new();
         let mut offers = Vec::new();
         for worker in asked {
             let entry = worker.queue_entry();
@@ -141,7 +141,7 @@ impl Cluster<'_> {
             let (id, excess, is_sound) = (worker.id(), 0.0, true);
             let base = Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats };
             let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
-            for from_samples in self.plans_from_samples(worker, view, open, &mut known) {
+            for from_samples in self.plans_from_samples(worker, view, open, &mut cached) {
                 let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
                 let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
                 let render_ms = warp_ms.map(|ms| ms + rays_ms);
@@ -229,7 +229,7 @@ impl Cluster<'_> {
         worker: &Worker,
         view: &Pending,
         open: &OpenView,
-        known: &mut Known,
+        cached: &mut CachedPlans,
     ) -> Vec<FromSamples> {
         if worker.report().warp_cost.is_none() {
             return Vec::new();
@@ -242,7 +242,7 @@ impl Cluster<'_> {
             }
             None => self.warp_from(held, open),
         };
-        let best = known.entry(self.held_for(worker, view, open)).or_insert_with_key(best_of).clone();
+        let best = cached.entry(self.held_for(worker, view, open)).or_insert_with_key(best_of).clone();
         let again = self.held_again(worker, open).and_then(|cameras| self.warp_from(&cameras, open));
         let is_other = |again: &FromSamples| best.as_ref().is_none_or(|best| best.plan != again.plan);
         let again = again.filter(is_other);
@@ -272,7 +272,7 @@ impl Cluster<'_> {
             return None;
         }
         let ids = cameras.iter().map(|(index, _)| self.samples.served(*index)).collect();
-        let samples = self.samples.set().with_surroundings(ids);
+        let samples = self.samples.set().with_reflection_probes(ids);
         let coverage = open.survey.as_ref().map(|survey| survey.coverage_by_faces(cameras));
         let (excess, is_sound) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();

@@ -117,12 +117,15 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
             }
             within("pin.plan.warp.supersampling", *supersampling, 8)?;
             let field = "pin.plan.warp.samples";
-            let of_rig = samples.iter().filter(|id| !id.is_surroundings()).count();
+            let of_rig = samples.iter().filter(|id| !id.is_reflection_probe()).count();
             if !(1..=MOST_SAMPLES).contains(&of_rig) {
                 return Err(InvalidField::new(field, format!("must be 1 to 8 samples, not {of_rig}")));
             }
             if set.reflections.is_some() && of_rig == samples.len() {
-                return Err(InvalidField::new(field, "must have the surroundings that are reflected"));
+                return Err(InvalidField::new(
+                    field,
+                    "must end with the sample of the reflection probes, since the set has reflections",
+                ));
             }
             for (i, id) in samples.iter().enumerate() {
                 if id.version != samples[0].version {

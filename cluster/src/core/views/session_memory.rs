@@ -60,7 +60,7 @@ impl Memory {
             Some(Plan::Warp(warp)) => &warp.samples[..],
             Some(Plan::Direct { .. }) | None => &[],
         };
-        ids.iter().copied().filter(|id| !id.is_surroundings())
+        ids.iter().copied().filter(|id| !id.is_reflection_probe())
     }
 
     /// The faces that the frame which is to be repeated uses of each sample.

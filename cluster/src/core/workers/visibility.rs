@@ -44,7 +44,7 @@ impl Workers {
         let may_pay = is_busy || self.steady_ticks >= STEADY_TICKS;
         let is_wanted = |worker: &&mut Worker| {
             let unmeasured = worker.report().direct_cost.is_some() && worker.report().warp_cost.is_none();
-            worker.answers() && (must_settle || (may_pay && unmeasured && !worker.has_been_told_to_measure()))
+            worker.answers() && (must_settle || (may_pay && unmeasured && !worker.was_asked_to_measure()))
         };
         let may_wait = !(must_settle || is_busy) && self.steady_ticks < MOST_STEADY_TICKS;
         // An idle worker delays no view, since new views go to other workers.

@@ -45,11 +45,11 @@ pub(in crate::core) struct Worker {
     /// The newest assignment.
     assigned: Assignment,
     /// Number of the first assignment with its present role.
-    role_told: u64,
+    role_sequence: u64,
     /// Number of the first assignment with the sample set; `None` before it.
-    set_told: Option<u64>,
+    set_sequence: Option<u64>,
     /// Number of the assignment that asked for measurements; `None` before it.
-    measure_told: Option<u64>,
+    measure_sequence: Option<u64>,
     /// Unanswered views.
     views: BTreeMap<ViewId, QueuedView>,
     /// Number of views that it ever got, which orders equal workers.
@@ -76,12 +76,12 @@ impl Worker {
                 role,
                 prefetch: Vec::new(),
                 kept_from: 0,
-                measure_ways: false,
+                measure_backends: false,
                 suspected: Vec::new(),
             },
-            role_told: 1,
-            set_told: knows_set.then_some(1),
-            measure_told: None,
+            role_sequence: 1,
+            set_sequence: knows_set.then_some(1),
+            measure_sequence: None,
             views: BTreeMap::new(),
             dispatched: 0,
             busy_at_tick_ms: 0.0,
@@ -174,7 +174,7 @@ impl Worker {
 
     /// Whether it has the sample set.
     pub(in crate::core) fn knows_set(&self) -> bool {
-        self.set_told.is_some_and(|told| self.report.applied >= told)
+        self.set_sequence.is_some_and(|sequence| self.report.applied >= sequence)
     }
 
     /// Whether it takes new samples and direct views. During a change of roles, both roles must include them.
@@ -193,7 +193,7 @@ impl Worker {
     pub(super) fn assign(&mut self, role: Role) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.role = role;
-        self.role_told = self.assigned.sequence;
+        self.role_sequence = self.assigned.sequence;
         if let Some(acting) = self.acting
             && !role.gives_up_something_of(acting)
         {
@@ -206,27 +206,27 @@ impl Worker {
     /// visibility backend.
     pub(super) fn measure(&mut self) -> Assignment {
         self.assigned.sequence += 1;
-        self.assigned.measure_ways = true;
-        self.measure_told = Some(self.assigned.sequence);
+        self.assigned.measure_backends = true;
+        self.measure_sequence = Some(self.assigned.sequence);
         self.assigned.clone()
     }
 
     /// Whether it was ever asked to measure.
-    pub(super) fn has_been_told_to_measure(&self) -> bool {
-        self.measure_told.is_some()
+    pub(super) fn was_asked_to_measure(&self) -> bool {
+        self.measure_sequence.is_some()
     }
 
     /// Whether it is measuring, which delays views.
     pub(in crate::core) fn is_measuring(&self) -> bool {
-        self.measure_told.is_some_and(|told| self.report.applied < told)
+        self.measure_sequence.is_some_and(|sequence| self.report.applied < sequence)
     }
 
     /// Makes the assignment with the sample set. The worker renders views from triangles meanwhile, and takes other
     /// work once it acknowledges the set.
     pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
-        self.assigned.measure_ways = false;
-        self.set_told = Some(self.assigned.sequence);
+        self.assigned.measure_backends = false;
+        self.set_sequence = Some(self.assigned.sequence);
         self.assigned.clone()
     }
 
@@ -238,15 +238,16 @@ impl Worker {
         kept_from: u64,
         suspected: &[String],
     ) -> Option<Assignment> {
-        let told = &mut self.assigned;
-        if told.prefetch == prefetch && told.kept_from == kept_from && told.suspected == suspected {
+        let assigned = &mut self.assigned;
+        if assigned.prefetch == prefetch && assigned.kept_from == kept_from && assigned.suspected == suspected
+        {
             return None;
         }
-        told.sequence += 1;
-        told.prefetch = prefetch;
-        told.kept_from = kept_from;
-        told.suspected = suspected.to_vec();
-        Some(told.clone())
+        assigned.sequence += 1;
+        assigned.prefetch = prefetch;
+        assigned.kept_from = kept_from;
+        assigned.suspected = suspected.to_vec();
+        Some(assigned.clone())
     }
 
     /// Processes a report. `is_stuck` tells whether it shows a stuck worker.
@@ -259,13 +260,13 @@ impl Worker {
         self.last_report = now;
         self.suspected = is_stuck;
         // A later assignment with the same role acknowledges it, too.
-        let acknowledged = report.applied >= self.role_told && self.acting != Some(self.assigned.role);
+        let acknowledged = report.applied >= self.role_sequence && self.acting != Some(self.assigned.role);
         if acknowledged {
             self.acting = Some(self.assigned.role);
         }
         self.report = report;
         // Later assignments do not repeat the request.
-        self.assigned.measure_ways &= self.is_measuring();
+        self.assigned.measure_backends &= self.is_measuring();
     }
 
     /// Suspects it.

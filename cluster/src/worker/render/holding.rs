@@ -1,4 +1,4 @@
-//! What the compositor holds: samples are taken up ahead of views, in slices, and given up when nothing uses them.
+//! Uploads samples to the compositor, in slices and before views need them, and releases unused ones.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -6,44 +6,45 @@ use std::time::Instant;
 use argus_scene::{RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Scene};
 use tracing::{debug, warn};
 
-use super::{Held, Most, Renderer, ms_since};
+use super::{Amount, Held, Renderer, ms_since};
 use crate::core::quality::Cost;
 use crate::worker::claim::Batch;
 use crate::worker::meter::Kind;
-use crate::worker::queue::{Background, Ways, Work};
+use crate::worker::queue::{BackendCosts, Background, Work};
 use crate::worker::slices::Slices;
 use crate::worker::warm;
 
-/// Where a result goes.
+/// The channel for a result.
 type Reply<T> = tokio::sync::oneshot::Sender<Result<T, RenderError>>;
 
 impl Renderer {
-    /// Measures what a view from samples costs, if the compositor has not been used yet, and the visibility backends. It is
-    /// told once the compositor has taken up what came before, since views from samples may be ordered from then on.
-    pub(super) fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool, reply: Reply<Ways>) {
+    /// Measures the cost of views from samples, unless that was measured or the compositor was used before, and the
+    /// visibility backends if requested. The result is sent after the samples that are queued for the compositor:
+    /// once the coordinator knows the cost, it may order views from them.
+    pub(super) fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool, reply: Reply<BackendCosts>) {
         let warp_cost = match std::mem::replace(&mut self.is_measured, true) {
             true => None,
             false => self.warm_compositor(info),
         };
-        let ways = match backends {
-            true => self.sampler().and_then(|sampler| sampler.ways(info)),
-            false => Ok(Ways::new()),
+        let backend_costs = match backends {
+            true => self.sampler().and_then(|sampler| sampler.measure_backends(info)),
+            false => Ok(BackendCosts::new()),
         };
-        self.warms_up();
-        self.queue.push_background(Background::Measured { warp_cost, ways, reply });
+        self.upload_waiting();
+        self.queue.push_background(Background::Measured { warp_cost, backend_costs, reply });
     }
 
-    /// The compositor composes views from now on: what came before is taken up when nothing else is to be done.
-    pub(super) fn warms_up(&mut self) {
+    /// Queues the samples that arrived before the compositor was used, now that it is.
+    pub(super) fn upload_waiting(&mut self) {
         self.is_warm = true;
         for (info, sample) in std::mem::take(&mut self.unheld) {
             if let Some(sample) = sample.upgrade() {
-                self.queue.push_background(Background::TakeUp { info, sample, reply: None });
+                self.queue.push_background(Background::Hold { info, sample, reply: None });
             }
         }
     }
 
-    /// Has the compositor's programs made, and measures views from samples. Views from triangles are answered meanwhile.
+    /// Makes the compositor's programs, and measures views from samples. Answers views from triangles meanwhile.
     fn warm_compositor(&mut self, info: &Arc<SampleSetInfo>) -> Option<Cost> {
         let scene = self.scene.clone()?;
         let sets = self.small_sets(&scene, info)?;
@@ -63,18 +64,18 @@ impl Renderer {
                 });
                 slices.begin();
             });
-            // One of a device that was given up meanwhile is of no use.
+            // If the device was lost meanwhile, the compositor is useless.
             if own.rebuilt == rebuilt {
                 own.compositor = Some(compositor);
             }
             cost = measured?;
             Ok(Vec::<Result<(), RenderError>>::new())
         });
-        debug!(ms = ms_since(began), %slices, ?cost, ok = warmed.is_ok(), "compositor measured");
+        debug!(ms = ms_since(began), %slices, ?cost, ok = warmed.is_ok(), "views from samples measured");
         cost
     }
 
-    /// Renders the small samples by which views from samples are measured.
+    /// Renders the small samples from which views are measured.
     fn small_sets(&mut self, scene: &Scene, info: &Arc<SampleSetInfo>) -> Option<[SampleSet; 2]> {
         let visibility = self.queue.usual_visibility();
         let set = |side| {
@@ -82,44 +83,44 @@ impl Renderer {
             let mut began = Instant::now();
             let samples = self.samples_in_slices(&job, &Batch::default(), &mut began);
             let samples = samples.and_then(|samples| samples.into_iter().collect::<Result<Vec<Sample>, _>>());
-            let samples = samples.inspect_err(|error| warn!(%error, "views from samples are not measured"));
+            let samples = samples.inspect_err(|error| warn!(%error, "views from samples cannot be measured"));
             Some(SampleSet { info: job.info, samples: samples.ok()?.into_iter().map(Arc::new).collect() })
         };
         let [small, large] = warm::SIDES.map(set);
         Some([small?, large?])
     }
 
-    /// Does a slice of background work, and puts the rest back.
+    /// Does a slice of background work, and queues the rest.
     pub(super) fn background(&mut self, work: Background) {
         match work {
-            Background::Measured { warp_cost, ways, reply } => {
+            Background::Measured { warp_cost, backend_costs, reply } => {
                 self.meter.set_cost(Kind::View, warp_cost);
-                // The receiver is gone once the assignment is overtaken.
-                let _ = reply.send(ways);
+                // The receiver is gone if a newer assignment arrived.
+                let _ = reply.send(backend_costs);
             }
-            Background::TakeUp { info, sample, reply } => {
+            Background::Hold { info, sample, reply } => {
                 let is_wanted = reply.as_ref().is_none_or(|reply| !reply.is_closed());
-                if is_wanted && !self.take_up(&info, &sample) {
-                    return self.queue.put_back(Background::TakeUp { info, sample, reply });
+                if is_wanted && !self.upload_slice(&info, &sample) {
+                    return self.queue.put_back(Background::Hold { info, sample, reply });
                 }
                 if !is_wanted
                     && !self.held.contains_key(&sample.id)
                     && let Some(compositor) = &mut self.compositor
                 {
-                    // What of it was taken up takes memory.
+                    // A part of it was uploaded, and takes memory.
                     compositor.release(&[sample.id]);
                 }
                 if let Some(reply) = reply {
-                    // A caller that gave up misses nothing.
+                    // The caller may have given up.
                     let _ = reply.send(());
                 }
             }
         }
     }
 
-    /// Has the compositor take up a slice of a sample that views will ask for; returns whether that was the last one. Where
-    /// the compositor is full, views take the sample up themselves.
-    fn take_up(&mut self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
+    /// Uploads a slice of a sample to the compositor. Returns whether that was the last one. If the compositor's
+    /// memory is full, the sample is uploaded when a view needs it.
+    fn upload_slice(&mut self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> bool {
         if !self.is_warm {
             self.unheld.retain(|(_, sample)| sample.strong_count() > 0);
             self.unheld.push((info.clone(), Arc::downgrade(sample)));
@@ -127,20 +128,20 @@ impl Renderer {
         }
         let (began, mut is_held) = (Instant::now(), true);
         let held = self.guarded(|own| {
-            is_held = own.hold(info, std::slice::from_ref(sample), Most::Slice)?;
+            is_held = own.hold(info, std::slice::from_ref(sample), Amount::Slice)?;
             Ok(Vec::<Result<(), RenderError>>::new())
         });
-        debug!(ms = ms_since(began), ok = held.is_ok(), is_held, "slice of a sample taken up ahead of views");
+        debug!(ms = ms_since(began), ok = held.is_ok(), is_held, "slice of a sample uploaded");
         is_held
     }
 
-    /// Makes the compositor hold what views need, or a slice more of it, and no longer what the store has forgotten; returns
-    /// whether it holds all.
+    /// Uploads samples to the compositor, all or a slice. Releases samples that the store dropped. Returns whether
+    /// the compositor holds all of `needed`.
     pub(super) fn hold(
         &mut self,
         info: &Arc<SampleSetInfo>,
         needed: &[Arc<Sample>],
-        most: Most,
+        amount: Amount,
     ) -> Result<bool, RenderError> {
         let gone: Vec<SampleId> =
             self.held.iter().filter(|(_, held)| held.sample.strong_count() == 0).map(|(id, _)| *id).collect();
@@ -150,7 +151,7 @@ impl Renderer {
         }
         let is_held = |sample: &Arc<Sample>| {
             let Some(held) = self.held.get(&sample.id) else { return false };
-            // One with more faces serves every view that this one serves.
+            // A held sample with more faces serves the same views.
             let has_more = |held: &Sample| held.faces != sample.faces && held.faces.contains(sample.faces);
             std::ptr::eq(held.sample.as_ptr(), Arc::as_ptr(sample))
                 || held.sample.upgrade().is_some_and(|held| has_more(&held))
@@ -168,9 +169,9 @@ impl Renderer {
         let set = SampleSet { info: info.clone(), samples };
         loop {
             let compositor = self.compositor()?;
-            let is_held = match most {
-                Most::All => compositor.hold(&set).map(|()| true),
-                Most::Slice => compositor.hold_slice(&set),
+            let is_held = match amount {
+                Amount::All => compositor.hold(&set).map(|()| true),
+                Amount::Slice => compositor.hold_slice(&set),
             };
             match is_held {
                 Ok(true) => break,
@@ -189,13 +190,13 @@ impl Renderer {
         Ok(true)
     }
 
-    /// The sample that the compositor can do without for longest, none of this batch's.
+    /// The least recently used sample that this batch does not need.
     fn least_recently_used(&self) -> Option<SampleId> {
         let unused = self.held.iter().filter(|(_, held)| held.used < self.batches);
         unused.min_by_key(|(id, held)| (held.used, **id)).map(|(id, _)| *id)
     }
 
-    /// Gives up samples that composing has not used for a while, where samples are this worker's work.
+    /// Releases dropped samples, and all samples if this worker is a sampler that has not composed for a while.
     pub(super) fn tidy(&mut self) {
         if self.tidied.elapsed() < self.rest_after / 4 {
             return;

@@ -133,7 +133,8 @@ impl ManyLods {
                     ..CutStats::of(&words)
                 });
             }
-            // What had gathered over frames may fit once it is put in order anew; what did not fit by itself does not.
+            // Cuts that overflowed may fit after a restart, which compacts them. Cuts that overflow after a restart need
+            // larger buffers.
             if words[OVERFLOW] != 0 && restart {
                 self.grow()?;
             }

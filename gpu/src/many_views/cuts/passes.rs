@@ -1,4 +1,4 @@
-//! Finding the cuts of all views. Program: `shaders/gpu/cut.wgsl`.
+//! Finds the cuts of all views. Program: `shaders/gpu/cut.wgsl`.
 
 use argus_shaders::gpu::CUT;
 use argus_shaders::layout::gpu::CutStep;
@@ -10,10 +10,10 @@ use super::{CutKnobs, CutMethod, CutTree};
 use crate::many_views::ViewList;
 use crate::{Commands, ComputeCall, ComputePipeline, Gpu};
 
-/// Units of motion in an edge of the root; `UNITS` of the program.
+/// Units of motion per edge of the root: `UNITS` of the program.
 const UNITS: f64 = (1u32 << 22) as f64;
 
-/// The pipelines, for one choice of culling and order.
+/// The pipelines, specialised to whether nodes are culled and entries are sorted.
 #[derive(Debug)]
 pub(super) struct CutPasses {
     reset_chunks: ComputePipeline,
@@ -28,22 +28,23 @@ pub(super) struct CutPasses {
     place: ComputePipeline,
 }
 
-/// What the passes work on.
+/// Inputs and buffers of one frame.
 pub(super) struct CutWork<'a> {
     pub(super) tree: &'a CutTree,
     pub(super) knobs: &'a CutKnobs,
     pub(super) pool: &'a Pool,
     pub(super) eyes: &'a Buffer,
     pub(super) views: &'a ViewList,
-    /// Whether every view starts over.
+    /// Whether the cuts of all views restart from the root.
     pub(super) restart: bool,
 }
 
 impl CutPasses {
+    /// Makes the pipelines.
     pub(super) fn new(gpu: &Gpu, knobs: &CutKnobs) -> Self {
         let flag = |set: bool| f64::from(u8::from(set));
         let constants = [("culls", flag(knobs.culling)), ("ordered", flag(knobs.method != CutMethod::Basic))];
-        // Only programs whose entry points use an override may be given it.
+        // A pipeline accepts only constants that its entry point uses.
         let pipeline = |entry, names: &[&str]| {
             let given: Vec<_> = constants.into_iter().filter(|(name, _)| names.contains(name)).collect();
             gpu.compute_pipeline_with(&CUT, entry, &given)
@@ -63,7 +64,7 @@ impl CutPasses {
         }
     }
 
-    /// One frame's cuts.
+    /// Records the passes of one frame.
     pub(super) fn run(&self, commands: &mut Commands, work: &CutWork<'_>) {
         let CutWork { tree, knobs, pool, restart, .. } = *work;
         let step = CutStep {
@@ -98,13 +99,13 @@ impl CutPasses {
             .read("views", &work.views.buffer)
             .write("eyes", work.eyes)
             .write("next", &pool.queues[0]);
-        settling(call, pool)
+        bind_settled(call, pool)
             .immediates(bytemuck::bytes_of(&step))
             .dispatch_linear(u64::from(work.views.count));
         if ordered && !restart {
-            self.look_again(commands, work, step);
+            self.test_due_chunks(commands, work, step);
         }
-        let most = match knobs.method {
+        let max_depth = match knobs.method {
             CutMethod::Lazy { edges } => edges,
             _ => u32::MAX,
         };
@@ -112,7 +113,7 @@ impl CutPasses {
             let step = CutStep {
                 queue_in: QUEUES + level,
                 queue_out: QUEUES + level + 1,
-                deep: u32::from(level < most),
+                deep: u32::from(level < max_depth),
                 ..step
             };
             commands
@@ -129,13 +130,15 @@ impl CutPasses {
                 .write("state", &pool.state)
                 .read("queue", &pool.queues[level as usize % 2])
                 .write("next", &pool.queues[(level as usize + 1) % 2]);
-            settling(call, pool).immediates(bytemuck::bytes_of(&step)).dispatch_indirect(&pool.arguments, 0);
+            bind_settled(call, pool)
+                .immediates(bytemuck::bytes_of(&step))
+                .dispatch_indirect(&pool.arguments, 0);
         }
-        self.keep(commands, pool, &step);
+        self.store(commands, pool, &step);
     }
 
-    /// The last frame's cuts, as far as they may have changed.
-    fn look_again(&self, commands: &mut Commands, work: &CutWork<'_>, step: CutStep) {
+    /// Advances the clock, and tests the entries of due chunks again.
+    fn test_due_chunks(&self, commands: &mut Commands, work: &CutWork<'_>, step: CutStep) {
         let CutWork { tree, pool, .. } = *work;
         let step = bytemuck::bytes_of(&step);
         commands
@@ -170,11 +173,11 @@ impl CutPasses {
             .write("due", &pool.due)
             .write("state", &pool.state)
             .write("next", &pool.queues[0]);
-        settling(call, pool).immediates(step).dispatch_indirect(&pool.arguments, 0);
+        bind_settled(call, pool).immediates(step).dispatch_indirect(&pool.arguments, 0);
     }
 
-    /// Puts what was settled where it stays.
-    fn keep(&self, commands: &mut Commands, pool: &Pool, step: &CutStep) {
+    /// Sorts the settled entries into chunks.
+    fn store(&self, commands: &mut Commands, pool: &Pool, step: &CutStep) {
         commands
             .compute("place", &self.allot)
             .write("counters", &pool.counters)
@@ -187,14 +190,14 @@ impl CutPasses {
             .write("chunks", &pool.chunks)
             .write("state", &pool.state)
             .write("free", &pool.free);
-        settling(call, pool).immediates(bytemuck::bytes_of(step)).dispatch_indirect(&pool.arguments, 0);
+        bind_settled(call, pool).immediates(bytemuck::bytes_of(step)).dispatch_indirect(&pool.arguments, 0);
     }
 }
 
-/// Binds what entries are settled in.
-fn settling<'a>(call: ComputeCall<'a>, pool: &'a Pool) -> ComputeCall<'a> {
+/// Binds the buffers of settled entries.
+fn bind_settled<'a>(call: ComputeCall<'a>, pool: &'a Pool) -> ComputeCall<'a> {
     call.write("settled", &pool.settled)
-        .write("places", &pool.places)
+        .write("slots", &pool.slots)
         .write("entries", &pool.entries)
         .write("counters", &pool.counters)
 }

@@ -1,4 +1,4 @@
-//! Where cuts are kept from frame to frame.
+//! Buffers of cuts, which are kept from frame to frame.
 
 use wgpu::{Buffer, BufferUsages};
 
@@ -6,37 +6,51 @@ use super::counters::WORDS;
 use crate::Gpu;
 use crate::hierarchy::{HierarchyError, largest_array};
 
-/// Entries of a chunk; a workgroup looks at one.
+/// Entries of a chunk. A workgroup tests one chunk.
 pub(super) const CHUNK: u32 = 64;
-/// Chunks that bins leave half empty, beyond those that entries fill.
+/// Extra chunks, since each bin may leave a chunk partly empty.
 const SPARE: u32 = 1024;
 
-/// Memory of the cuts of all views.
+/// Buffers of the cuts of all views.
 #[derive(Debug)]
 pub(super) struct Pool {
-    /// Entries that the queues hold, and so the cuts.
+    /// Capacity of each queue and of the cuts, entries.
     pub(super) capacity: u32,
+    /// Number of chunks.
     pub(super) chunk_count: u32,
+    /// Entries of the cuts, by chunk: node, view and generation.
     pub(super) entries: Buffer,
+    /// Due time and number of entries of each chunk.
     pub(super) chunks: Buffer,
+    /// Stack of empty chunks.
     pub(super) free: Buffer,
+    /// Due chunks of the frame.
     pub(super) due: Buffer,
+    /// Entries of the frame that are not sorted yet.
     pub(super) settled: Buffer,
-    pub(super) places: Buffer,
+    /// Bin of each settled entry, and its number within the bin.
+    pub(super) slots: Buffer,
+    /// Nodes to divide: the queue that is read, and the one that is filled, alternating.
     pub(super) queues: [Buffer; 2],
+    /// Counters of the frame.
     pub(super) counters: Buffer,
+    /// Clock, free chunks and prediction of motion.
     pub(super) state: Buffer,
+    /// Arguments of indirect dispatches.
     pub(super) arguments: Buffer,
 }
 
-/// Most entries that one array of this device holds.
+/// Largest capacity of a pool whose arrays fit the device's limits, entries.
 pub(super) fn most_entries(gpu: &Gpu) -> u32 {
     let all = (largest_array(gpu) / 8).min(1 << 30) as u32;
     (all - SPARE * CHUNK).min(all / 8 * 7)
 }
 
 impl Pool {
-    /// For so many entries; without order it needs less beside them.
+    /// Allocates buffers for `capacity` entries. `ordered`: entries are sorted, which needs further arrays.
+    ///
+    /// # Errors
+    /// An array too large for the device.
     pub(super) fn new(gpu: &Gpu, capacity: u32, ordered: bool) -> Result<Self, HierarchyError> {
         if capacity > most_entries(gpu) {
             return Err(HierarchyError::TooLarge {
@@ -48,7 +62,7 @@ impl Pool {
         let chunk_count = capacity.div_ceil(CHUNK) + capacity / (8 * CHUNK) + SPARE;
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
         let array = |label, count: u32, bytes: u64| gpu.buffer(label, u64::from(count.max(1)) * bytes, usage);
-        let kept = if ordered { capacity } else { 1 };
+        let sorted = if ordered { capacity } else { 1 };
         Ok(Self {
             capacity,
             chunk_count,
@@ -56,8 +70,8 @@ impl Pool {
             chunks: array("chunks of cuts", chunk_count, 8),
             free: array("free chunks", chunk_count, 4),
             due: array("due chunks", chunk_count, 8),
-            settled: array("settled nodes", kept, 8),
-            places: array("places of settled nodes", kept, 4),
+            settled: array("settled nodes", sorted, 8),
+            slots: array("slots of settled nodes", sorted, 4),
             queues: [array("nodes to divide", capacity, 8), array("nodes to divide", capacity, 8)],
             counters: array("counters of cuts", WORDS, 4),
             state: array("clock of cuts", 16, 4),
@@ -65,10 +79,10 @@ impl Pool {
         })
     }
 
-    /// Bytes of all.
+    /// Bytes of all large buffers.
     pub(super) fn bytes(&self) -> u64 {
         let [a, b] = &self.queues;
-        let all = [&self.entries, &self.chunks, &self.free, &self.due, &self.settled, &self.places, a, b];
+        let all = [&self.entries, &self.chunks, &self.free, &self.due, &self.settled, &self.slots, a, b];
         all.into_iter().map(Buffer::size).sum()
     }
 }

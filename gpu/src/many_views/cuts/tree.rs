@@ -37,21 +37,21 @@ impl CutTree {
     /// An array too large for the device, or the device itself.
     pub fn of_octree(gpu: &Arc<Gpu>, octree: &Octree) -> Result<Self, HierarchyError> {
         let nodes = u64::from(octree.node_count());
-        fits(gpu, "balls of the octree", nodes * 16)?;
+        fits(gpu, "spheres of the octree", nodes * 16)?;
         let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC;
         let tree = Self {
             root: octree.root,
             root_node: octree.root_node(),
             depth: octree.depth,
             nodes: octree.nodes.clone(),
-            spheres: gpu.buffer("balls of the octree", nodes * 16, usage),
+            spheres: gpu.buffer("spheres of the octree", nodes * 16, usage),
             cones: octree.cones.clone(),
             parents: gpu.buffer("parents of the octree", nodes * 4, usage),
-            moved: gpu.upload("motion of balls", &[0u32; 4], usage),
+            moved: gpu.upload("motion of spheres", &[0u32; 4], usage),
             surfels: false,
         };
         let pipeline = gpu.compute_pipeline(&CUT_TREE, "cells");
-        let mut commands = gpu.commands("balls of the octree");
+        let mut commands = gpu.commands("spheres of the octree");
         for (level, [first, count]) in (0u32..).zip(&octree.levels) {
             let step = CellStep {
                 count: *count,
@@ -60,7 +60,7 @@ impl CutTree {
                 pad: 2e-6 * (1 + octree.depth - level) as f32,
             };
             commands
-                .compute("balls of the octree", &pipeline)
+                .compute("spheres of the octree", &pipeline)
                 .read("nodes", &tree.nodes)
                 .write("spheres", &tree.spheres)
                 .write("parents", &tree.parents)

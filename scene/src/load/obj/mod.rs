@@ -1,7 +1,8 @@
 //! Wavefront OBJ with MTL materials.
 //!
-//! The parser is our own: coordinates are text of any precision, which `f32` parsers would truncate before the mesh
-//! can choose its origin, and files in the wild need more tolerance than the format's definition.
+//! The parser is our own: files in the wild need more tolerance than the format's definition. Libraries refuse a whole file
+//! for one invalid number or face, and lack smoothing groups and continued lines. Coordinates are read as `f64`, since the
+//! mesh chooses its origin afterwards.
 
 mod faces;
 mod mtl;

@@ -260,6 +260,7 @@ mod tests {
     #[test]
     fn emitters_and_glass_are_recognised() {
         assert_eq!(only("newmtl a\nKe 10 10 10").emissive, Vec3::splat(10.0));
+        assert_eq!(only("newmtl a\nKd 0.5").base_color, Vec3::splat(0.5).extend(1.0));
         assert!((only("newmtl a\nd 0.3\nTr 0.9").transmission - 0.7).abs() < 1e-6);
         assert!((only("newmtl a\nTr 0.9").transmission - 0.9).abs() < 1e-6);
         assert_eq!(only("newmtl a\nNi 1.33").ior, 1.33);

@@ -14,7 +14,7 @@ use crate::simulate::{Parameters, nanos};
 impl World {
     pub(super) fn report(&mut self, slot: usize) {
         let worker = &mut self.workers[slot];
-        let Some(id) = worker.id.filter(|_| worker.alive && worker.told.is_some()) else { return };
+        let Some(id) = worker.id.filter(|_| worker.alive && worker.assignment.is_some()) else { return };
         let report = worker.report();
         let done = worker.leaving
             && worker.busy.is_none()
@@ -35,7 +35,7 @@ impl World {
         match message {
             Message::Order(view_id, order) => self.order(slot, view_id, *order),
             Message::Assignment(assignment) => self.assigned(slot, assignment),
-            Message::Subscribe { id, from, ahead } => self.subscribed(slot, id, from, ahead),
+            Message::Subscribe { id, from, prefetch } => self.subscribed(slot, id, from, prefetch),
             Message::Sample { id } => {
                 if self.workers[slot].fetches.contains_key(&id) {
                     let (life, ms) = (self.workers[slot].life, self.parameters.unpack_ms);
@@ -82,7 +82,7 @@ impl World {
         let worker = &mut self.workers[slot];
         let wanted: HashMap<SampleId, &Vec<String>> =
             assignment.prefetch.iter().map(|source| (source.id, &source.addresses)).collect();
-        let before = worker.told.take().map(|told| told.prefetch).unwrap_or_default();
+        let before = worker.assignment.take().map(|before| before.prefetch).unwrap_or_default();
         let gone = before.iter().map(|source| source.id).filter(|id| !wanted.contains_key(id));
         for id in gone.filter(|id| rig.level(id.camera) != Some(0)) {
             worker.held.remove(&id);
@@ -92,8 +92,8 @@ impl World {
         worker.packed.retain(|id| worker.held.contains(id));
         let fetched = worker.fetches.extract_if(|id, fetch| !fetch.urgent && !wanted.contains_key(id));
         let mut dropped: Vec<SampleId> = fetched.map(|(id, _)| id).collect();
-        dropped.extend(worker.renders_ahead.iter().filter(|id| !wanted.contains_key(id)));
-        worker.renders_ahead.retain(|id| wanted.contains_key(id));
+        dropped.extend(worker.prefetches.iter().filter(|id| !wanted.contains_key(id)));
+        worker.prefetches.retain(|id| wanted.contains_key(id));
         let mut to_fetch = Vec::new();
         for source in &assignment.prefetch {
             let id = source.id;
@@ -104,14 +104,14 @@ impl World {
                 continue;
             }
             match source.addresses.is_empty() {
-                true => worker.renders_ahead.push_back(id),
+                true => worker.prefetches.push_back(id),
                 false => to_fetch.push((id, source.addresses.clone())),
             }
         }
         let hangs = |source: &usize| assignment.suspected.contains(&format!("http://w{source}"));
         let awaited = worker.fetches.iter().filter_map(|(id, fetch)| Some((*id, fetch.source()?)));
         let in_vain: Vec<(SampleId, usize)> = awaited.filter(|(_, source)| hangs(source)).collect();
-        worker.told = Some(assignment);
+        worker.assignment = Some(assignment);
         for (id, source) in in_vain {
             self.sample_missing(slot, id, source);
         }
@@ -140,19 +140,19 @@ impl World {
         let Some(fetch) = worker.fetches.get(&id) else { return };
         let need = match fetch.urgent {
             true => Need::View { dispensable: false },
-            false => Need::Later { feeds_others },
+            false => Need::Prefetch { feeds_others },
         };
         match policy::seek(need, fetch.asked, fetch.sources.len()) {
             Seek::Ask(next) => {
-                let (source, ahead) = (fetch.sources[next], !fetch.urgent);
+                let (source, prefetch) = (fetch.sources[next], !fetch.urgent);
                 match self.workers[source].alive {
-                    true => self.tell(source, Message::Subscribe { id, from: slot, ahead }),
+                    true => self.tell(source, Message::Subscribe { id, from: slot, prefetch }),
                     false => self.tell(slot, Message::NoSample { id, from: source }),
                 }
             }
-            Seek::Render { ahead } => {
+            Seek::Render { prefetch } => {
                 worker.fetches.remove(&id);
-                worker.render(id, ahead);
+                worker.render(id, prefetch);
                 self.kick(slot);
             }
             Seek::AskAgain => self.after(nanos(PAUSE), SimEvent::AskAgain { slot, life, id }),
@@ -168,17 +168,17 @@ impl World {
         }
     }
 
-    fn subscribed(&mut self, slot: usize, id: SampleId, from: usize, ahead: bool) {
+    fn subscribed(&mut self, slot: usize, id: SampleId, from: usize, prefetch: bool) {
         let worker = &mut self.workers[slot];
         if worker.held.contains(&id) {
             return self.pack(slot, id, from);
         }
         worker.children.entry(id).or_default().push(from);
-        if policy::serve(worker.samples(), ahead, false) == Serve::Render {
+        if policy::serve(worker.samples(), prefetch, false) == Serve::Render {
             worker.render(id, false);
             return self.kick(slot);
         }
-        if worker.fetches.contains_key(&id) || worker.renders(id, ahead) {
+        if worker.fetches.contains_key(&id) || worker.renders(id, prefetch) {
             return;
         }
         let life = worker.life;
