@@ -418,21 +418,16 @@ mod tests {
         Parameters { view_ms: 8.0, ..Parameters::default() }
     }
 
+    /// Twelve runs of ten minutes each had no change either.
     #[test]
-    fn steady_noisy_load_changes_no_role_and_by_default_not_even_at_a_boundary() {
-        for (config, direct_load) in [(by_default(), 0.45), (by_default(), 0.6), (config(), 0.45)] {
+    fn steady_noisy_load_changes_no_role_not_even_at_a_boundary() {
+        for (config, direct_load) in
+            [(by_default(), 0.45), (by_default(), 0.6), (config(), 0.45), (config(), 0.6)]
+        {
             let outcome = noisy("noisy", direct_load, &config, 2, &parameters());
             assert_eq!(outcome.steady_changes_per_min, Some(0.0), "{direct_load}: {outcome:?}");
             assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
         }
-    }
-
-    /// No changes are wanted here either. Eight runs of ten minutes had 0.1 to 0.6 changes a minute, 0.3 on average.
-    #[test]
-    fn exclusive_roles_at_a_boundary_change_rarely_and_cost_no_view() {
-        let outcome = noisy("noisy", 0.6, &config(), 2, &parameters());
-        assert!(outcome.steady_changes_per_min.is_some_and(|changes| changes <= 0.7), "{outcome:?}");
-        assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
     }
 
     #[test]
