@@ -197,10 +197,11 @@ fn turned_away(node: &Node, status: &Status) -> Ended {
     }
 }
 
-/// Whether an assignment makes sense.
+/// Checks an assignment, for fuzzing.
 ///
 /// # Errors
-/// The field that does not.
+/// The invalid field.
+#[cfg(feature = "fuzzing")]
 pub(crate) fn checked_assignment(wire: v1::Assignment) -> Result<(), InvalidField> {
     duty(wire).map(drop)
 }
