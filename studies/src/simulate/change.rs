@@ -136,7 +136,7 @@ impl Stage {
     }
 
     fn roles_changed(&self) -> u64 {
-        self.world.core.status().counters.roles_changed
+        self.world.core.status().counts().roles_changed
     }
 
     /// A random worker that is alive and not paused.
@@ -167,7 +167,7 @@ impl Stage {
         let at =
             |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(0.0);
         let views: Vec<u64> =
-            status.workers.iter().map(|w| w.report.views_composed).filter(|count| *count > 0).collect();
+            status.workers.iter().map(|w| w.views_composed).filter(|count| *count > 0).collect();
         let mean = views.iter().sum::<u64>() as f64 / views.len().max(1) as f64;
         Outcome {
             scenario,
@@ -176,11 +176,11 @@ impl Stage {
             asked: tally.asked,
             rejected: tally.overloaded,
             lost: tally.failed + self.world.open_views() as u64,
-            retried: status.counters.views_retried,
+            retried: status.counts().views_retried,
             p50_ms: at(0.5),
             p99_ms: at(0.99),
             worst_ms: tally.slowest as f64 * 1e-6,
-            roles_changed: status.counters.roles_changed,
+            roles_changed: status.counts().roles_changed,
             steady_changes_per_min: None,
             settled_secs: None,
             waited_for_samples: tally.waited_for_samples as f64 / tally.asked.max(1) as f64,
