@@ -349,7 +349,8 @@ pub(crate) struct Plan {
     /// Steps of the linear, fixed-point and seeded searches, 1 to 4096; more steps find more surfaces and cost time
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u32>,
-    /// Render from the triangles, never from samples
+    /// Render from the triangles, never from samples. This also fixes the plan: a plan that is left open depends on what the
+    /// workers hold, and so on other viewers
     #[arg(long)]
     pub(crate) direct: bool,
     /// Sub-pixels on a side of each pixel, 1 to 8; N costs about N² times as much

@@ -60,12 +60,12 @@ async fn watch(client: &Client, every: Duration) -> anyhow::Result<()> {
         }
         let text = match client.status().await {
             Ok(status) => {
-                let (now, answered) = (Instant::now(), status.counters.views_answered);
+                let (now, answered) = (Instant::now(), status.counts().views_answered);
                 let mut text = table(&status)?;
                 if let Some((then, count)) = before.replace((now, answered)) {
                     // A restarted coordinator counts from zero.
                     let rate = answered.saturating_sub(count) as f64 / (now - then).as_secs_f64();
-                    let sessions = status.counters.sessions_open;
+                    let sessions = status.counts().sessions_open;
                     writeln!(text, "  {rate:.1} views a second, {sessions} sessions")?;
                 }
                 text
@@ -93,11 +93,13 @@ async fn watch(client: &Client, every: Duration) -> anyhow::Result<()> {
 fn table(status: &ClusterStatus) -> anyhow::Result<String> {
     let mut text = String::new();
 
-    let seen = if status.visibility.is_empty() { "to be measured" } else { &status.visibility };
+    let seen = Some(status.visibility_name()).filter(|name| !name.is_empty()).unwrap_or("to be measured");
     writeln!(
         text,
         "{}, version {}, epoch {}; triangles by {seen}",
-        status.scene, status.version, status.epoch
+        status.scene_name(),
+        status.version,
+        status.epoch
     )?;
     writeln!(
         text,
@@ -125,7 +127,7 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
         status.rays_per_tick,
         status.ray_ms * 1e3
     )?;
-    let refinements = status.refinements;
+    let refinements = status.refined();
     writeln!(
         text,
         "  refinements    {} of {} samples at hand where views have holes, {} more wanted",
@@ -142,7 +144,7 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
         "  planning       {planning_us:8.1} µs a view; predicted errors times {:.2}, as probes have found",
         status.error_factor
     )?;
-    let counters = &status.counters;
+    let counters = status.counts();
     writeln!(
         text,
         "  views          {} answered, {} failed, {} rejected, {} retried; {} roles changed, {} workers lost",
@@ -165,7 +167,7 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
             "  {:<14} {:>8} {:<11} {:<28} {:>7} {:>7} {:>9}  {}",
             worker.id,
             worker.pid,
-            worker.role,
+            worker.role_name(),
             worker.address,
             worker.queued_samples + worker.queued_views,
             worker.samples_held,

@@ -173,7 +173,7 @@ impl Client {
     pub async fn status(&self) -> Result<ClusterStatus, ClientError> {
         let mut cluster = ClusterClient::with_interceptor(self.channel(), self.0.bearer.clone());
         let response = cluster.status(v1::StatusRequest {}).await?;
-        Ok(response.into_inner().into())
+        Ok(response.into_inner())
     }
 
     /// The `Views` service, on the next connection in turn.

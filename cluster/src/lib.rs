@@ -27,7 +27,7 @@ mod rate_limited_log;
 pub mod sealed;
 pub mod security;
 mod send_timeout;
-#[doc(hidden)]
+#[cfg(feature = "fuzzing")]
 pub mod untrusted;
 mod wire;
 pub mod worker;

@@ -8,20 +8,12 @@ use argus_scene::{FaceMask, InvalidField, Limits, SampleId, SampleSetInfo, Versi
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
-use crate::core::{Assignment, Hello, Probed, Report, Role, Source, Status, WorkerStatus};
+use crate::core::{Assignment, Hello, Probed, Report, Role, Source};
 use crate::sealed::SealKey;
 use crate::security::Security;
 
 /// Longest name of a worker, bytes: it is in every frame and log line.
 const MAX_NAME: usize = 128;
-
-pub(crate) fn role(role: Role) -> v1::Role {
-    match role {
-        Role::Sampler => v1::Role::Sampler,
-        Role::Compositor => v1::Role::Compositor,
-        Role::Both => v1::Role::Both,
-    }
-}
 
 /// Reads the role of an assignment.
 pub(crate) fn role_from(number: i32) -> Result<Role, InvalidField> {
@@ -109,7 +101,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
 pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
     let measurements = v1::Measurements {
         applied: report.applied,
-        role: role(acting) as i32,
+        role: v1::Role::from(acting) as i32,
         sample_ms: report.sample_ms,
         direct_ms: report.direct_ms,
         view_ms: report.view_ms,
@@ -207,7 +199,7 @@ pub(crate) fn assignment(
     v1::Assignment {
         term,
         sequence: assignment.sequence,
-        role: role(assignment.role) as i32,
+        role: v1::Role::from(assignment.role) as i32,
         scene: Some(scene_ref(&service.scene)),
         set: Some(served.set.into()),
         versions: served.versions.iter().map(|version| (*version).into()).collect(),
@@ -243,90 +235,6 @@ pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
             faces: faces.bits(),
         })
         .collect()
-}
-
-pub(crate) fn status(
-    status: Status,
-    term: u64,
-    service: &ServiceInfo,
-    set: &SampleSetInfo,
-) -> v1::StatusResponse {
-    let counters = status.counters;
-    v1::StatusResponse {
-        protocol_version: PROTOCOL_VERSION,
-        scene: Some(scene_ref(&service.scene)),
-        term,
-        version: set.version.number,
-        epoch: set.version.state.epoch,
-        processes: status.processes,
-        samplers: status.samplers,
-        compositors: status.compositors,
-        samples_per_tick: status.samples_per_tick,
-        sample_ms: status.sample_ms,
-        views_per_tick: status.views_per_tick,
-        view_ms: status.view_ms,
-        tick_predicted_ms: status.tick_predicted_ms,
-        tick_measured_ms: status.tick_measured_ms,
-        workers: status.workers.into_iter().map(worker_status).collect(),
-        counters: Some(v1::Counters {
-            views_answered: counters.views_answered,
-            views_failed: counters.views_failed,
-            views_rejected: counters.views_rejected,
-            cameras_superseded: counters.cameras_superseded,
-            views_retried: counters.views_retried,
-            roles_changed: counters.roles_changed,
-            workers_joined: counters.workers_joined,
-            workers_lost: counters.workers_lost,
-            sessions_open: counters.sessions_open,
-            frames_refused: counters.frames_refused,
-        }),
-        direct_views_per_tick: status.direct_views_per_tick,
-        direct_ms: status.direct_ms,
-        refinements: Some(v1::Refinements {
-            wanted: status.refinements.wanted,
-            placed: status.refinements.placed,
-            usable: status.refinements.usable,
-        }),
-        visibility: status.visibility.map_or(v1::Visibility::Unspecified, v1::Visibility::from) as i32,
-        rays_per_tick: status.rays_per_tick,
-        ray_ms: status.ray_ms,
-        error_factor: status.error_factor,
-        // The shell fills these in, since the core has no clock.
-        views_planned: 0,
-        planning_us: 0.0,
-    }
-}
-
-fn worker_status(worker: WorkerStatus) -> v1::WorkerStatus {
-    let role = match (worker.role, worker.draining) {
-        (None, _) => v1::Role::Idle,
-        (Some(_), true) => v1::Role::Draining,
-        (Some(playing), false) => role(playing),
-    };
-    let (hello, report) = (worker.hello, worker.report);
-    v1::WorkerStatus {
-        id: hello.name,
-        pid: hello.pid,
-        role: role as i32,
-        address: hello.address,
-        device: hello.device,
-        cores: hello.cores,
-        sample_ms: report.sample_ms,
-        direct_ms: report.direct_ms,
-        view_ms: report.view_ms,
-        ray_ms: report.ray_ms,
-        queued_samples: report.queued_samples,
-        queued_views: report.queued_views,
-        samples_rendered: report.samples_rendered,
-        views_composed: report.views_composed,
-        views_direct: report.views_direct,
-        rays_traced: report.rays_traced,
-        samples_received: report.samples_received,
-        unpacking_ms: report.unpacking_ms,
-        holding_ms: report.holding_ms,
-        samples_held: report.held.len() as u64,
-        sample_progress: report.sample_progress,
-    }
 }
 
 #[cfg(test)]

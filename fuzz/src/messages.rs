@@ -1,7 +1,6 @@
 //! Every message of `argus.v1`: decoded, converted to its type in the vocabulary if it has one, and passed to its
 //! receiver.
 
-use argus_client::ClusterStatus;
 use argus_proto::{Description, v1};
 use argus_scene::{
     Bounds, Camera, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig, SampleCamera,
@@ -55,8 +54,7 @@ messages! {
     },
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
-    StatusResponse => |m| { drop(ClusterStatus::from(m)); Ok(()) },
-    Refinements, WorkerStatus, Counters,
+    StatusResponse, Refinements, WorkerStatus, Counters,
     SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
     HeldSample, PartialSample, PlaneHeader, SampleHeader,
     SampleChunk => |m| begun(super::chunks::samples, m),

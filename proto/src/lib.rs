@@ -8,6 +8,7 @@
 
 pub mod buffers;
 pub mod chunks;
+mod cluster_status;
 pub mod codec;
 pub mod convert;
 mod error;

@@ -123,8 +123,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             "flip": mean(flips),
             "direct_flip": mean(direct_flips),
             "samples_held": status.workers.iter().map(|w| w.samples_held).max().unwrap_or(0),
-            "refinements": status.refinements.usable,
-            "refinements_wanted": status.refinements.wanted,
+            "refinements": status.refined().usable,
+            "refinements_wanted": status.refined().wanted,
             "samples_rendered": status.workers.iter().map(|w| w.samples_rendered).sum::<u64>(),
             "sample_ms": status.sample_ms,
             "view_ms": median(&view_ms),
@@ -178,7 +178,7 @@ async fn settle(client: &Client, secs: f64) -> Result<()> {
     let mut calm = 0;
     while calm < 4 && tokio::time::Instant::now() < until {
         tokio::time::sleep(Duration::from_millis(500)).await;
-        let refinements = client.status().await?.refinements;
+        let refinements = client.status().await?.refined();
         let done = refinements.wanted == 0 && refinements.usable == refinements.placed;
         calm = if done { calm + 1 } else { 0 };
     }

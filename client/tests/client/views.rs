@@ -177,7 +177,7 @@ async fn a_killed_and_replaced_server_costs_latency_but_no_view() {
 async fn status_has_the_keys_that_scripts_rely_on() {
     let server = Fake::default().serve().await;
     let status = server.client().await.status().await.unwrap();
-    assert_eq!((status.workers[0].role.as_str(), status.workers[1].role.as_str()), ("sampler", "unknown"));
+    assert_eq!((status.workers[0].role_name(), status.workers[1].role_name()), ("sampler", "unknown"));
     let json = serde_json::to_value(&status).unwrap();
     for key in [
         "processes",
@@ -195,4 +195,11 @@ async fn status_has_the_keys_that_scripts_rely_on() {
     for key in ["id", "pid", "role", "address"] {
         assert!(!json["workers"][0][key].is_null(), "{key}");
     }
+    assert_eq!(json["workers"][0]["role"], "sampler");
+    assert_eq!(json["workers"][1]["role"], "unknown");
+    assert_eq!(json["scene"], "");
+    assert_eq!(json["visibility"], "");
+    assert_eq!(json["tick_measured_ms"], 0.0);
+    assert_eq!(json["counters"]["views_answered"], 0);
+    assert_eq!(json["refinements"]["usable"], 0);
 }

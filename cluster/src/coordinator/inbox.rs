@@ -155,6 +155,7 @@ impl Inbox {
 }
 
 /// Feeds a session's inbox with a client's messages, for fuzzing.
+#[cfg(feature = "fuzzing")]
 pub(crate) fn check_inbox(requests: impl Iterator<Item = v1::SessionRequest>) {
     let mut messages = ClientMessages::default();
     let (mut views, mut taken) = (0, 0);

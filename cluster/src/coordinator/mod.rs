@@ -35,10 +35,10 @@ mod views;
 use std::sync::Arc;
 use std::time::Duration;
 
+use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
-use argus_proto::{FILE_DESCRIPTOR_SET, v1};
 use argus_scene::rig::Sight;
 use argus_scene::{
     InvalidField, ReflectionProbeSet, Rig, SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
@@ -49,6 +49,7 @@ use tonic::service::Routes;
 use tracing::info;
 
 pub use config::{Config, ServeError};
+#[cfg(feature = "fuzzing")]
 pub(crate) use inbox::check_inbox;
 
 use self::shared_core::SharedCore;
@@ -185,7 +186,8 @@ pub async fn serve(
 
 /// Processes the header of a redirected frame, for fuzzing. Returns the pixels that no sample saw, and the
 /// milliseconds of rendering.
-pub(crate) fn learn(header: &v1::FrameHeader) -> (u64, f64) {
+#[cfg(feature = "fuzzing")]
+pub(crate) fn learn(header: &argus_proto::v1::FrameHeader) -> (u64, f64) {
     let frames = frame_metrics::FrameMetrics::default();
     frames.arrived(header);
     frames.registry();

@@ -4,8 +4,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
+use argus_proto::v1::{StatusResponse, WorkerStatus};
+
 use super::shared_core::SharedCore;
-use crate::core::Status;
 use crate::observe::{Exposition, Monitored};
 
 /// A coordinator without a tick for this long is wedged. It ticks ten times a second.
@@ -40,7 +41,7 @@ impl Monitored for Monitor {
     }
 }
 
-fn cluster(to: &mut Exposition<'_>, status: &Status, in_flight: usize) -> fmt::Result {
+fn cluster(to: &mut Exposition<'_>, status: &StatusResponse, in_flight: usize) -> fmt::Result {
     let unready = status.workers.len().saturating_sub(status.processes as usize);
     to.gauges(
         "processes",
@@ -75,8 +76,8 @@ fn cluster(to: &mut Exposition<'_>, status: &Status, in_flight: usize) -> fmt::R
         ],
     )?;
     to.gauge("views_in_flight", "Views waiting or in work", in_flight as f64)?;
-    to.gauge("sessions_open", "Open sessions", status.counters.sessions_open as f64)?;
-    let refinements = status.refinements;
+    to.gauge("sessions_open", "Open sessions", status.counts().sessions_open as f64)?;
+    let refinements = status.refined();
     to.gauges(
         "refinements",
         "Samples at refinements of the rig, where views have holes",
@@ -88,8 +89,8 @@ fn cluster(to: &mut Exposition<'_>, status: &Status, in_flight: usize) -> fmt::R
     )
 }
 
-fn counters(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {
-    let counters = &status.counters;
+fn counters(to: &mut Exposition<'_>, status: &StatusResponse) -> fmt::Result {
+    let counters = status.counts();
     to.counters(
         "views",
         "Views, by how they ended",
@@ -120,14 +121,11 @@ fn counters(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {
     )
 }
 
-fn workers(to: &mut Exposition<'_>, status: &Status) -> fmt::Result {
-    let rows = |value: fn(&crate::core::Report) -> f64| {
-        status
-            .workers
-            .iter()
-            .map(move |worker| ([("worker", worker.hello.name.as_str())], value(&worker.report)))
+fn workers(to: &mut Exposition<'_>, status: &StatusResponse) -> fmt::Result {
+    let rows = |value: fn(&WorkerStatus) -> f64| {
+        status.workers.iter().map(move |worker| ([("worker", worker.id.as_str())], value(worker)))
     };
-    let queued = |report: &crate::core::Report| f64::from(report.queued_samples + report.queued_views);
+    let queued = |worker: &WorkerStatus| f64::from(worker.queued_samples + worker.queued_views);
     to.gauges("worker_queue", "Samples and views that wait at a worker", rows(queued))?;
-    to.gauges("worker_samples_held", "Samples that a worker holds", rows(|report| report.held.len() as f64))
+    to.gauges("worker_samples_held", "Samples that a worker holds", rows(|worker| worker.samples_held as f64))
 }

@@ -434,8 +434,8 @@ impl SharedCore {
         let state = self.state.lock();
         let term = state.leading.map_or(0, |leading| leading.term);
         let (views_planned, planning_us) = self.planning.so_far();
-        let status = wire::status(state.core.status(), term, &self.service, state.core.set());
-        v1::StatusResponse { views_planned, planning_us, ..status }
+        let scene = Some(wire::scene_ref(&self.service.scene));
+        v1::StatusResponse { scene, term, views_planned, planning_us, ..state.core.status() }
     }
 
     /// Reads the core under its lock.

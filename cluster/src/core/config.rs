@@ -13,10 +13,10 @@ pub struct Config {
     pub tick: Duration,
     /// Weight of the newest tick in the average of demand, and of the newest report in the average of costs.
     pub smoothing: f64,
-    /// A change of roles must be predicted to shorten the tick by this factor. Noise in measured costs is a few per
-    /// cent, and a change costs a drain and a transfer of samples.
+    /// A change of all workers' roles must be predicted to shorten the tick by this factor; a change of a share of
+    /// them, by that power of it: 1.17 for one of three. A change costs drains and transfers of samples.
     pub margin: f64,
-    /// A change of roles must be predicted to pay for this long without interruption.
+    /// A change of roles that would halve the tick must be predicted for at least this long; smaller gains for longer.
     pub dwell: Duration,
     /// If the predicted work is below this fraction of a tick, roles stay as they are.
     pub idle_fraction: f64,
@@ -114,7 +114,7 @@ impl Default for Config {
         Self {
             tick: Duration::from_secs(1),
             smoothing: 0.3,
-            margin: 1.15,
+            margin: 1.6,
             dwell: Duration::from_secs(3),
             idle_fraction: 0.01,
             lease: Duration::from_secs(5),

@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use argus_proto::Fault;
+use argus_proto::v1::StatusResponse;
 use argus_scene::rig::Sight;
 use argus_scene::{SampleSetInfo, Version, View};
 
@@ -13,7 +14,7 @@ use super::config::Config;
 use super::event::{Action, Event, Hello, LastView, Report, ViewId, WorkerId};
 use super::quality::Model;
 use super::samples::Samples;
-use super::status::Status;
+use super::status;
 use super::time::Uptime;
 use super::views::{Cluster, NewView, Output, SurveyWanted, Views};
 use super::workers::balance::Split;
@@ -125,9 +126,9 @@ impl Core {
         self.views.bundle_survey_wanted(view, self.cluster())
     }
 
-    /// A snapshot of the cluster.
-    pub fn status(&self) -> Status {
-        Status::of(&self.workers, &self.samples, &self.views)
+    /// A snapshot of the cluster. The shell knows its scene, term and time of planning.
+    pub fn status(&self) -> StatusResponse {
+        status::of(&self.workers, &self.samples, &self.views)
     }
 
     fn cluster(&self) -> Cluster<'_> {

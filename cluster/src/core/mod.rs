@@ -41,8 +41,6 @@ pub use event::{
     WorkerId,
 };
 pub use machine::Core;
-pub use samples::Refinements;
-pub use status::{Counters, Status, WorkerStatus};
 pub use time::Uptime;
 pub use views::{SurveyWanted, plan, planner};
 pub use workers::{balance, hysteresis};

@@ -199,10 +199,11 @@ fn turned_away(node: &Node, status: &Status) -> Ended {
     }
 }
 
-/// Checks an assignment from the wire.
+/// Checks an assignment, for fuzzing.
 ///
 /// # Errors
-/// [`InvalidField`] with the invalid field.
+/// The invalid field.
+#[cfg(feature = "fuzzing")]
 pub(crate) fn checked_assignment(wire: v1::Assignment) -> Result<(), InvalidField> {
     duty(wire).map(drop)
 }

@@ -52,6 +52,7 @@ use tonic::service::Routes;
 use tracing::{info, warn};
 
 pub use config::{Config, Public, RunError};
+#[cfg(feature = "fuzzing")]
 pub(crate) use join::checked_assignment;
 
 use self::health::Health;

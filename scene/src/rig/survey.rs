@@ -378,9 +378,9 @@ mod tests {
             assert_eq!(chosen.len(), 4);
             assert_eq!(chosen[0], by_all.choose(|_| true, 1)[0], "{place}");
             // The chosen cameras' coverage is exact; a single camera's may be too low.
-            let (few, whole) = (by_few.coverage(&chosen), by_all.coverage(&chosen));
-            assert_eq!(few.fine, whole.fine, "{place}: {few:?} {whole:?}");
-            assert!(few.covered <= whole.covered && few.covered >= whole.fine);
+            let (of_few, of_all) = (by_few.coverage(&chosen), by_all.coverage(&chosen));
+            assert_eq!(of_few.fine, of_all.fine, "{place}: {of_few:?} {of_all:?}");
+            assert!(of_few.covered <= of_all.covered && of_few.covered >= of_all.fine);
             for index in &near {
                 let (few, whole) = (by_few.coverage(&[*index]), by_all.coverage(&[*index]));
                 assert!(few.covered <= whole.covered && few.fine <= whole.fine);

@@ -247,7 +247,7 @@ async fn watch(
     let begin = Instant::now();
     let state = |status: &ClusterStatus| {
         let rendered = status.workers.iter().map(|worker| worker.samples_rendered).sum::<u64>();
-        (status.counters.roles_changed, if run.method == Method::Still { rendered } else { 0 })
+        (status.counts().roles_changed, if run.method == Method::Still { rendered } else { 0 })
     };
     let mut settled = (state(&client.status().await?), Instant::now());
     loop {
@@ -288,7 +288,7 @@ async fn watch(
     let samples = count(|w| w.samples_rendered as f64);
     let mut cpu = [0.0; 4];
     for (pid, secs) in &after.cpu {
-        let role = after.status.workers.iter().find(|w| w.pid == *pid).map(|w| w.role.as_str());
+        let role = after.status.workers.iter().find(|w| w.pid == *pid).map(|w| w.role_name());
         let place = match role {
             Some("compositor") => 1,
             Some(_) => 0,

@@ -4,7 +4,8 @@
 //! both of its programs, whose bytes must be equal. A pixel is *wrong* if it claims to be resolved but shows neither the
 //! surface (range within [`oracle::RANGE`]) nor the position on it (colour within [`oracle::COLOR`] steps) that its own
 //! ray or one of the eight around it meets. A pixel that no sample saw must be marked unresolved; that is never wrong,
-//! but its share is limited too.
+//! but its share is limited too. A case whose limit accepts more than a quarter of all pixels as wrong can hardly fail,
+//! so it never counts as passed: it is a *known failure*.
 //!
 //! The command, the page in `docs/` and the test run the same cases.
 
@@ -55,7 +56,7 @@ impl Theme {
     /// Runs the theme's cases.
     ///
     /// # Errors
-    /// No GPU, or a render that fails. A wrong frame is not an error, but a row that did not pass.
+    /// No GPU, or a render that fails. A wrong frame is not an error, but a row that failed.
     pub fn run(self, stages: &mut Stages) -> Result<Vec<Row>> {
         let rows = match self {
             Self::Poses => poses::run(stages),
@@ -96,19 +97,54 @@ pub struct Row {
     pub ms: f64,
     /// Why the limits are wide or differ from other searches; usually empty.
     pub why: &'static str,
-    /// Whether all limits are kept.
-    pub passed: bool,
+    /// Whether the limits are kept, and whether that says anything.
+    pub outcome: Outcome,
 }
+
+/// The outcome of a case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Outcome {
+    /// All limits are kept.
+    Passed,
+    /// All limits are kept, but the one on wrong pixels is above [`KNOWN_FAILURE`].
+    KnownFailure,
+    /// A limit is exceeded.
+    #[default]
+    Failed,
+}
+
+impl Outcome {
+    /// All outcomes.
+    pub const ALL: [Self; 3] = [Self::Passed, Self::KnownFailure, Self::Failed];
+
+    /// The outcome in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Passed => "passed",
+            Self::KnownFailure => "known failure",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+/// A case that accepts a larger share of wrong pixels than this is a known failure.
+pub const KNOWN_FAILURE: f64 = 0.25;
 
 /// Time limit of a case in milliseconds. Only a loop that does not end exceeds it.
 pub const MOST_MS: f64 = 20_000.0;
 
 impl Row {
-    /// Sets `passed`. NaN does not pass.
+    /// Sets `outcome`. NaN fails.
     fn judged(self) -> Self {
         let within = self.oracle_error <= self.tolerance && self.unresolved <= self.unresolved_tolerance;
-        let passed = within && self.malformed == 0 && self.twin_bytes == 0 && self.ms < MOST_MS;
-        Self { passed, ..self }
+        let kept = within && self.malformed == 0 && self.twin_bytes == 0 && self.ms < MOST_MS;
+        let outcome = match kept {
+            true if self.tolerance <= KNOWN_FAILURE => Outcome::Passed,
+            true => Outcome::KnownFailure,
+            false => Outcome::Failed,
+        };
+        Self { outcome, ..self }
     }
 }
 
@@ -126,14 +162,12 @@ pub fn run(progress: &ProgressBar) -> Result<Report> {
         rows.extend(theme.run(&mut stages)?);
         progress.inc(1);
     }
-    let failed = rows.iter().filter(|row| !row.passed).count();
     let as_object = |row: &Row| report::row(serde_json::to_value(row).unwrap_or(Value::Null));
     let machine = Machine::here(gpu.kind());
     let mut report = Report::new("scenes built in code", machine, rows.iter().map(as_object).collect());
     report.notes = stages.notes();
-    report.notes.push(match failed {
-        0 => format!("All {} passed.", rows.len()),
-        _ => format!("{failed} of {} did not pass.", rows.len()),
-    });
+    let count = |outcome| rows.iter().filter(|row| row.outcome == outcome).count();
+    let counts = Outcome::ALL.map(|outcome| format!("{} {}", count(outcome), outcome.words()));
+    report.notes.push(format!("Of {} cases: {}.", rows.len(), counts.join(", ")));
     Ok(report)
 }

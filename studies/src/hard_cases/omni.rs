@@ -11,7 +11,7 @@ use glam::DVec3;
 
 use super::stage::{Limits, Pose, Stages};
 use super::world::{self, FACE};
-use super::{Row, poses};
+use super::{Outcome, Row, poses};
 
 pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let room = world::room();
@@ -75,7 +75,7 @@ fn paraboloid(stages: &mut Stages) -> Result<Row> {
         twin_bytes: 0,
         ms: 0.0,
         why: "",
-        passed: false,
+        outcome: Outcome::default(),
     }
     .judged())
 }

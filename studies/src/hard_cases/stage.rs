@@ -15,9 +15,9 @@ use argus_scene::{
     Sampler as _, Sampling, Search, Version, ViewJob, Visibility, Warp,
 };
 
-use super::Row;
 use super::oracle::{Judged, Truth};
 use super::world::World;
+use super::{Outcome, Row};
 
 /// The device and the compositors that all cases share. Compiling a program takes longer than most cases.
 pub struct Stages {
@@ -269,7 +269,7 @@ impl Answer {
             malformed: judged.malformed,
             twin_bytes: self.twin_bytes,
             ms: self.ms,
-            passed: false,
+            outcome: Outcome::default(),
         }
         .judged()
     }

@@ -42,7 +42,7 @@ const ROWS: &[Exception] = &[Exception {
 const THROUGH: &[Exception] = &[
     Exception {
         search: Search::Splat,
-        wrong: 0.35,
+        wrong: 0.2,
         unresolved: 1.0,
         why: "a surface that is much nearer to the viewer than to the camera is seen through between its texels",
     },
@@ -62,6 +62,12 @@ const THROUGH: &[Exception] = &[
 
 /// The viewer is a millimetre from a surface whose texels are centimetres wide.
 const TOUCHING: &[Exception] = &[
+    Exception {
+        search: Search::Splat,
+        wrong: 0.22,
+        unresolved: 0.45,
+        why: "texels are as wide as the viewer is high, or wider",
+    },
     Exception {
         search: Search::Pyramid,
         wrong: 1.0,

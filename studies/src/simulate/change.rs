@@ -136,7 +136,7 @@ impl Stage {
     }
 
     fn roles_changed(&self) -> u64 {
-        self.world.core.status().counters.roles_changed
+        self.world.core.status().counts().roles_changed
     }
 
     /// A random worker that is alive and not paused.
@@ -167,7 +167,7 @@ impl Stage {
         let at =
             |share: f64| latencies.get((latencies.len() as f64 * share) as usize).copied().unwrap_or(0.0);
         let views: Vec<u64> =
-            status.workers.iter().map(|w| w.report.views_composed).filter(|count| *count > 0).collect();
+            status.workers.iter().map(|w| w.views_composed).filter(|count| *count > 0).collect();
         let mean = views.iter().sum::<u64>() as f64 / views.len().max(1) as f64;
         Outcome {
             scenario,
@@ -176,11 +176,11 @@ impl Stage {
             asked: tally.asked,
             rejected: tally.overloaded,
             lost: tally.failed + self.world.open_views() as u64,
-            retried: status.counters.views_retried,
+            retried: status.counts().views_retried,
             p50_ms: at(0.5),
             p99_ms: at(0.99),
             worst_ms: tally.slowest as f64 * 1e-6,
-            roles_changed: status.counters.roles_changed,
+            roles_changed: status.counts().roles_changed,
             steady_changes_per_min: None,
             settled_secs: None,
             waited_for_samples: tally.waited_for_samples as f64 / tally.asked.max(1) as f64,
@@ -418,21 +418,16 @@ mod tests {
         Parameters { view_ms: 8.0, ..Parameters::default() }
     }
 
+    /// Twelve runs of ten minutes each had no change either.
     #[test]
-    fn steady_noisy_load_changes_no_role_and_by_default_not_even_at_a_boundary() {
-        for (config, direct_load) in [(by_default(), 0.45), (by_default(), 0.6), (config(), 0.45)] {
+    fn steady_noisy_load_changes_no_role_not_even_at_a_boundary() {
+        for (config, direct_load) in
+            [(by_default(), 0.45), (by_default(), 0.6), (config(), 0.45), (config(), 0.6)]
+        {
             let outcome = noisy("noisy", direct_load, &config, 2, &parameters());
             assert_eq!(outcome.steady_changes_per_min, Some(0.0), "{direct_load}: {outcome:?}");
             assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
         }
-    }
-
-    /// No changes are wanted here either. Eight runs of ten minutes had 0.1 to 0.6 changes a minute, 0.3 on average.
-    #[test]
-    fn exclusive_roles_at_a_boundary_change_rarely_and_cost_no_view() {
-        let outcome = noisy("noisy", 0.6, &config(), 2, &parameters());
-        assert!(outcome.steady_changes_per_min.is_some_and(|changes| changes <= 0.7), "{outcome:?}");
-        assert_eq!((outcome.lost, outcome.rejected), (0, 0), "{outcome:?}");
     }
 
     #[test]

@@ -109,7 +109,7 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
     }
     // Two ticks until the pipeline is full.
     let from = progress.borrow().ticks.len() + 2;
-    let changed = |world: &World| world.core.status().counters.roles_changed;
+    let changed = |world: &World| world.core.status().counts().roles_changed;
     let before = (changed(&world), world.tally);
     let ended = |_: &World| progress.borrow().ticks.len() > from + case.ticks;
     world.run_until(secs(3600.0), ended);
@@ -152,14 +152,14 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
 
 /// Runs until roles have not changed for [`SETTLED_SECS`].
 fn settle(world: &mut World) {
-    let mut changed = world.core.status().counters.roles_changed;
+    let mut changed = world.core.status().counts().roles_changed;
     let mut quiet = 0.0;
     let mut passed = 0.0;
     while quiet < SETTLED_SECS && passed < SETTLING_SECS {
         world.run_for(secs(0.5));
         passed += 0.5;
         quiet += 0.5;
-        let now = world.core.status().counters.roles_changed;
+        let now = world.core.status().counts().roles_changed;
         if now != changed {
             (changed, quiet) = (now, 0.0);
         }

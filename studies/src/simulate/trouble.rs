@@ -163,7 +163,7 @@ pub fn run(case: &Case, costs: &Parameters) -> Outcome {
         asked,
         rejected: tally.overloaded,
         lost: tally.failed + world.open_views() as u64,
-        retried: status.counters.views_retried,
+        retried: status.counts().views_retried,
         processes_lost: killed.len() as u64,
         p50_ms: at(0.5),
         p99_ms: at(0.99),

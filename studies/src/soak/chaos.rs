@@ -53,7 +53,7 @@ impl Chaos {
         let Ok(status) = client.status().await else { return };
         // Only workers with a role: killing one that starts would only measure its start.
         let is_paused = |pid: u32| self.paused.iter().any(|(paused, _)| *paused == pid);
-        let playing = status.workers.iter().filter(|w| !matches!(w.role.as_str(), "idle" | "unknown"));
+        let playing = status.workers.iter().filter(|w| !matches!(w.role_name(), "idle" | "unknown"));
         let mut pids: Vec<u32> = playing.map(|w| w.pid).filter(|pid| !is_paused(*pid)).collect();
         pids.sort_unstable();
         // At least one worker always runs.

@@ -212,7 +212,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let unfinished = sessions.len() as u64;
     sessions.abort_all();
     checking.abort();
-    let counters = first.status().await?.counters;
+    let counters = first.status().await?.counts();
     drop((client, first));
     cluster.stop().or_else(|error| if options.chaos.is_some() { Ok(()) } else { Err(error) })?;
 

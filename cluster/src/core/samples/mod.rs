@@ -36,7 +36,6 @@ pub(super) use find::Access;
 pub(super) use locations::{Reported, SampleLocations};
 pub(super) use needed::NeededVersions;
 pub(super) use placement::Placement;
-pub use placement::Refinements;
 
 use super::config::Config;
 use super::event::{Source, WorkerId};

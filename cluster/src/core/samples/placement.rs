@@ -14,9 +14,9 @@
 
 use std::collections::BTreeMap;
 
+use argus_proto::v1::Refinements;
 use argus_scene::rig::{MAX_LEVEL, Sight};
 use argus_scene::{Camera, FaceMask, Rig};
-use serde::Serialize;
 
 /// Share of uncovered pixels below which a frame is good enough: half of the promised mean, so that views between
 /// observed ones keep the promise, too.
@@ -39,17 +39,6 @@ const MOST_CREDIT: f64 = 4.0;
 
 /// A sample that is not held after this many ticks was lost; its site starts anew.
 const GIVE_UP_TICKS: u32 = 120;
-
-/// Counts of refinements.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-pub struct Refinements {
-    /// Sites that views would gain from, without a sample.
-    pub wanted: u32,
-    /// Samples in prefetch lists.
-    pub placed: u32,
-    /// Samples that compositors hold, so that plans use them.
-    pub usable: u32,
-}
 
 /// The budget of refinements.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -50,7 +50,7 @@ fn epochs_ascend_with_the_clock_and_every_view_has_one() {
         assert!(distinct.len() >= 40, "{workers} workers: {distinct:?}");
         let last = epochs[epochs.len() - 1];
         assert!((46..=50).contains(&last), "{workers} workers, epoch {last} after 5 s of 100 ms each");
-        assert_eq!(sim.core.status().counters.views_answered, 500);
+        assert_eq!(sim.core.status().counts().views_answered, 500);
     }
 }
 
@@ -112,7 +112,7 @@ fn slow_samplers_make_fewer_epochs_and_delay_no_view() {
         }
     }
     assert!((8..=16).contains(&epochs.len()), "{epochs:?}");
-    assert_eq!(sim.core.status().counters.views_failed, 0);
+    assert_eq!(sim.core.status().counts().views_failed, 0);
 }
 
 #[test]

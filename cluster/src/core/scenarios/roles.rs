@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use argus_proto::v1;
+
 use super::sim::Sim;
 use crate::core::*;
 
@@ -75,9 +77,9 @@ fn a_worker_that_changes_its_role_drains_first() {
     }
     (0..10).for_each(|_| sim.second(400, 30));
     let status = sim.core.status();
-    let changing: Vec<_> = status.workers.iter().filter(|w| w.draining).collect();
+    let changing: Vec<_> = status.workers.iter().filter(|w| w.role() == v1::Role::Draining).collect();
     assert_eq!(changing.len(), 1);
-    let name = changing[0].hello.name.clone();
+    let name = changing[0].id.clone();
     let id = sim.workers.iter().find(|(_, w)| w.name == name).map(|(id, _)| *id).unwrap();
     for direct in [false, true] {
         for _ in 0..20 {
@@ -88,7 +90,7 @@ fn a_worker_that_changes_its_role_drains_first() {
     sim.answer_all();
     sim.workers.get_mut(&id).unwrap().obedient = true;
     sim.report(id);
-    assert!(sim.core.status().workers.iter().all(|w| !w.draining));
+    assert!(sim.core.status().workers.iter().all(|w| w.role() != v1::Role::Draining));
     let to_it = (0..20).filter(|_| {
         let view_id = sim.ask(true);
         sim.orders[&view_id].worker == id
@@ -160,7 +162,7 @@ fn the_views_of_a_suspected_worker_are_retried_before_it_is_lost() {
         sim.orders[&next].worker == hangs
     });
     assert!(back.count() > 0);
-    assert_eq!((sim.expelled.len(), sim.core.status().counters.workers_lost), (0, 0));
+    assert_eq!((sim.expelled.len(), sim.core.status().counts().workers_lost), (0, 0));
 }
 
 #[test]
@@ -246,7 +248,7 @@ fn a_worker_of_the_same_name_replaces_the_older_one() {
     assert_eq!(sim.core.status().processes, 2);
     assert_ne!(sim.orders[&view_id].worker, old);
     sim.answer_all();
-    assert_eq!(sim.core.status().counters.views_answered, 1);
+    assert_eq!(sim.core.status().counts().views_answered, 1);
 }
 
 #[test]
@@ -263,7 +265,7 @@ fn a_leaving_worker_finishes_its_views_and_gets_no_new_ones() {
     assert_eq!(sim.core.status().processes, 2);
     sim.answer_all();
     sim.leave(leaver);
-    let counters = sim.core.status().counters;
+    let counters = sim.core.status().counts();
     assert_eq!((counters.views_answered, counters.workers_lost, counters.views_retried), (30, 0, 0));
 }
 
@@ -297,7 +299,7 @@ fn a_stuck_worker_is_suspected_if_another_one_answers() {
         assert_ne!(sim.orders[&next].worker, stuck);
     }
     at_one_piece(&mut sim, stuck, secs(5.4));
-    assert_eq!(sim.core.status().counters.views_retried, 1, "one piece of work is one suspicion");
+    assert_eq!(sim.core.status().counts().views_retried, 1, "one piece of work is one suspicion");
     sim.answer_all();
     at_one_piece(&mut sim, stuck, secs(0.0));
     assert!(sim.workers[&other].assignments.last().unwrap().suspected.is_empty(), "it was only slow");
@@ -380,7 +382,7 @@ fn a_failing_worker_pauses_and_is_then_tried_with_one_view() {
     let again = (0..20).map(|_| sim.ask(false)).collect::<Vec<_>>();
     let given = again.iter().filter(|view_id| sim.orders[view_id].worker == broken).count();
     assert!(given > 5, "it has answered: {given}");
-    assert_eq!(sim.core.status().counters.views_failed, 0);
+    assert_eq!(sim.core.status().counts().views_failed, 0);
 }
 
 #[test]

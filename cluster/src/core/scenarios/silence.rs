@@ -35,7 +35,7 @@ fn pass(sim: &mut Sim, millis: u64, reports: impl Fn(WorkerId, u64) -> bool, eno
 }
 
 fn retried(sim: &Sim) -> u64 {
-    sim.core.status().counters.views_retried
+    sim.core.status().counts().views_retried
 }
 
 /// Three punctual workers, a view, and the worker that has it.

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::Fault;
+use argus_proto::{Fault, v1};
 use argus_scene::{
     Camera, FaceMask, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo, View,
 };
@@ -306,7 +306,11 @@ impl Sim {
     /// The first sampler.
     pub(super) fn sampler(&self) -> WorkerId {
         let status = self.core.status();
-        let name = status.workers.iter().find(|w| w.role.is_some_and(Role::samples)).map(|w| &w.hello.name);
+        let name = status
+            .workers
+            .iter()
+            .find(|w| matches!(w.role(), v1::Role::Sampler | v1::Role::Both))
+            .map(|w| &w.id);
         *self.workers.iter().find(|(_, w)| Some(&w.name) == name).map(|(id, _)| id).unwrap()
     }
 
@@ -320,6 +324,6 @@ impl Sim {
     }
 
     pub(super) fn roles_changed(&self) -> u64 {
-        self.core.status().counters.roles_changed
+        self.core.status().counts().roles_changed
     }
 }

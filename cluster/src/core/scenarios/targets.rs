@@ -57,7 +57,7 @@ fn a_frame_beyond_its_bound_is_rejected_and_counted() {
     let second = sim.orders[&view_id].clone();
     assert!(second.attempt > first.attempt && second.plan != first.plan);
     assert!(second.expected.unwrap().error <= 0.06);
-    assert_eq!(sim.core.status().counters.frames_refused, 1);
+    assert_eq!(sim.core.status().counts().frames_refused, 1);
     // Late chunks of the first frame are ignored.
     sim.step(Event::Judged { view_id, attempt: first.attempt, observed: None, ms: 1.0 });
     sim.step(Event::Answered { view_id, attempt: first.attempt, uncovered: Some(0), ms: None });
@@ -66,7 +66,7 @@ fn a_frame_beyond_its_bound_is_rejected_and_counted() {
         judge(&mut sim, view_id, 2.0, 9.0);
     }
     sim.answer_all();
-    assert_eq!(sim.core.status().counters.views_answered, 1);
+    assert_eq!(sim.core.status().counts().views_answered, 1);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use argus_proto::Fault;
+use argus_proto::{Fault, v1};
 use argus_scene::{Camera, Holes, Outputs, PlanRequest, View};
 use glam::DVec3;
 
@@ -25,7 +25,7 @@ fn the_views_of_a_lost_worker_are_sent_to_another() {
         assert_eq!(order.attempt, 2);
     }
     sim.answer_all();
-    let counters = sim.core.status().counters;
+    let counters = sim.core.status().counts();
     assert_eq!(counters.views_answered, 40);
     assert_eq!((counters.views_retried, counters.workers_lost), (before.len() as u64, 1));
     assert_eq!(sim.core.views_in_flight(), 0);
@@ -45,7 +45,7 @@ fn repeated_and_late_events_are_ignored() {
     sim.answer(view_id);
     sim.step(Event::Answered { view_id, attempt: second.attempt, uncovered: Some(0), ms: Some(1.0) });
     sim.step(Event::Cancelled { view_id });
-    let counters = sim.core.status().counters;
+    let counters = sim.core.status().counts();
     assert_eq!((counters.views_answered, counters.views_failed, counters.views_retried), (1, 0, 1));
     assert_eq!(sim.core.views_in_flight(), 0);
 }
@@ -71,7 +71,7 @@ fn a_view_beyond_the_limit_is_refused_at_once() {
     assert_eq!(sim.orders.len(), 3);
     assert_eq!(sim.refused.len(), 2);
     assert!(sim.refused.iter().all(|(_, f)| matches!(f, Fault::Overloaded { .. })));
-    assert_eq!(sim.core.status().counters.views_rejected, 2);
+    assert_eq!(sim.core.status().counts().views_rejected, 2);
     sim.answer_all();
     assert_eq!(sim.answered.len(), 10, "those admitted are answered, first come first served");
     assert!(view_ids[..10].iter().all(|t| sim.answered.contains(t)));
@@ -140,8 +140,8 @@ fn views_spread_over_compositors_and_a_sample_has_one_owner() {
         .status()
         .workers
         .iter()
-        .find(|w| w.role == Some(Role::Sampler))
-        .map(|w| w.hello.address.clone())
+        .find(|w| w.role() == v1::Role::Sampler)
+        .map(|w| w.address.clone())
         .unwrap();
     let view_ids: Vec<ViewId> = (0..30).map(|_| sim.ask(false)).collect();
     let mut count = BTreeMap::<WorkerId, usize>::new();

@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use argus_cluster::core::{Assignment, Event, Order, ViewId};
 use argus_cluster::worker::policy::{self, ANNOUNCED, Need, PAUSE, Seek, Serve};
+use argus_proto::v1;
 use argus_scene::SampleId;
 
 use super::event_queue::SimEvent;
@@ -26,7 +27,7 @@ impl World {
         self.after(latency, SimEvent::ToCoordinator(Box::new(Event::Reported { worker: id, report })));
         // It ends once the coordinator knows, so that no order is on its way to it.
         let name = &self.workers[slot].name;
-        if done && self.core.status().workers.iter().any(|w| w.hello.name == *name && w.report.leaving) {
+        if done && self.core.status().workers.iter().any(|w| w.id == *name && w.role() == v1::Role::Idle) {
             self.kill(slot);
         }
     }

@@ -1,0 +1,78 @@
+//! The status of a cluster, as JSON and tables show it. Its one definition is [`v1::StatusResponse`].
+
+use serde::{Serialize, Serializer};
+
+use crate::{convert, v1};
+
+impl v1::StatusResponse {
+    /// Counts since the coordinator started; zeros if the message lacks them.
+    pub fn counts(&self) -> v1::Counters {
+        self.counters.unwrap_or_default()
+    }
+
+    /// Progress of refinement; zeros if the message lacks it.
+    pub fn refined(&self) -> v1::Refinements {
+        self.refinements.unwrap_or_default()
+    }
+
+    /// The scene's name; empty if the message lacks it.
+    pub fn scene_name(&self) -> &str {
+        scene_name(&self.scene)
+    }
+
+    /// The visibility backend: `raster`, `trace` or `cpu`; empty until it is chosen.
+    pub fn visibility_name(&self) -> &'static str {
+        visibility_name(self.visibility)
+    }
+}
+
+impl v1::WorkerStatus {
+    /// `sampler`, `compositor`, `both`, `draining`, `idle`, or `unknown` to this release.
+    pub fn role_name(&self) -> &'static str {
+        role_name(self.role)
+    }
+}
+
+fn scene_name(scene: &Option<v1::SceneRef>) -> &str {
+    scene.as_ref().map_or("", |scene| &scene.name)
+}
+
+fn visibility_name(number: i32) -> &'static str {
+    convert::visibility(number, "visibility").map_or("", |visibility| visibility.name())
+}
+
+fn role_name(number: i32) -> &'static str {
+    match v1::Role::try_from(number) {
+        Ok(v1::Role::Sampler) => "sampler",
+        Ok(v1::Role::Compositor) => "compositor",
+        Ok(v1::Role::Both) => "both",
+        Ok(v1::Role::Draining) => "draining",
+        Ok(v1::Role::Idle) => "idle",
+        Ok(v1::Role::Unspecified) | Err(_) => "unknown",
+    }
+}
+
+pub(crate) fn scene<S: Serializer>(scene: &Option<v1::SceneRef>, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(scene_name(scene))
+}
+
+pub(crate) fn visibility<S: Serializer>(number: &i32, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(visibility_name(*number))
+}
+
+pub(crate) fn role<S: Serializer>(number: &i32, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(role_name(*number))
+}
+
+/// Unknown numbers become 0, since JSON has no NaN and scripts expect a number.
+pub(crate) fn number<S: Serializer>(value: &f64, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_f64(if value.is_finite() { *value } else { 0.0 })
+}
+
+/// An absent part becomes one of zeros.
+pub(crate) fn or_default<S: Serializer, T: Serialize + Default + Copy>(
+    part: &Option<T>,
+    to: S,
+) -> Result<S::Ok, S::Error> {
+    part.unwrap_or_default().serialize(to)
+}
