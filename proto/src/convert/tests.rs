@@ -178,6 +178,7 @@ fn lights_and_rigs_with_non_finite_values_are_rejected() {
         let mut light = v1::DirectionalLight {
             direction: Some(DVec3::NEG_Y.into()),
             irradiance: Some(glam::Vec3::ONE.into()),
+            angular_radius: 0.0,
         };
         change(&mut light);
         Light::try_from(v1::Light { kind: Some(v1::light::Kind::Directional(light)) })
