@@ -1,6 +1,6 @@
 //! The passes that a scene needs, and why.
 
-use argus_scene::{Effect, Scene};
+use argus_scene::{Effect, LightEffects, Scene};
 
 use crate::resident::{DrawClass, Resident};
 use crate::{Indirect, SamplerKnobs};
@@ -59,6 +59,7 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
         ),
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
+        direct(knobs.effects),
         probes(scene, features.specular),
         indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
         row("store texels", true, "samples, as they are kept and sent".to_owned()),
@@ -79,6 +80,15 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
             said(has(Effect::Animation), "where an epoch is another than the last", "nothing moves"),
         ),
     ]
+}
+
+/// Rays to lights, sky and emitters.
+fn direct(effects: LightEffects) -> PassPlan {
+    let why = match effects.any() {
+        true => format!("rays from each visible surface: {effects}"),
+        false => "lights and sky are added unblocked, while surfaces are shaded".to_owned(),
+    };
+    PassPlan { name: "trace light", on: effects.any(), why }
 }
 
 /// Reflection probes.

@@ -3,7 +3,6 @@
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec4};
 
 use super::noise::{fbm, ridged, smoothstep};
-use super::occlusion::GroundOcclusion;
 use crate::Mesh;
 
 /// Half the edge of the square tile, metres.
@@ -65,7 +64,7 @@ fn color(p: DVec2, height: f64, normal: DVec3) -> DVec3 {
 }
 
 /// The height field as 2·`cells`² triangles and its four sides as 8·`cells` more.
-pub(super) fn mesh(cells: usize, occlusion: &GroundOcclusion, material: u32) -> Mesh {
+pub(super) fn mesh(cells: usize, material: u32) -> Mesh {
     let row = cells + 1;
     let step = 2.0 * HALF / cells as f64;
     let at = |i: usize, j: usize| DVec2::new(i as f64, j as f64) * step - HALF;
@@ -83,7 +82,7 @@ pub(super) fn mesh(cells: usize, occlusion: &GroundOcclusion, material: u32) -> 
             let h = |di: usize, dj: usize| heights[(j + dj) * wide + i + di];
             let normal = DVec3::new(h(0, 1) - h(2, 1), 2.0 * step, h(1, 0) - h(1, 2)).normalize();
             let (p, y) = (at(i, j), h(1, 1));
-            push(&mut mesh, DVec3::new(p.x, y, p.y), normal, p, color(p, y, normal) * occlusion.at(p));
+            push(&mut mesh, DVec3::new(p.x, y, p.y), normal, p, color(p, y, normal));
         }
     }
     let index = |i: usize, j: usize| (j * row + i) as u32;

@@ -55,8 +55,8 @@ impl Tracer {
         self.render_with(camera, [width, height], samples_per_pixel, None, progress)
     }
 
-    /// [`Tracer::render`] with optional indirect diffuse light. Direct light has no shadows, as in [`crate::shading`];
-    /// indirect light has them.
+    /// [`Tracer::render`] with optional indirect diffuse light, which is shadowed. Direct light is shadowed if the tracer was
+    /// made by [`Tracer::with_direct_light`].
     pub fn render_with(
         &self,
         camera: &Camera,

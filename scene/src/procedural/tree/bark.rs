@@ -5,7 +5,6 @@ use glam::{DVec2, DVec3, Vec4};
 use super::Branch;
 use crate::Mesh;
 use crate::procedural::noise::circle;
-use crate::procedural::occlusion::Crown;
 
 /// Size of one repeat of the bark's texture, metres: around and along a branch.
 const TEXTURE_METRES: (f64, f64) = (4.0, 16.0);
@@ -31,7 +30,7 @@ impl Tube {
 }
 
 /// The tubes of all branches, as fine as `budget` triangles allow.
-pub(in crate::procedural) fn mesh(branches: &[Branch], budget: usize, crown: &Crown, material: u32) -> Mesh {
+pub(in crate::procedural) fn mesh(branches: &[Branch], budget: usize, material: u32) -> Mesh {
     let total = |fineness: f64| -> usize {
         branches.iter().filter_map(|b| Tube::of(b, fineness)).map(Tube::triangles).sum()
     };
@@ -48,13 +47,13 @@ pub(in crate::procedural) fn mesh(branches: &[Branch], budget: usize, crown: &Cr
     let mut mesh = Mesh { name: "bark".to_owned(), material, ..Mesh::default() };
     for branch in branches {
         if let Some(tube) = Tube::of(branch, low) {
-            clad(&mut mesh, branch, tube, crown);
+            clad(&mut mesh, branch, tube);
         }
     }
     mesh
 }
 
-fn clad(mesh: &mut Mesh, branch: &Branch, tube: Tube, crown: &Crown) {
+fn clad(mesh: &mut Mesh, branch: &Branch, tube: Tube) {
     let first = mesh.positions.len() as u32;
     let length = branch.length();
     let repeats = (branch.points[0].1 * 6.3 / TEXTURE_METRES.0).round().max(1.0);
@@ -66,7 +65,6 @@ fn clad(mesh: &mut Mesh, branch: &Branch, tube: Tube, crown: &Crown) {
         // Each ring continues the last one's side, so that the tube does not twist.
         side = (side - axis * side.dot(axis)).normalize();
         let other = axis.cross(side);
-        let open = 0.35 + 0.65 * crown.sky_visibility(center);
         for k in 0..=tube.sides {
             let turn = k as f64 / tube.sides as f64;
             let (cos, sin) = circle(turn);
@@ -79,7 +77,6 @@ fn clad(mesh: &mut Mesh, branch: &Branch, tube: Tube, crown: &Crown) {
                 center + out * radius * lobe,
                 out,
                 DVec2::new(turn * repeats, t * length / TEXTURE_METRES.1),
-                open,
             );
         }
     }
@@ -93,10 +90,10 @@ fn clad(mesh: &mut Mesh, branch: &Branch, tube: Tube, crown: &Crown) {
     }
 }
 
-fn push(mesh: &mut Mesh, position: DVec3, normal: DVec3, uv: DVec2, open: f64) {
+fn push(mesh: &mut Mesh, position: DVec3, normal: DVec3, uv: DVec2) {
     mesh.positions.push(position.as_vec3());
     mesh.normals.push(normal.as_vec3());
     mesh.uvs.push(uv.as_vec2());
-    let color = (DVec3::new(0.36, 0.27, 0.20) * open).as_vec3();
+    let color = DVec3::new(0.36, 0.27, 0.20).as_vec3();
     mesh.colors.push(Vec4::new(color.x, color.y, color.z, 1.0));
 }

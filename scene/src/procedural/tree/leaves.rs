@@ -5,7 +5,6 @@ use glam::{DVec2, DVec3, Vec4};
 use super::Branch;
 use crate::Mesh;
 use crate::procedural::noise::{Random, fbm, smoothstep};
-use crate::procedural::occlusion::Crown;
 
 /// Leaf area of the whole tree, m², for any number of leaves.
 const TOTAL_AREA: f64 = 8500.0;
@@ -40,12 +39,7 @@ impl Leaves {
 }
 
 /// The leaves as triangles.
-pub(in crate::procedural) fn mesh(
-    leaves: &Leaves,
-    crown: &Crown,
-    random: &mut Random,
-    material: u32,
-) -> Mesh {
+pub(in crate::procedural) fn mesh(leaves: &Leaves, random: &mut Random, material: u32) -> Mesh {
     let mut mesh = Mesh { name: "leaves".to_owned(), material, ..Mesh::default() };
     let count = leaves.centers.len();
     mesh.positions.reserve(4 * count);
@@ -76,7 +70,7 @@ pub(in crate::procedural) fn mesh(
         ];
         // The normal is mostly that of the crown's surface: the crown reads as one volume, not as single leaves.
         let normal = (outward * 0.65 + face * 0.5).normalize();
-        let color = color(center, random.unit()) * (0.30 + 0.78 * crown.sky_visibility(center));
+        let color = color(center, random.unit());
         let first = mesh.positions.len() as u32;
         for corner in corners {
             mesh.positions.push(corner.as_vec3());
