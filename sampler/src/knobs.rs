@@ -14,6 +14,23 @@ pub enum RadianceFormat {
     HalfFloat,
 }
 
+/// Rays of direct light. Samples of one set have the same: the service uses the defaults, studies compare others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LightKnobs {
+    /// Rays of a texel to the sky, 1 to 64. Sixteen neighbours cast different ones and share what they find.
+    pub sky_rays: u32,
+    /// Rays of a texel to emitting triangles, 1 to 64.
+    pub emitter_rays: u32,
+    /// Whether neighbours on the same surface share what their rays to sky and emitters found.
+    pub filter: bool,
+}
+
+impl Default for LightKnobs {
+    fn default() -> Self {
+        Self { sky_rays: 4, emitter_rays: 4, filter: true }
+    }
+}
+
 /// Settings of samples. Each trades quality for time or bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {
@@ -26,6 +43,8 @@ pub struct SamplerKnobs {
     pub radiance: RadianceFormat,
     /// Effects of direct light.
     pub effects: LightEffects,
+    /// Rays of direct light.
+    pub light: LightKnobs,
     /// Indirect light.
     pub indirect: Indirect,
 }
@@ -37,6 +56,7 @@ impl Default for SamplerKnobs {
             range_bits: 16,
             radiance: RadianceFormat::default(),
             effects: LightEffects::NONE,
+            light: LightKnobs::default(),
             indirect: Indirect::default(),
         }
     }
@@ -52,6 +72,14 @@ impl SamplerKnobs {
         if !(8..=23).contains(&self.range_bits) {
             let reason = format!("must be 8 to 23, not {}", self.range_bits);
             return Err(InvalidField::new("sampler.range_bits", reason));
+        }
+        for (field, rays) in [
+            ("sampler.light.sky_rays", self.light.sky_rays),
+            ("sampler.light.emitter_rays", self.light.emitter_rays),
+        ] {
+            if !(1..=64).contains(&rays) {
+                return Err(InvalidField::new(field, format!("must be 1 to 64, not {rays}")));
+            }
         }
         self.indirect.validate()
     }

@@ -36,7 +36,7 @@ mod visibility;
 mod wide;
 
 pub use argus_scene::indirect::{Indirect, MapSource, PointKnobs, VplKnobs};
-pub use knobs::{RadianceFormat, SamplerKnobs};
+pub use knobs::{LightKnobs, RadianceFormat, SamplerKnobs};
 pub use pass_plan::PassPlan;
 pub use point_based::PointReport;
 pub use radiosity::IndirectReport;

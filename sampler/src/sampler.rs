@@ -369,7 +369,8 @@ impl GpuSampler {
                 let begin = Instant::now();
                 let tracer = self.visibility.prepare_packets(resident);
                 let at = (lighting, time_secs);
-                let direct = DirectLight::new(gpu, scene, resident.features, tracer, effects, at)?;
+                let direct =
+                    DirectLight::new(gpu, scene, resident.features, tracer, (effects, self.knobs.light), at)?;
                 self.direct = Some(direct);
                 timing::add_since(&mut stages, "build trees for light", begin);
             }

@@ -22,6 +22,7 @@ mod radiosity;
 mod rays;
 mod reflections;
 mod service;
+mod shadows;
 mod soak;
 mod throughput;
 mod visibility;
@@ -85,6 +86,7 @@ enum Study {
     Reflections(reflections::ReflectionStudy),
     Overload(overload::Overload),
     Service(service::Service),
+    Shadows(shadows::ShadowStudy),
     Device(device::Device),
     Throughput(throughput::Throughput),
     Campaign(campaign::Campaign),
@@ -133,6 +135,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
         Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
+        Study::Shadows(study) => ("shadows", study.run(form.quick, &progress).await?),
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
         Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),

@@ -34,6 +34,7 @@ pub mod rays;
 pub mod reflections;
 mod report;
 pub mod service;
+pub mod shadows;
 pub mod simulate;
 pub mod soak;
 pub mod targets;

@@ -545,3 +545,14 @@ fn the_particles_study_shows_that_maps_come_closer_to_ray_traced_shadows() {
     assert!(folder.path().join("particles-256-megaviews.png").is_file());
     assert!(std::fs::read_to_string(folder.path().join("particles-time.svg")).unwrap().starts_with("<svg"));
 }
+
+#[test]
+fn the_shadows_study_judges_every_effect_against_the_reference_with_that_effect() {
+    let study = json(&["study", "shadows", "--quick", "--json"]);
+    let of = |name: &str| rows(&study).iter().find(|row| row["effects"] == name).unwrap();
+    assert!(number(of("none"), "light_ms") == 0.0 && number(of("none"), "flip") < 0.02);
+    for name in ["hard shadows", "soft shadows", "sky visibility, 4 rays", "all"] {
+        assert!(number(of(name), "light_ms") > 0.0 && number(of(name), "sample_light_ms") > 0.0, "{name}");
+        assert!(number(of(name), "flip") < 0.06, "{name}: {:#}", of(name));
+    }
+}

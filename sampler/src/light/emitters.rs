@@ -5,12 +5,12 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, slot};
+use super::pattern::{Pattern, SLOTS, slot};
 use super::texels::{Texel, Texels};
+use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 
-/// Rays of a texel that shares with its neighbours, and of one that is alone.
-const RAYS: usize = 4;
+/// Rays of a texel without neighbours.
 const RAYS_ALONE: usize = 32;
 /// Share of the way to an emitter that is looked at: it does not block itself.
 const ALMOST: f32 = 1.0 - 1e-4;
@@ -37,12 +37,13 @@ impl Emitters {
         texels: &Texels,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
+        knobs: LightKnobs,
     ) -> Option<Vec<Vec3>> {
         let whole = *self.up_to.last()?;
         let near = Near::new(self, eye);
         let alone = texels.first.is_none();
-        let rays = if alone { RAYS_ALONE } else { RAYS };
-        let pattern = Pattern::of_square(if alone { RAYS_ALONE.div_ceil(16) } else { RAYS });
+        let rays = if alone { RAYS_ALONE } else { knobs.emitter_rays as usize };
+        let pattern = Pattern::of_square(if alone { RAYS_ALONE.div_ceil(SLOTS) } else { rays });
         let at = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {
@@ -52,7 +53,7 @@ impl Emitters {
             let mut sum = Vec3::ZERO;
             let mut cast = |ray: usize, square: glam::Vec2| {
                 // Power in as many strata as there are rays; within one, each slot has its place.
-                let pick = (ray as f64 + (slot as f64 + 0.5) / 16.0) / rays as f64 * whole;
+                let pick = (ray as f64 + (slot as f64 + 0.5) / SLOTS as f64) / rays as f64 * whole;
                 let which = self.up_to.partition_point(|&up_to| up_to <= pick).min(self.all.len() - 1);
                 sum += near.contribution(which, texel, square, about);
             };
@@ -63,7 +64,7 @@ impl Emitters {
             sum / rays as f32
         };
         let found: Vec<Vec3> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(at).collect();
-        Some(smoothed(found, texels))
+        Some(if knobs.filter { smoothed(found, texels) } else { found })
     }
 }
 

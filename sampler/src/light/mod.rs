@@ -30,6 +30,7 @@ use argus_scene::{LightEffects, Lighting, RenderError, Scene, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use crate::LightKnobs;
 use crate::light_rays::{Faces, LightRays, LightRaysAbout};
 use crate::packets::PacketTracer;
 use crate::passes::{AddDirect, TileContext};
@@ -43,6 +44,7 @@ use texels::Texels;
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
     effects: LightEffects,
+    knobs: LightKnobs,
     rays: LightRays,
     emitters: Emitters,
     sky: SkyIrradiance,
@@ -72,11 +74,12 @@ impl DirectLight {
         scene: &Scene,
         features: Features,
         tracer: &PacketTracer,
-        effects: LightEffects,
+        (effects, knobs): (LightEffects, LightKnobs),
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
         Ok(Self {
             effects,
+            knobs,
             rays: LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?,
             emitters: emitters_at(scene, effects, time_secs),
             sky: SkyIrradiance::new(&lighting.sky),
@@ -145,7 +148,7 @@ impl DirectLight {
 
     /// Light that arrives at texels about an eye.
     fn arriving(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Arriving> {
-        let effects = self.effects;
+        let (effects, knobs) = (self.effects, self.knobs);
         let mut by_pi = vec![Vec3::ZERO; texels.all.len()];
         let mut words = VisibilityWords::new(&self.lighting, texels.all.len());
         for index in 0..self.lighting.lights.len() {
@@ -162,10 +165,10 @@ impl DirectLight {
             words.add(index, &lit, &shares);
         }
         let sky = match effects.sky_visibility && !self.sky.is_black() {
-            true => Some(sky::seen_share(&self.lighting.sky, texels, about)),
+            true => Some(sky::seen_share(&self.lighting.sky, texels, about, knobs)),
             false => None,
         };
-        let emitted = self.emitters.irradiance_by_pi(texels, about, eye);
+        let emitted = self.emitters.irradiance_by_pi(texels, about, eye, knobs);
         let texel = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {

@@ -9,10 +9,8 @@ use rayon::prelude::*;
 use super::filter::smoothed;
 use super::pattern::{Pattern, slot};
 use super::texels::Texels;
+use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
-
-/// Rays of a texel that shares with its neighbours.
-const RAYS: usize = 4;
 
 /// Irradiance of an open sky, as a function of the normal's height: the sky is the same all around.
 pub(super) struct SkyIrradiance {
@@ -59,9 +57,14 @@ impl SkyIrradiance {
 
 /// The share of the sky's irradiance that each texel sees, by colour: a ratio of two sums over the same rays, so that an
 /// open sky has no noise.
-pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>) -> Vec<Vec3> {
+pub(super) fn seen_share(
+    sky: &Sky,
+    texels: &Texels,
+    about: &LightRaysAbout<'_>,
+    knobs: LightKnobs,
+) -> Vec<Vec3> {
     let alone = texels.first.is_none();
-    let pattern = Pattern::of_disc(if alone { 1 } else { RAYS });
+    let pattern = Pattern::of_disc(if alone { 1 } else { knobs.sky_rays as usize });
     let cast = |index: usize| {
         let texel = &texels.all[index];
         let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
@@ -87,7 +90,8 @@ pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>)
     let sums = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast);
     let (seen, whole): (Vec<Vec3>, Vec<Vec3>) = sums.unzip();
     // Each sum by itself: the mean of ratios of a few rays would favour directions in which the sky is dark.
-    let (seen, whole) = (smoothed(seen, texels), smoothed(whole, texels));
+    let shared = |sums| if knobs.filter { smoothed(sums, texels) } else { sums };
+    let (seen, whole) = (shared(seen), shared(whole));
     let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
     let share = |(seen, whole): (Vec3, Vec3)| {
         Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z))

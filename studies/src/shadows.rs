@@ -1,0 +1,296 @@
+//! Direct light by rays: what each effect costs, and its error against the reference.
+//!
+//! Every row renders the same views and one sample with other effects or another number of rays, and is judged against the
+//! reference with the same effects. The row without effects is the price that the others are to be compared with.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::{GpuSampler, LightKnobs, SamplerKnobs};
+use argus_scene::reference::{DirectLight, Tracer};
+use argus_scene::{
+    Camera, Cancel, Frame, LightEffects, Outputs, Plan, RigKind, RigKnobs, SampleJob, Sampler as _, Scene,
+    Stage, Visibility,
+};
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::bench::{Bench, compare};
+use crate::median::{mean, median};
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report, report};
+
+/// What the study measures.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// The view; the scene's own viewpoints where it is `None`.
+    pub camera: Option<Camera>,
+    /// View size in pixels.
+    pub size: [u32; 2],
+    /// The rig of the sample.
+    pub rig: RigKnobs,
+    /// Samples a pixel of views and reference.
+    pub samples_per_pixel: u32,
+    /// Numbers of rays to sky and emitters.
+    pub rays: Vec<u32>,
+    /// Rays of the reference to each light; ten times as many go to the sky and to emitters.
+    pub truth_rays: u32,
+    /// Measured rounds; each time is their median.
+    pub rounds: usize,
+    /// Folder for the images of all rows.
+    pub images: Option<std::path::PathBuf>,
+}
+
+impl Default for Options {
+    /// Takes some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "terrain:500000".to_owned(),
+            camera: None,
+            size: [200, 150],
+            rig: RigKnobs { kind: Some(RigKind::Cell), ..RigKnobs::default() },
+            samples_per_pixel: 4,
+            rays: vec![1, 2, 4, 8],
+            truth_rays: 32,
+            rounds: 3,
+            images: None,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scene: "terrain:5000".to_owned(),
+            size: [64, 48],
+            rig: RigKnobs { kind: Some(RigKind::Cell), face: Some(64), ..RigKnobs::default() },
+            rays: vec![4],
+            truth_rays: 8,
+            rounds: 1,
+            ..Self::default()
+        }
+    }
+}
+
+/// A row: its name, effects and rays.
+type Row = (String, LightEffects, LightKnobs);
+
+/// The scene and what all rows share.
+struct Subject<'a> {
+    options: &'a Options,
+    gpu: Arc<Gpu>,
+    bench: Bench,
+    views: Vec<Camera>,
+}
+
+/// Most views that are rendered.
+const MOST_VIEWS: usize = 3;
+/// Difference of a channel, of 255, beyond which a pixel counts as wrong.
+const WRONG: u8 = 16;
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    let bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
+    let mut views = options.camera.map_or_else(|| bench.suggested(), |camera| vec![camera]);
+    views.truncate(MOST_VIEWS);
+    if let Some(folder) = &options.images {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    let subject = Subject { options, gpu, bench, views };
+    let rows = rows_of(&subject.bench.scene, &options.rays);
+    progress.set_length(rows.len() as u64);
+    let mut truths: Vec<(LightEffects, Vec<RgbImage>)> = Vec::new();
+    let mut found = Vec::new();
+    for (name, effects, knobs) in rows {
+        progress.set_message(name.clone());
+        if truths.iter().all(|(of, _)| *of != effects) {
+            truths.push((effects, subject.truths(effects)?));
+        }
+        let truth = truths.iter().find(|(of, _)| *of == effects).map(|(_, truth)| truth);
+        found.push(subject.row(&name, effects, knobs, truth.context("a truth is missing")?)?);
+        progress.inc(1);
+    }
+    let [width, height] = options.size;
+    let scene = &subject.bench.scene;
+    let mut report = Report::new(&scene.name, Machine::here(subject.gpu.kind()), found);
+    report.notes.push(format!(
+        "{} views of {width}×{height} pixels with {} samples a pixel, and one sample of the rig. light_ms: casting rays, of \
+        view_ms. wrong: pixels with a channel off by more than {WRONG} of 255. The reference has the row's effects, {} rays a \
+        light and {} to the sky and to emitters.",
+        subject.views.len(),
+        options.samples_per_pixel,
+        options.truth_rays,
+        options.truth_rays * 10,
+    ));
+    report.plots = vec![plot(&scene.name, &report.rows)];
+    Ok(report)
+}
+
+/// The rows: no effect, each by itself, all; and other numbers of rays, with and without the filter.
+fn rows_of(scene: &Scene, rays: &[u32]) -> Vec<Row> {
+    let (none, usual) = (LightEffects::NONE, LightKnobs::default());
+    let has_sky = scene.lighting.sky != argus_scene::Sky::BLACK;
+    let emits = scene.materials.iter().any(|material| material.emissive.max_element() > 0.0);
+    let mut rows = vec![("none".to_owned(), none, usual)];
+    if !scene.lighting.lights.is_empty() {
+        let hard = LightEffects { shadows: true, ..none };
+        rows.push(("hard shadows".to_owned(), hard, usual));
+        rows.push(("soft shadows".to_owned(), LightEffects { soft_shadows: true, ..hard }, usual));
+    }
+    let sky = LightEffects { sky_visibility: true, ..none };
+    let emitters = LightEffects { emitters: true, ..none };
+    for (effects, name, has) in [(sky, "sky visibility", has_sky), (emitters, "emitters", emits)] {
+        for &rays in rays.iter().filter(|_| has) {
+            let knobs = LightKnobs { sky_rays: rays, emitter_rays: rays, filter: true };
+            rows.push((format!("{name}, {rays} rays"), effects, knobs));
+        }
+        if has {
+            let knobs = LightKnobs { filter: false, ..usual };
+            rows.push((format!("{name}, {} rays unfiltered", usual.sky_rays), effects, knobs));
+        }
+    }
+    rows.push(("all".to_owned(), LightEffects::ALL, usual));
+    rows
+}
+
+impl Subject<'_> {
+    fn truths(&self, effects: LightEffects) -> Result<Vec<RgbImage>> {
+        let light = DirectLight { effects, rays: self.options.truth_rays };
+        let tracer = Tracer::new(Arc::clone(&self.bench.scene)).with_direct_light(light);
+        let exposure = self.bench.scene.lighting.exposure;
+        let [width, height] = self.options.size;
+        let samples = self.options.samples_per_pixel;
+        let render = |view: &Camera| tracer.render(view, width, height, samples, |_| ()).display(exposure);
+        let truths: Vec<RgbImage> = self.views.iter().map(render).collect();
+        if let Some(folder) = &self.options.images {
+            for (number, truth) in truths.iter().enumerate() {
+                truth.save(folder.join(format!("truth-{effects}-{number}.png")))?;
+            }
+        }
+        Ok(truths)
+    }
+
+    fn row(
+        &self,
+        name: &str,
+        effects: LightEffects,
+        light: LightKnobs,
+        truths: &[RgbImage],
+    ) -> Result<Map<String, Value>> {
+        let knobs = SamplerKnobs { effects, light, ..SamplerKnobs::default() };
+        let mut sampler =
+            GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&self.bench.scene), knobs)?;
+        let samples_per_pixel = self.options.samples_per_pixel;
+        let jobs: Vec<_> = self
+            .views
+            .iter()
+            .map(|camera| {
+                let plan = Plan::Direct { samples_per_pixel };
+                let job = self.bench.job(*camera, self.options.size, Outputs::COLOR, plan);
+                argus_scene::ViewJob { visibility: Visibility::Cpu, ..job }
+            })
+            .collect();
+        let (mut view_ms, mut light_ms, mut frames) = (Vec::new(), Vec::new(), Vec::new());
+        // The first round also builds trees and compiles pipelines.
+        for round in 0..=self.options.rounds {
+            let begin = Instant::now();
+            let found = sampler.render_views(&jobs, &Cancel::new());
+            let ms = begin.elapsed().as_secs_f64() * 1e3;
+            frames = found.into_iter().collect::<Result<Vec<Frame>, _>>()?;
+            if round > 0 {
+                view_ms.push(ms / jobs.len() as f64);
+                light_ms.push(mean(frames.iter().map(|frame| of_stage(&frame.stages, "trace light"))));
+            }
+        }
+        let (sample_ms, sample_light_ms) = self.sample(&mut sampler, effects)?;
+        let judged = frames.iter().zip(truths).map(|(frame, truth)| compare(frame, truth));
+        let judged = judged.collect::<Result<Vec<_>>>()?;
+        let mut wrong = Vec::new();
+        for (view, (frame, truth)) in frames.iter().zip(truths).enumerate() {
+            let image = image_of(frame)?;
+            wrong.push(wrong_share(&image, truth));
+            if let Some(folder) = &self.options.images {
+                image.save(folder.join(format!("{}-{view}.png", name.replace([' ', ','], "-"))))?;
+            }
+        }
+        Ok(report::row(json!({
+            "effects": name,
+            "view_ms": median(&view_ms),
+            "light_ms": median(&light_ms),
+            "sample_ms": sample_ms,
+            "sample_light_ms": sample_light_ms,
+            "flip": mean(judged.iter().map(|j| j.flip_mean)),
+            "psnr_db": mean(judged.iter().map(|j| j.psnr_db)),
+            "ssim": mean(judged.iter().map(|j| j.ssim)),
+            "wrong_fraction": mean(wrong.iter().copied()),
+        })))
+    }
+
+    /// Milliseconds of the sample nearest to the first view, and of its rays to lights.
+    fn sample(&self, sampler: &mut GpuSampler, effects: LightEffects) -> Result<(f64, f64)> {
+        let camera = self.views.first().context("there is no view")?;
+        let ids = self.bench.sample_ids(camera, 1);
+        let info =
+            argus_scene::SampleSetInfo { effects, visibility: Visibility::Cpu, ..(*self.bench.info).clone() };
+        let job = SampleJob::new(Arc::new(info), ids, false);
+        let (mut times, mut light) = (Vec::new(), Vec::new());
+        for round in 0..=self.options.rounds {
+            let begin = Instant::now();
+            let found = sampler.render_samples(&job, &Cancel::new());
+            let ms = begin.elapsed().as_secs_f64() * 1e3;
+            let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+            if round > 0 {
+                times.push(ms);
+                light.push(found.iter().map(|sample| of_stage(&sample.stages, "trace light")).sum());
+            }
+        }
+        Ok((median(&times), median(&light)))
+    }
+}
+
+/// Milliseconds of the stages of a name.
+fn of_stage(stages: &[Stage], name: &str) -> f64 {
+    // From 0.0, because the sum of no floats is -0.0.
+    stages.iter().filter(|stage| stage.name == name).fold(0.0, |sum, stage| sum + stage.ms)
+}
+
+fn image_of(frame: &Frame) -> Result<RgbImage> {
+    let bytes = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    RgbImage::from_raw(frame.width, frame.height, bytes).context("the frame is short")
+}
+
+/// Share of pixels that are wrong.
+fn wrong_share(image: &RgbImage, truth: &RgbImage) -> f64 {
+    let is_wrong =
+        |(a, b): &(&image::Rgb<u8>, &image::Rgb<u8>)| a.0.iter().zip(b.0).any(|(a, b)| a.abs_diff(b) > WRONG);
+    let wrong = image.pixels().zip(truth.pixels()).filter(is_wrong).count();
+    wrong as f64 / (truth.width() * truth.height()).max(1) as f64
+}
+
+/// A plot of error against the time of light.
+fn plot(scene: &str, rows: &[Map<String, Value>]) -> Plot {
+    let number =
+        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let point = |row: &Map<String, Value>| Series {
+        name: row.get("effects").and_then(Value::as_str).unwrap_or_default().to_owned(),
+        points: vec![(number(row, "view_ms"), number(row, "flip"))],
+        line: false,
+    };
+    Plot {
+        name: "flip".to_owned(),
+        title: format!("{scene}: direct light by rays"),
+        x: Axis::log("milliseconds of a direct view"),
+        y: Axis::linear("mean FLIP against the reference with the same effects"),
+        series: rows.iter().map(point).collect(),
+        ..Plot::default()
+    }
+}
