@@ -230,16 +230,8 @@ impl Hierarchy {
     /// more than rounding moves an object that is seen from there.
     pub(crate) fn top_about(&self, eye: DVec3) -> Vec<Node> {
         let about = |node: &TopNode| {
-            let (min, max) = (node.min - eye, node.max - eye);
-            let slack = min.abs().max(max.abs()).max_element() * f64::from(f32::EPSILON) * 8.0;
-            let below = |x: f64| ((x - slack) as f32).next_down().max(f32::MIN);
-            let above = |x: f64| ((x + slack) as f32).next_up().min(f32::MAX);
-            Node {
-                min: min.to_array().map(below),
-                max: max.to_array().map(above),
-                count: node.count,
-                first: node.first,
-            }
+            let (min, max) = box_about(eye, node.min, node.max);
+            Node { min, max, count: node.count, first: node.first }
         };
         self.top.iter().map(about).collect()
     }
@@ -273,7 +265,7 @@ impl Hierarchy {
     }
 
     /// The box around a placed object in the world.
-    fn world_box(&self, placed: &PlacedObject) -> (DVec3, DVec3) {
+    pub(crate) fn world_box(&self, placed: &PlacedObject) -> (DVec3, DVec3) {
         let object = &self.objects[placed.object as usize];
         let world_from_object = placed.object_from_world.inverse();
         let corners = (0..8).map(|i| {
@@ -378,6 +370,15 @@ fn widen(top: &mut [TopNode]) {
         let (min, max) = around(top[children].iter().map(|child| (child.min, child.max)));
         (top[index].min, top[index].max) = (min, max);
     }
+}
+
+/// A box of the world relative to `eye`, wider by more than rounding moves an object that is seen from there.
+pub(crate) fn box_about(eye: DVec3, min: DVec3, max: DVec3) -> ([f32; 3], [f32; 3]) {
+    let (min, max) = (min - eye, max - eye);
+    let slack = min.abs().max(max.abs()).max_element() * f64::from(f32::EPSILON) * 8.0;
+    let below = |x: f64| ((x - slack) as f32).next_down().max(f32::MIN);
+    let above = |x: f64| ((x + slack) as f32).next_up().min(f32::MAX);
+    (min.to_array().map(below), max.to_array().map(above))
 }
 
 fn around(boxes: impl Iterator<Item = (DVec3, DVec3)>) -> (DVec3, DVec3) {

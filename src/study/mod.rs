@@ -19,6 +19,7 @@ mod omni_maps;
 mod overload;
 mod particles;
 mod radiosity;
+mod rays;
 mod reflections;
 mod service;
 mod soak;
@@ -80,6 +81,7 @@ enum Study {
     OmniMaps(omni_maps::OmniMaps),
     Particles(particles::Particles),
     Radiosity(radiosity::Radiosity),
+    Rays(rays::RayStudy),
     Reflections(reflections::ReflectionStudy),
     Overload(overload::Overload),
     Service(service::Service),
@@ -127,6 +129,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::OmniMaps(study) => ("omni-maps", study.run(form.quick, &progress).await?),
         Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
+        Study::Rays(study) => ("rays", study.run(form.quick, &progress).await?),
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
         Study::Service(study) => ("service", study.run(form.quick, &progress).await?),

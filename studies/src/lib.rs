@@ -30,6 +30,7 @@ pub mod particles;
 mod plot;
 mod processes;
 pub mod radiosity;
+pub mod rays;
 pub mod reflections;
 mod report;
 pub mod service;

@@ -109,6 +109,21 @@ fn the_omni_maps_study_compares_triangles_and_maps() {
 }
 
 #[test]
+fn the_rays_study_measures_every_kind_of_rays_with_the_wide_tree() {
+    let study = json(&["study", "rays", "--quick", "--json"]);
+    for kind in ["primary", "sun", "point", "sky", "bounce"] {
+        let of = |row: &&Value| row["rays"] == kind && row["tracer"] == "wide";
+        let wide: Vec<&Value> = rows(&study).iter().filter(of).collect();
+        assert!(!wide.is_empty(), "{kind}: {study:#}");
+        for row in wide {
+            assert!(number(row, "millions_per_sec") > 0.0 && number(row, "count") > 0.0, "{row:#}");
+            assert!((0.0..=1.0).contains(&number(row, "hit_fraction")), "{row:#}");
+        }
+    }
+    assert!(rows(&study).iter().any(|row| row["tracer"] == "packets"));
+}
+
+#[test]
 fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
     let study = json(&["study", "reflections", "--quick", "--json"]);
     let sky = &rows(&study)[0];

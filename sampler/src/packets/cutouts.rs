@@ -7,14 +7,14 @@ use argus_scene::{Scene, TextureRef};
 use glam::{Vec2, Vec4};
 
 /// Textures and coordinates for alpha tests.
-pub(super) struct Cutouts {
+pub(crate) struct Cutouts {
     scene: Arc<Scene>,
     /// One entry a texture that is the base colour of a cut-out.
     textures: Vec<Option<MipChain>>,
 }
 
 impl Cutouts {
-    pub(super) fn new(scene: &Arc<Scene>) -> Self {
+    pub(crate) fn new(scene: &Arc<Scene>) -> Self {
         let mut textures: Vec<Option<MipChain>> = scene.textures.iter().map(|_| None).collect();
         for material in scene.materials.iter().filter(|m| m.alpha_cutoff().is_some()) {
             let Some(index) = material.base_color_texture.map(|r| r.texture as usize) else { continue };
@@ -26,7 +26,7 @@ impl Cutouts {
     }
 
     /// Whether a ray passes through a triangle, by instance and index, at the weights of its second and third corner.
-    pub(super) fn let_through(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> bool {
+    pub(crate) fn let_through(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> bool {
         let mesh = &self.scene.meshes[self.scene.instances[instance as usize].mesh as usize];
         let material = &self.scene.materials[mesh.material as usize];
         let Some(cutoff) = material.alpha_cutoff() else { return false };

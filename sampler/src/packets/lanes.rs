@@ -6,10 +6,10 @@
 use std::ops::{Add, Mul, Sub};
 
 /// Floats of a vector.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// One float a ray.
-pub(super) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+pub(crate) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// One bool a ray.
     type Mask: Mask;
 
@@ -30,7 +30,7 @@ pub(super) trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Out
 }
 
 /// One bool a ray.
-pub(super) trait Mask: Copy {
+pub(crate) trait Mask: Copy {
     fn none() -> Self;
     fn and(self, other: Self) -> Self;
     fn or(self, other: Self) -> Self;
@@ -48,11 +48,11 @@ pub(super) trait Mask: Copy {
 
 /// For any processor.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Plain([f32; LANES]);
+pub(crate) struct Plain([f32; LANES]);
 
 /// One bit a lane.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Bits(u32);
+pub(crate) struct Bits(u32);
 
 impl Plain {
     #[inline(always)]
@@ -187,7 +187,7 @@ impl Mask for Bits {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub(super) mod avx2 {
+pub(crate) mod avx2 {
     //! Only to be used in functions that run where AVX2 was found: that is what makes the calls sound.
 
     use std::arch::x86_64::*;
@@ -195,11 +195,11 @@ pub(super) mod avx2 {
     use super::{Add, LANES, Lanes, Mask, Mul, Sub};
 
     #[derive(Debug, Clone, Copy)]
-    pub(in super::super) struct Avx2(__m256);
+    pub(crate) struct Avx2(__m256);
 
     /// All bits of a lane are set, or none.
     #[derive(Debug, Clone, Copy)]
-    pub(in super::super) struct Wide(__m256);
+    pub(crate) struct Wide(__m256);
 
     /// Calls an instruction.
     macro_rules! call {

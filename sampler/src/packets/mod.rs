@@ -3,8 +3,8 @@
 //! [`PacketTracer`] computes the visibility buffer: instance + 1 and primitive of each sub-sample. It needs no GPU. Rows
 //! of packets run on rayon's threads. The traversal is compiled twice, with and without AVX2; both give the same bits.
 
-mod cutouts;
-mod lanes;
+pub(crate) mod cutouts;
+pub(crate) mod lanes;
 mod lengths;
 mod packet;
 mod single;
@@ -39,7 +39,7 @@ const SCATTERED: usize = 2;
 /// Traces a scene.
 pub(crate) struct PacketTracer {
     hierarchy: Hierarchy,
-    cutouts: Cutouts,
+    cutouts: Arc<Cutouts>,
     /// Distance of the near plane along the view's axis, metres, as in the rasteriser.
     near: f32,
 }
@@ -68,12 +68,17 @@ impl PacketTracer {
         let hierarchy = Hierarchy::new(scene, placements);
         let (triangles, objects) = (hierarchy.triangles.len(), hierarchy.placed.len());
         info!(ms = begin.elapsed().as_secs_f64() * 1e3, triangles, objects, "hierarchy built");
-        Self { hierarchy, cutouts: Cutouts::new(scene), near }
+        Self { hierarchy, cutouts: Arc::new(Cutouts::new(scene)), near }
     }
 
     /// The hierarchy.
     pub(crate) fn hierarchy(&self) -> &Hierarchy {
         &self.hierarchy
+    }
+
+    /// Textures and coordinates for alpha tests.
+    pub(crate) fn cutouts(&self) -> &Arc<Cutouts> {
+        &self.cutouts
     }
 
     /// Moves instances.
