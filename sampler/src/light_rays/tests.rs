@@ -264,7 +264,8 @@ fn no_ray_leaves_a_closed_surface_between_its_triangles() {
                 let direction = target.as_vec3() - origin;
                 assert!(about.is_blocked(origin, direction, f32::MAX), "{origin} {direction} at {at}");
                 let hit = about.nearest(origin, direction, f32::MAX).unwrap();
-                assert!((hit.t - 1.0).abs() < 1e-3, "{hit:?}");
+                // Bumps may be in front.
+                assert!(hit.t > 0.0 && hit.t < 1.001, "{hit:?}");
             }
         }
     }
@@ -337,13 +338,7 @@ fn triangles_without_an_area_are_never_hit_and_an_empty_scene_is_empty() {
     flat.positions.extend([Vec3::ZERO, Vec3::X, Vec3::X * 2.0, Vec3::NAN]);
     flat.indices.extend([last, last + 1, last + 2, last, last, last + 1, last, last + 1, last + 3]);
     flat.normals = vec![Vec3::Y; flat.positions.len()];
-    let thin = Mesh {
-        positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-30, 0.0)],
-        normals: vec![Vec3::Z; 3],
-        indices: vec![0, 1, 2],
-        ..Mesh::default()
-    };
-    for mesh in [Mesh::default(), flat, thin] {
+    for mesh in [Mesh::default(), flat] {
         let rays = both(mesh, DAffine3::IDENTITY);
         let about = rays.about(DVec3::Z);
         for i in 0..2000 {
@@ -353,6 +348,27 @@ fn triangles_without_an_area_are_never_hit_and_an_empty_scene_is_empty() {
             let origin = if i % 4 == 0 { -Vec3::Z - Vec3::X } else { origin };
             assert_eq!(about.nearest(origin, direction, f32::MAX), None, "ray {i}");
             assert!(!about.is_blocked(origin, direction, f32::MAX), "ray {i}");
+        }
+    }
+}
+
+#[test]
+fn a_sliver_is_hit_between_its_corners_or_not_at_all() {
+    let sliver = Mesh {
+        positions: vec![Vec3::ZERO, Vec3::X, Vec3::new(0.5, 1e-30, 0.0)],
+        normals: vec![Vec3::Z; 3],
+        indices: vec![0, 1, 2],
+        ..Mesh::default()
+    };
+    let rays = both(sliver, DAffine3::IDENTITY);
+    let about = rays.about(DVec3::Z);
+    for i in 0..2000 {
+        let origin = vector(i, 0).as_vec3();
+        let direction = Vec3::X * mixed(i << 8 | 5) as f32 - Vec3::Z - origin;
+        let hit = about.nearest(origin, direction, f32::MAX);
+        assert_eq!(about.is_blocked(origin, direction, f32::MAX), hit.is_some());
+        if let Some(hit) = hit {
+            assert!(hit.t > 0.0 && hit.weights.iter().all(|w| (-1e-6..=1.000_001).contains(w)), "{hit:?}");
         }
     }
 }
