@@ -50,7 +50,8 @@ impl LightSharing {
     pub(crate) fn neighbours(self, tile: &crate::tile::Tile) -> Neighbours {
         match self {
             Self::Image | Self::Texels { .. } => Neighbours::Image(tile.begin.map(|texel| texel * tile.side)),
-            Self::Pixels | Self::Leaves | Self::Each => Neighbours::None,
+            Self::Pixels => Neighbours::None { per_slot: 4 },
+            Self::Leaves | Self::Each => Neighbours::None { per_slot: 1 },
         }
     }
 

@@ -10,8 +10,6 @@ use super::texels::{Texel, Texels};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 
-/// Rays of a texel without neighbours.
-const RAYS_ALONE: usize = 32;
 /// Share of the way to an emitter that is looked at: it does not block itself.
 const ALMOST: f32 = 1.0 - 1e-4;
 
@@ -42,8 +40,8 @@ impl Emitters {
         let whole = *self.up_to.last()?;
         let near = Near::new(self, eye);
         let alone = texels.first.is_none();
-        let rays = if alone { RAYS_ALONE } else { knobs.emitter_rays as usize };
-        let pattern = Pattern::of_square(if alone { RAYS_ALONE.div_ceil(SLOTS) } else { rays });
+        let rays = if alone { texels.per_slot * SLOTS } else { knobs.emitter_rays as usize };
+        let pattern = Pattern::of_square(if alone { texels.per_slot } else { rays });
         let at = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {

@@ -64,7 +64,7 @@ pub(super) fn seen_share(
     knobs: LightKnobs,
 ) -> Vec<Vec3> {
     let alone = texels.first.is_none();
-    let pattern = Pattern::of_disc(if alone { 1 } else { knobs.sky_rays as usize });
+    let pattern = Pattern::of_disc(if alone { texels.per_slot } else { knobs.sky_rays as usize });
     let cast = |index: usize| {
         let texel = &texels.all[index];
         let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);

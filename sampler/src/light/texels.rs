@@ -28,6 +28,8 @@ pub(super) struct Texels {
     pub(super) size: [usize; 2],
     /// Coordinates of the first in its image; `None` if texels have no neighbours.
     pub(super) first: Option<[u32; 2]>,
+    /// Without neighbours: rays to the sky and to emitters of each texel, for each slot of the pattern.
+    pub(super) per_slot: usize,
     pub(super) all: Vec<Texel>,
     /// Box around those that exist, about the eye.
     pub(super) bounds: Bounds,
@@ -51,11 +53,11 @@ impl Texels {
             guides.map(|(surface, material)| texel(words(surface), words(material), about)).collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
-        let first = match neighbours {
-            Neighbours::Image(first) => Some(first),
-            Neighbours::None => None,
+        let (first, per_slot) = match neighbours {
+            Neighbours::Image(first) => (Some(first), 0),
+            Neighbours::None { per_slot } => (None, per_slot),
         };
-        Self { size: size.map(|n| n as usize), first, all, bounds }
+        Self { size: size.map(|n| n as usize), first, per_slot, all, bounds }
     }
 
     /// Coordinates of a texel in its image; for texels without neighbours, their number.
