@@ -65,6 +65,13 @@ impl Core {
         self
     }
 
+    /// Name of the first worker that renders samples or is about to; statuses show only roles that are in effect.
+    #[cfg(test)]
+    pub(super) fn first_sampler(&self) -> Option<String> {
+        let samples = |w: &&Worker| w.role().is_some_and(super::event::Role::samples);
+        self.workers.members().find(samples).map(|worker| worker.hello().name.clone())
+    }
+
     /// The configuration.
     pub fn config(&self) -> &Config {
         &self.config

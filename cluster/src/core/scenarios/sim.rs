@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::{Fault, v1};
+use argus_proto::Fault;
 use argus_scene::{
     Camera, FaceMask, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo, View,
 };
@@ -305,13 +305,8 @@ impl Sim {
 
     /// The first sampler.
     pub(super) fn sampler(&self) -> WorkerId {
-        let status = self.core.status();
-        let name = status
-            .workers
-            .iter()
-            .find(|w| matches!(w.role(), v1::Role::Sampler | v1::Role::Both))
-            .map(|w| &w.id);
-        *self.workers.iter().find(|(_, w)| Some(&w.name) == name).map(|(id, _)| id).unwrap()
+        let name = self.core.first_sampler().unwrap();
+        *self.workers.iter().find(|(_, w)| w.name == name).map(|(id, _)| id).unwrap()
     }
 
     pub(super) fn address(&self, id: WorkerId) -> String {
