@@ -5,7 +5,7 @@ use std::process::Stdio;
 
 use crate::support::{Process, SMALL, argus, json, run, stderr};
 
-const SUBCOMMANDS: [&str; 13] = [
+const SUBCOMMANDS: [&str; 14] = [
     "certs",
     "config",
     "demo",
@@ -16,6 +16,7 @@ const SUBCOMMANDS: [&str; 13] = [
     "load",
     "status",
     "scene",
+    "reference",
     "selftest",
     "compare",
     "study",

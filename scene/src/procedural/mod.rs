@@ -1,6 +1,6 @@
 //! Generated scenes, the same triangles on every machine.
 //!
-//! [`terrain`] and [`mirrors`] need no file. The first follows the cluster paper (section 5): one highly tessellated
+//! [`terrain`], [`mirrors`] and [`rooms`] need no file. The first follows the cluster paper (section 5): one highly tessellated
 //! tree over a height-field terrain, with a lake whose look depends on the viewer.
 
 mod ground;
@@ -8,6 +8,7 @@ mod lake;
 mod mirrors;
 mod noise;
 mod occlusion;
+mod rooms;
 mod textures;
 mod tree;
 
@@ -20,6 +21,7 @@ use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash, TextureRef};
 pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
 use occlusion::{Crown, GroundOcclusion};
+pub use rooms::{DEFAULT_ROOMS_WALL_MM, ROOMS_WALL_MM, rooms};
 
 /// Allowed numbers of triangles of [`terrain`].
 pub const TERRAIN_TRIANGLES: RangeInclusive<u64> = 2_000..=20_000_000;

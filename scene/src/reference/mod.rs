@@ -27,7 +27,7 @@ mod surface;
 mod tracer;
 mod triangle;
 
-pub use self::image::ReferenceImage;
+pub use self::image::{ReferenceImage, SurfaceImage};
 pub use indirect::Indirect;
 pub use reflection::Reflecting;
 pub use sight::SceneSight;
