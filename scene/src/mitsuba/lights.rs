@@ -34,6 +34,7 @@ pub(super) struct Space {
 }
 
 /// Angular radius (radians) of a directional light, or radius (metres) of the sphere of another one; 0 without extent.
+// Today's lights have none.
 fn extent(_light: &Light) -> f64 {
     0.0
 }
@@ -140,7 +141,7 @@ pub(super) fn look_at(xml: &mut Xml, from: DVec3, to: DVec3) {
     xml.close();
 }
 
-/// Writes the element within such a transform.
+/// Writes a `lookat` element, the content of a transform: +z looks from one point to the other.
 pub(super) fn look_at_element(xml: &mut Xml, from: DVec3, to: DVec3, up: DVec3) {
     let list = |v: DVec3| v.to_array().map(|x| x.to_string()).join(", ");
     xml.leaf("lookat", &[("origin", &list(from)), ("target", &list(to)), ("up", &list(up))]);

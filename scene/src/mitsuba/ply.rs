@@ -51,7 +51,7 @@ impl Triangles {
         }
     }
 
-    /// The same triangles seen from behind, moved by `distance` metres to their back.
+    /// Triangles with front and back exchanged, moved by `distance` metres to their former back.
     pub(super) fn reversed(&self, distance: f32) -> Self {
         let behind = |(p, n): (&Vec3, &Vec3)| *p - *n * distance;
         Self {
