@@ -16,6 +16,7 @@ mod health;
 mod load;
 mod output;
 mod processes;
+mod reference;
 mod scene;
 mod selftest;
 mod serve;
@@ -64,7 +65,7 @@ Examples:
   argus status                                the workers' roles and costs
   argus config                                the settings in effect, and where they come from
 
-A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]` or `mirrors[:BALLS]`.
+A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`.
 Exit codes: 0 done, 1 failed, 2 bad arguments.";
 
 #[derive(Subcommand)]
@@ -79,6 +80,7 @@ enum Command {
     Status(status::Args),
     Health(health::Args),
     Scene(scene::Args),
+    Reference(reference::Args),
     Compare(compare::Args),
     Config(config::Args),
     Selftest(selftest::Args),
@@ -130,6 +132,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Command::Status(args) => runtime.block_on(status::run(args, sources)),
         Command::Health(args) => runtime.block_on(health::run(args, sources)),
         Command::Scene(args) => scene::run(&args),
+        Command::Reference(args) => reference::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Selftest(args) => runtime.block_on(selftest::run(args)),
         Command::Certs(args) => certs::run(&args),

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use exr::image::{AnyChannel, AnyChannels, FlatSamples, Image as ExrImage};
-use exr::prelude::{SmallVec, WritableImage};
+use exr::prelude::WritableImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageEncoder, RgbImage};
 use serde::Serialize;
@@ -47,11 +47,20 @@ const RANGE_CHANNEL: &str = "Z";
 pub(crate) fn write_range_exr(path: &Path, width: u32, height: u32, range: &[u8]) -> anyhow::Result<()> {
     let (values, _) = range.as_chunks::<4>();
     let values: Vec<f32> = values.iter().map(|value| f32::from_le_bytes(*value)).collect();
-    let channel = AnyChannel::new(RANGE_CHANNEL, FlatSamples::F32(values));
-    let image = ExrImage::from_channels(
-        (width as usize, height as usize),
-        AnyChannels::sort(SmallVec::from_vec(vec![channel])),
-    );
+    write_channels_exr(path, width, height, vec![(RANGE_CHANNEL, values)])
+}
+
+/// Writes channels of 32-bit floats as one OpenEXR file. By convention, `R`, `G` and `B` are linear radiance, `Z` a distance,
+/// and a layer's name stands before a dot: `albedo.R`.
+pub(crate) fn write_channels_exr(
+    path: &Path,
+    width: u32,
+    height: u32,
+    channels: Vec<(&str, Vec<f32>)>,
+) -> anyhow::Result<()> {
+    let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
+    let image =
+        ExrImage::from_channels((width as usize, height as usize), AnyChannels::sort(channels.collect()));
     // The encoder seeks, so it gets the file itself.
     let written = image.write().to_buffered(create(path)?);
     written.with_context(|| format!("cannot write {}", path.display()))

@@ -1,21 +1,56 @@
 //! `argus scene`: the contents of a scene.
 
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use argus_scene::mitsuba::{self, Settings, SkyLight};
 use argus_scene::{Bounds, Effect, RigKind, Scene};
 use serde::Serialize;
 
-use crate::output;
+use crate::{args, output};
 
 /// Describes a scene: triangles, bounds, materials, lights, cameras, and the effects that it calls for.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  argus scene model.glb\n  argus scene terrain:2000000 --json")]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "\
+Examples:
+  argus scene model.glb
+  argus scene terrain:2000000 --json
+  argus scene model.glb --mitsuba exported --eye 3,2,5 --target 0,1,0 --fov-deg 45 --size 640x480"
+)]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(value_name = "S")]
     scene: String,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
-    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings
+    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --mitsuba: shapes,
+    /// triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    export: Export,
+}
+
+/// A view of the scene as files for Mitsuba 3. Instead of the scene's contents, the number of files and what Mitsuba shows
+/// otherwise are printed.
+#[derive(clap::Args)]
+#[command(next_help_heading = "Export for Mitsuba 3 (docs/mitsuba.md)")]
+struct Export {
+    /// Write scene.xml, meshes and bitmaps to this folder
+    #[arg(long, value_name = "FOLDER")]
+    mitsuba: Option<PathBuf>,
+    #[command(flatten)]
+    viewpoint: args::Viewpoint,
+    /// Time of an animated scene, seconds
+    #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = args::zero_or_more)]
+    time: f64,
+    /// Leave out gloss, metal and transmission
+    #[arg(long)]
+    matt: bool,
+    /// Replace the sky by one that lights unoccluded matt surfaces exactly as Argus approximates it
+    #[arg(long)]
+    ambient_sky: bool,
 }
 
 #[derive(Serialize)]
@@ -70,8 +105,35 @@ impl<'a> Report<'a> {
     }
 }
 
+/// Exports a view, and prints what was written.
+fn export(scene: Scene, args: &Export, folder: &Path, json: bool) -> anyhow::Result<()> {
+    let scene = if args.matt { mitsuba::matt(scene) } else { scene };
+    let settings = Settings {
+        camera: args.viewpoint.camera(&scene)?,
+        size: args.viewpoint.size,
+        time_secs: args.time,
+        sky: if args.ambient_sky { SkyLight::Ambient } else { SkyLight::Seen },
+    };
+    let exported = mitsuba::write(&scene, &settings, folder)
+        .with_context(|| format!("cannot export to {}", folder.display()))?;
+    if json {
+        return output::json(&exported);
+    }
+    println!("{}", folder.join("scene.xml").display());
+    println!("  shapes      {}, triangles {}", exported.shapes, exported.triangles);
+    println!("  materials   {}, bitmaps {}", exported.materials, exported.bitmaps);
+    println!("  emitters    {}", exported.emitters);
+    for difference in &exported.differences {
+        println!("  difference  {difference}");
+    }
+    Ok(())
+}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let scene = argus_scene::open(&args.scene)?;
+    if let Some(folder) = &args.export.mitsuba {
+        return export(scene, &args.export, folder, args.json);
+    }
     let report = Report::of(&scene);
     if args.json {
         return output::json(&report);

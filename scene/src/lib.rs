@@ -42,6 +42,8 @@ mod visibility;
 pub mod load;
 #[cfg(feature = "reference")]
 pub mod metrics;
+#[cfg(feature = "mitsuba")]
+pub mod mitsuba;
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 mod open;
 #[cfg(feature = "procedural")]

@@ -8,13 +8,15 @@ use std::str::FromStr;
 use crate::Scene;
 use crate::load::{LoadError, load_path};
 use crate::procedural::{
-    DEFAULT_MIRRORS, DEFAULT_TERRAIN_TRIANGLES, MIRRORS, TERRAIN_TRIANGLES, mirrors, terrain,
+    DEFAULT_MIRRORS, DEFAULT_ROOMS_WALL_MM, DEFAULT_TERRAIN_TRIANGLES, MIRRORS, ROOMS_WALL_MM,
+    TERRAIN_TRIANGLES, mirrors, rooms, terrain,
 };
 
-/// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, or the path of a scene file.
+/// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, `rooms`, `rooms:WALL_MM`, or the path of a scene file.
 ///
 /// # Errors
-/// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`] or [`MIRRORS`],
+/// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`], [`MIRRORS`] or
+/// [`ROOMS_WALL_MM`],
 /// or the error of [`load_path`].
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
     let (name, count) = spec.split_once(':').map_or((spec, None), |(name, count)| (name, Some(count)));
@@ -24,8 +26,13 @@ pub fn open(spec: &str) -> Result<Scene, LoadError> {
             Ok(terrain(triangles))
         }
         "mirrors" => Ok(mirrors(number(spec, count, DEFAULT_MIRRORS, &MIRRORS, "balls")?)),
+        "rooms" => {
+            let what = "millimetres of a wall";
+            Ok(rooms(number(spec, count, DEFAULT_ROOMS_WALL_MM, &ROOMS_WALL_MM, what)?))
+        }
         _ if !Path::new(spec).exists() => {
-            let reason = "no such file, nor a built-in scene: terrain[:TRIANGLES] or mirrors[:BALLS]";
+            let reason =
+                "no such file, nor a built-in scene: terrain[:TRIANGLES], mirrors[:BALLS] or rooms[:WALL_MM]";
             Err(LoadError::new(spec, reason))
         }
         _ => load_path(spec),
@@ -50,7 +57,7 @@ fn number<N: FromStr + PartialOrd + Display>(
 /// Whether `spec` names a built-in scene, which every process generates itself, and not a file.
 pub fn is_procedural(spec: &str) -> bool {
     let name = spec.split_once(':').map_or(spec, |(name, _)| name);
-    ["terrain", "mirrors"].contains(&name)
+    ["terrain", "mirrors", "rooms"].contains(&name)
 }
 
 #[cfg(test)]
@@ -62,7 +69,12 @@ mod tests {
         assert_eq!(open("terrain:2000").unwrap().name, "terrain:2000");
         assert_eq!(open("mirrors:12").unwrap().name, "mirrors:12");
         assert_eq!(open("mirrors").unwrap().name, format!("mirrors:{DEFAULT_MIRRORS}"));
-        assert!(["terrain", "terrain:2000", "mirrors", "mirrors:3"].iter().all(|spec| is_procedural(spec)));
+        assert_eq!(open("rooms").unwrap().name, "rooms:20");
+        assert!(
+            ["terrain", "terrain:2000", "mirrors", "mirrors:3", "rooms:5"]
+                .iter()
+                .all(|spec| is_procedural(spec))
+        );
         assert!(!is_procedural("terrains") && !is_procedural("mirror.glb"));
     }
 
@@ -78,6 +90,7 @@ mod tests {
             let error = open(spec).expect_err(spec).to_string();
             assert!(error.contains("balls must be 1 to 1000"), "{error}");
         }
+        assert!(open("rooms:501").unwrap_err().to_string().contains("must be 1 to 500"));
     }
 
     #[test]

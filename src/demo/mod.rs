@@ -29,7 +29,7 @@ Examples:
   argus demo --scene model.glb --views 8 --size 320x240 --out pictures
   argus demo --scene mirrors --reflections maps")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(long, value_name = "S", default_value = "terrain")]
     scene: String,
     /// Number of clients, each with its own viewpoint

@@ -9,7 +9,7 @@ use crate::args;
 /// One scene.
 #[derive(clap::Args)]
 pub(super) struct Scene {
-    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(long = "scene", value_name = "S")]
     name: Option<String>,
 }
@@ -25,7 +25,7 @@ impl Scene {
 /// Scenes, each measured separately.
 #[derive(clap::Args)]
 pub(super) struct Scenes {
-    /// A file, `terrain[:TRIANGLES]` or `mirrors[:BALLS]`; may be given more than once
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; may be given more than once
     #[arg(long = "scene", value_name = "S")]
     names: Vec<String>,
 }

@@ -5,7 +5,7 @@ use std::process::Stdio;
 
 use crate::support::{Process, SMALL, argus, json, run, stderr};
 
-const SUBCOMMANDS: [&str; 13] = [
+const SUBCOMMANDS: [&str; 14] = [
     "certs",
     "config",
     "demo",
@@ -16,6 +16,7 @@ const SUBCOMMANDS: [&str; 13] = [
     "load",
     "status",
     "scene",
+    "reference",
     "selftest",
     "compare",
     "study",
@@ -102,6 +103,24 @@ fn a_port_in_use_is_an_error_of_one_line() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();
     fails_in_one_line(&["coordinator", "--scene", SMALL, "--listen", &address], 1, &[&address, "--listen"]);
+}
+
+#[test]
+fn a_scene_is_exported_for_mitsuba_and_its_reference_is_linear_radiance() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let camera = ["--eye", "-3.6,1.6,3.6", "--target", "-1,1.1,0.6", "--fov-deg", "65", "--size", "16x12"];
+    let export = at("export");
+    let exported = json(&[&["scene", "rooms", "--json", "--mitsuba", &export], camera.as_slice()].concat());
+    assert_eq!((&exported["shapes"], &exported["emitters"]), (&3.into(), &3.into()), "{exported:#}");
+    assert!(folder.path().join("export/scene.xml").is_file());
+
+    let out = at("view.exr");
+    let seen = json(&[&["reference", "rooms", "--json", "--out", &out], camera.as_slice()].concat());
+    assert!(seen["mean_radiance"][0].as_f64().unwrap() > 0.0, "{seen:#}");
+    assert!(std::fs::metadata(&out).unwrap().len() > 16 * 12 * 10 * 4);
+    fails_with(&["reference", "rooms", "--eye", "1,2,3", "--out", &out], 2, &["--target"]);
+    fails_in_one_line(&["reference", "rooms", "--size", "0x5", "--out", &out], 2, &["--size"]);
 }
 
 #[test]

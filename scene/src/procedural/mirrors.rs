@@ -145,7 +145,7 @@ fn cameras() -> Vec<NamedCamera> {
 }
 
 /// Two triangles about a middle, spanned by half edges; their front is towards the edges' cross product.
-fn quad(mesh: &mut Mesh, middle: DVec3, right: DVec3, up: DVec3) {
+pub(super) fn quad(mesh: &mut Mesh, middle: DVec3, right: DVec3, up: DVec3) {
     let first = mesh.positions.len() as u32;
     let corners = [middle - right - up, middle + right - up, middle + right + up, middle - right + up];
     mesh.positions.extend(corners.map(|corner| corner.as_vec3()));

@@ -1,12 +1,13 @@
 //! Generated scenes, the same triangles on every machine.
 //!
-//! [`terrain`] and [`mirrors`] need no file. The first follows the cluster paper (section 5): one highly tessellated
+//! [`terrain`], [`mirrors`] and [`rooms`] need no file. The first follows the cluster paper (section 5): one highly tessellated
 //! tree over a height-field terrain, with a lake whose look depends on the viewer.
 
 mod ground;
 mod lake;
 mod mirrors;
 mod noise;
+mod rooms;
 mod textures;
 mod tree;
 
@@ -18,6 +19,7 @@ use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash, TextureRef};
 pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
+pub use rooms::{DEFAULT_ROOMS_WALL_MM, ROOMS_WALL_MM, rooms};
 
 /// Allowed numbers of triangles of [`terrain`].
 pub const TERRAIN_TRIANGLES: RangeInclusive<u64> = 2_000..=20_000_000;

@@ -32,6 +32,15 @@ impl ReferenceImage {
     }
 }
 
+/// What a view's central rays see, one value a pixel, row 0 first; zero without a surface.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurfaceImage {
+    /// Linear diffuse albedo.
+    pub albedo: Vec<Vec3>,
+    /// Unit shading normal on the visible side, world space.
+    pub normal: Vec<Vec3>,
+}
+
 /// The side of the regular grid of samples in a pixel: the smallest whose square is at least `samples_per_pixel`.
 pub(super) fn grid_side(samples_per_pixel: u32) -> u32 {
     let root = samples_per_pixel.isqrt();
@@ -85,6 +94,21 @@ impl Tracer {
             });
         }
         ReferenceImage { width, height, radiance, range }
+    }
+
+    /// Albedo and normal of the surfaces on the central rays of a view's pixels. The camera must have passed
+    /// [`Camera::validate`].
+    pub fn surfaces(&self, camera: &Camera, width: u32, height: u32) -> SurfaceImage {
+        let rays = Pinhole::new(camera, width, height, 1);
+        let pixels = u64::from(width) * u64::from(height);
+        let seen = (0..pixels).into_par_iter().map(|pixel| {
+            let corner = DVec2::new((pixel % u64::from(width)) as f64, (pixel / u64::from(width)) as f64);
+            let (direction, dx, dy) = rays.through(corner + 0.5);
+            let surface = self.trace(rays.eye, direction).map(|hit| self.surface(&hit, direction, dx, dy));
+            surface.map_or((Vec3::ZERO, Vec3::ZERO), |surface| (surface.albedo, surface.normal))
+        });
+        let (albedo, normal) = seen.unzip();
+        SurfaceImage { albedo, normal }
     }
 
     /// Mean radiance, and range on the central ray, of the pixel whose top left corner is `corner`.

@@ -28,7 +28,7 @@ mod surface;
 mod tracer;
 mod triangle;
 
-pub use self::image::ReferenceImage;
+pub use self::image::{ReferenceImage, SurfaceImage};
 pub use indirect::Indirect;
 pub use light::DirectLight;
 pub use reflection::Reflecting;

@@ -1,0 +1,99 @@
+//! `argus reference`: a view by the reference ray tracer.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use argus_scene::mitsuba::matt;
+use argus_scene::reference::{Indirect, ReferenceImage, SurfaceImage, Tracer};
+use serde::Serialize;
+
+use crate::{args, output};
+
+/// Renders a view on this machine by the CPU ray tracer that every image is judged against.
+///
+/// Writes an OpenEXR file with 32-bit floats. R, G, B: linear radiance, before exposure. Z: distance from the eye on the ray
+/// through the pixel's centre, metres, +inf for the sky. albedo.R, albedo.G, albedo.B and normal.X, normal.Y, normal.Z: the
+/// surface on that ray, 0 for the sky.
+#[derive(clap::Args)]
+#[command(
+    allow_negative_numbers = true,
+    after_help = "\
+Examples:
+  argus reference rooms --out rooms.exr
+  argus reference model.glb --eye 3,2,5 --target 0,1,0 --size 640x480 --paths 16 --out model.exr"
+)]
+pub(crate) struct Args {
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
+    #[arg(value_name = "S")]
+    scene: String,
+    #[command(flatten)]
+    viewpoint: args::Viewpoint,
+    /// Rays per pixel, rounded up to a square number; the time grows in proportion
+    #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    samples_per_pixel: u32,
+    /// Paths of indirect light per ray; the noise falls with the root of their number. 0: no indirect light
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=65536))]
+    paths: u32,
+    /// Greatest number of reflections between a light and a visible surface, for --paths
+    #[arg(long, value_name = "N", default_value = "8", value_parser = clap::value_parser!(u32).range(0..=64))]
+    bounces: u32,
+    /// Time of an animated scene, seconds
+    #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = args::zero_or_more)]
+    time: f64,
+    /// Leave out gloss, metal and transmission
+    #[arg(long)]
+    matt: bool,
+    /// OpenEXR file to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Print one JSON object: width, height, mean_radiance [r, g, b], seconds
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    width: u32,
+    height: u32,
+    mean_radiance: [f64; 3],
+    seconds: f64,
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let scene = argus_scene::open(&args.scene)?;
+    let scene = if args.matt { matt(scene) } else { scene };
+    let camera = args.viewpoint.camera(&scene)?;
+    let [width, height] = args.viewpoint.size;
+    let tracer = Tracer::new(Arc::new(scene)).at(args.time);
+    let indirect = (args.paths > 0).then_some(Indirect { paths: args.paths, bounces: args.bounces });
+    let start = std::time::Instant::now();
+    let image = tracer.render_with(&camera, [width, height], args.samples_per_pixel, indirect, |_| ());
+    let seconds = start.elapsed().as_secs_f64();
+    let surfaces = tracer.surfaces(&camera, width, height);
+    output::write_channels_exr(&args.out, width, height, channels(&image, &surfaces))?;
+    let pixels = image.radiance.len().max(1) as f64;
+    let mean = image.radiance.iter().map(|radiance| radiance.as_dvec3()).sum::<glam::DVec3>() / pixels;
+    let report = Report { width, height, mean_radiance: mean.to_array(), seconds };
+    if args.json {
+        return output::json(&report);
+    }
+    println!("{}: {width}x{height}, {seconds:.1} s", args.out.display());
+    println!("  mean radiance  {:.5} {:.5} {:.5}", mean.x, mean.y, mean.z);
+    Ok(())
+}
+
+/// The channels of the file.
+fn channels(image: &ReferenceImage, surfaces: &SurfaceImage) -> Vec<(&'static str, Vec<f32>)> {
+    let layers = [
+        (["R", "G", "B"], &image.radiance),
+        (["albedo.R", "albedo.G", "albedo.B"], &surfaces.albedo),
+        (["normal.X", "normal.Y", "normal.Z"], &surfaces.normal),
+    ];
+    let mut channels = vec![("Z", image.range.clone())];
+    for (names, values) in layers {
+        for (axis, name) in names.into_iter().enumerate() {
+            channels.push((name, values.iter().map(|value| value[axis]).collect()));
+        }
+    }
+    channels
+}
