@@ -102,6 +102,7 @@ impl LightRays {
     /// Takes over the pose of the packet tracer, which has been posed before. Only the top tree is rebuilt, unless meshes
     /// are visible now that never were. Returns `None`, and must not be used any more, if a tree is too large or too deep.
     #[must_use]
+    #[allow(dead_code, reason = "for the light of scenes that move")]
     pub(crate) fn pose(&mut self, tracer: &PacketTracer) -> Option<()> {
         if tracer.hierarchy().objects.len() != self.trees.roots.len() {
             self.trees = Trees::new(tracer.hierarchy(), self.faces)?;
