@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, slot};
-use super::texels::{Texel, Texels};
+use super::pattern::Pattern;
+use super::texels::{Effort, Texel, Texels};
 use crate::light_rays::LightRaysAbout;
 
 /// Rays of a texel that shares with its neighbours, and of one that is alone.
@@ -40,15 +40,15 @@ impl Emitters {
     ) -> Option<Vec<Vec3>> {
         let whole = *self.up_to.last()?;
         let near = Near::new(self, eye);
-        let alone = texels.first.is_none();
-        let rays = if alone { RAYS_ALONE } else { RAYS };
-        let pattern = Pattern::of_square(if alone { RAYS_ALONE.div_ceil(16) } else { RAYS });
+        let alone = texels.effort == Effort::Whole;
+        let rays = texels.rays(RAYS, RAYS_ALONE);
+        let pattern = Pattern::of_square(if alone { RAYS_ALONE.div_ceil(16) } else { rays });
         let at = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {
                 return Vec3::ZERO;
             }
-            let slot = slot(texels.place(index));
+            let slot = texels.slot(index);
             let mut sum = Vec3::ZERO;
             let mut cast = |ray: usize, square: glam::Vec2| {
                 // Power in as many strata as there are rays; within one, each slot has its place.

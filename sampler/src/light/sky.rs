@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, slot};
+use super::pattern::Pattern;
 use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
 
@@ -60,7 +60,7 @@ impl SkyIrradiance {
 /// The share of the sky's irradiance that each texel sees, by colour: a ratio of two sums over the same rays, so that an
 /// open sky has no noise.
 pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>) -> Vec<Vec3> {
-    let alone = texels.first.is_none();
+    let alone = texels.effort == super::texels::Effort::Whole;
     let pattern = Pattern::of_disc(if alone { 1 } else { RAYS });
     let cast = |index: usize| {
         let texel = &texels.all[index];
@@ -80,7 +80,7 @@ pub(super) fn seen_share(sky: &Sky, texels: &Texels, about: &LightRaysAbout<'_>)
         };
         match alone {
             true => pattern.all().iter().for_each(|&disc| cast(disc)),
-            false => pattern.of_slot(slot(texels.place(index))).for_each(cast),
+            false => pattern.of_slot(texels.slot(index)).for_each(cast),
         }
         (seen, whole)
     };

@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::Neighbours;
+use super::pattern::{self, SLOTS, slot};
 use crate::light_rays::LightRaysAbout;
 
 /// A visible surface. Positions are metres about the eye.
@@ -22,12 +23,22 @@ pub(super) struct Texel {
     pub(super) is_lifted: bool,
 }
 
-/// The texels of a tile, row by row.
+/// Which rays of the pattern a texel casts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Effort {
+    /// Those of its slot: others complete them.
+    Shared,
+    /// Those of all slots.
+    Whole,
+}
+
+/// The texels of a tile, row by row; or points of leaf sides, a leaf side in each row.
 pub(super) struct Texels {
     /// Columns, rows.
     pub(super) size: [usize; 2],
     /// Coordinates of the first in its image; `None` if texels have no neighbours.
     pub(super) first: Option<[u32; 2]>,
+    pub(super) effort: Effort,
     pub(super) all: Vec<Texel>,
     /// Box around those that exist, about the eye.
     pub(super) bounds: Bounds,
@@ -51,11 +62,11 @@ impl Texels {
             guides.map(|(surface, material)| texel(words(surface), words(material), about)).collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
-        let first = match neighbours {
-            Neighbours::Image(first) => Some(first),
-            Neighbours::None => None,
+        let (first, effort) = match neighbours {
+            Neighbours::Image(first) => (Some(first), Effort::Shared),
+            Neighbours::None => (None, Effort::Whole),
         };
-        Self { size: size.map(|n| n as usize), first, all, bounds }
+        Self { size: size.map(|n| n as usize), first, effort, all, bounds }
     }
 
     /// Coordinates of a texel in its image; for texels without neighbours, their number.
@@ -64,6 +75,27 @@ impl Texels {
         match self.first {
             Some([x, y]) => [x + (index % width) as u32, y + (index / width) as u32],
             None => [index as u32, 0],
+        }
+    }
+
+    /// The slot of a texel. The points of a leaf side have slots that are evenly apart.
+    pub(super) fn slot(&self, index: usize) -> usize {
+        match self.first {
+            Some(_) => slot(self.place(index)),
+            None => {
+                let [points, _] = self.size;
+                (index % points * SLOTS / points + pattern::shuffled(index / points)) % SLOTS
+            }
+        }
+    }
+
+    /// Rays of a texel, where one of an image casts `of_image` and one that casts those of all slots `whole`. A point of a
+    /// leaf side casts one.
+    pub(super) fn rays(&self, of_image: usize, whole: usize) -> usize {
+        match (self.effort, self.first) {
+            (Effort::Whole, _) => whole,
+            (Effort::Shared, Some(_)) => of_image,
+            (Effort::Shared, None) => 1,
         }
     }
 }
