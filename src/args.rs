@@ -196,9 +196,9 @@ pub(crate) struct Sampling {
 pub(crate) struct IndirectLight {
     /// Indirect light: off, vpl (gathered from virtual point lights), points (gathered from small images of an octree of
     /// the scene, rendered at some of the visible points) or paths (the scene's cells exchange light along rays, and some of
-    /// the visible points gather it). It is computed once a sample and costs warped views nothing. Paths take the least time
-    /// for their accuracy on processors: a second or two whenever the scene moves, a few tenths of one for new lights,
-    /// then about half a second a sample. They switch shadows, sky visibility and light of emitters on
+    /// the visible points gather it). It is computed once a sample and costs warped views nothing. Paths cost
+    /// seconds before the first sample and whenever the scene moves, less for new lights, and about as much again a sample as
+    /// shadows and sky visibility, which they switch on together with light of emitters. `argus study light` compares them
     #[arg(long, value_name = "METHOD", default_value = "off", value_parser = ["off", "vpl", "points", "paths"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower
