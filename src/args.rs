@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
 use argus_scene::{
-    Camera, Holes, Indirect, MapSource, Output, PlanRequest, PointKnobs, Preset, RigKind, RigKnobs, Scene,
-    Search, Visibility, VplKnobs,
+    Camera, Holes, Indirect, MapSource, Output, PathKnobs, PlanRequest, PointKnobs, Preset, RigKind,
+    RigKnobs, Scene, Search, Visibility, VplKnobs,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::parser::ValueSource;
@@ -236,15 +236,18 @@ pub(crate) struct Sampling {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
-    /// Indirect light: off, vpl (gathered from virtual point lights) or points (gathered from small images of an octree of
-    /// the scene, rendered at some of the visible points). It is computed once a sample and costs views nothing
-    #[arg(long, value_name = "METHOD", default_value = "off", value_parser = ["off", "vpl", "points"])]
+    /// Indirect light: off, vpl (gathered from virtual point lights), points (gathered from small images of an octree of
+    /// the scene, rendered at some of the visible points) or paths (the scene's cells exchange light along rays, and some of
+    /// the visible points gather it). It is computed once a sample and costs warped views nothing. Paths cost
+    /// seconds before the first sample and whenever the scene moves, less for new lights, and about as much again a sample as
+    /// shadows and sky visibility, which they switch on together with light of emitters. `argus study light` compares them
+    #[arg(long, value_name = "METHOD", default_value = "off", value_parser = ["off", "vpl", "points", "paths"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub(crate) vpls: Option<u32>,
-    /// Greatest number of reflections between a light and a visible surface, 1 to 4
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4))]
+    /// Greatest number of reflections between a light and a visible surface: 1 to 4, with --indirect paths 1 to 16
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) bounces: Option<u32>,
     /// Shadow maps of virtual point lights: none, exact (a ray a texel), imperfect (splatted random points), megaviews (an
     /// octree of the scene, rendered for all lights together) or manylods (the same, for each light by itself)
@@ -273,35 +276,71 @@ pub(crate) struct IndirectLight {
     /// Side, in sub-samples, of the blocks that share one or two of those images, 1 to 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) point_block: Option<u32>,
+    /// Cells on a side of the scene for --indirect paths, as a power of two, 1 to 10 [default: 8]. Light leaks by about a
+    /// cell along walls. One level more takes about four times the time and memory whenever the scene moves
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub(crate) path_level: Option<u32>,
+    /// Rays of each cell's surfaces for --indirect paths, 1 to 256 [default: 4]. Four times as many halve the noise and take
+    /// four times the time whenever the scene moves
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) path_rays: Option<u32>,
+    /// Rays of each gathering texel for --indirect paths, 1 to 256 [default: 4]. A quarter of the texels gather. Time is
+    /// proportional, for each sample and each view from triangles
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) path_gather: Option<u32>,
 }
 
 impl IndirectLight {
     /// Converts the flags to the sample set's settings.
     ///
     /// # Errors
-    /// `--particles` together with `--indirect points`, which cannot gather their light.
+    /// `--particles` together with `--indirect points` or `paths`, which cannot gather their light; or a knob out of the
+    /// method's range.
     pub(crate) fn knobs(&self) -> anyhow::Result<Indirect> {
         let off = self.indirect == "off";
         if off && self.particles.is_none() {
             return Ok(Indirect::Off);
         }
-        if self.indirect == "points" {
-            anyhow::ensure!(
-                self.particles.is_none(),
-                "--particles: their light is gathered like that of virtual point lights; use --indirect vpl or off"
-            );
-            let default = PointKnobs::default();
-            return Ok(Indirect::Points(PointKnobs {
-                levels: self.point_levels.unwrap_or(default.levels),
-                map_side: self.point_map_side.unwrap_or(default.map_side),
-                block: self.point_block.unwrap_or(default.block),
-                bounces: self.bounces.unwrap_or(default.bounces),
-                ..default
-            }));
-        }
+        let knobs = match self.indirect.as_str() {
+            "points" | "paths" => {
+                anyhow::ensure!(
+                    self.particles.is_none(),
+                    "--particles: their light is gathered like that of virtual point lights; use --indirect vpl or off"
+                );
+                if self.indirect == "points" { self.points() } else { self.paths() }
+            }
+            _ => self.virtual_lights(off),
+        };
+        knobs.validate()?;
+        Ok(knobs)
+    }
+
+    fn points(&self) -> Indirect {
+        let default = PointKnobs::default();
+        Indirect::Points(PointKnobs {
+            levels: self.point_levels.unwrap_or(default.levels),
+            map_side: self.point_map_side.unwrap_or(default.map_side),
+            block: self.point_block.unwrap_or(default.block),
+            bounces: self.bounces.unwrap_or(default.bounces),
+            ..default
+        })
+    }
+
+    fn paths(&self) -> Indirect {
+        let default = PathKnobs::default();
+        Indirect::Paths(PathKnobs {
+            level: self.path_level.unwrap_or(default.level),
+            rays: self.path_rays.unwrap_or(default.rays),
+            bounces: self.bounces.unwrap_or(default.bounces),
+            gather: self.path_gather.unwrap_or(default.gather),
+        })
+    }
+
+    /// Virtual point lights, or only particles where indirect light is off.
+    fn virtual_lights(&self, off: bool) -> Indirect {
         let default = VplKnobs::default();
         let source = |name: &String| MapSource::ALL.into_iter().find(|source| source.name() == name);
-        Ok(Indirect::Vpl(VplKnobs {
+        Indirect::Vpl(VplKnobs {
             vpls: if off { 0 } else { self.vpls.unwrap_or(default.vpls) },
             particles: self.particles.unwrap_or(default.particles),
             bounces: self.bounces.unwrap_or(default.bounces),
@@ -310,7 +349,7 @@ impl IndirectLight {
             samples: self.gather.unwrap_or(default.samples),
             groups: self.vpl_groups.unwrap_or(default.groups),
             ..default
-        }))
+        })
     }
 }
 

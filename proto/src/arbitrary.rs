@@ -4,10 +4,10 @@ use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Effect, FaceMask, Frame, Holes, Indirect, Light, LightEffects, Lighting, Limits,
-    MapSource, MegaViews, OmniLayout, Output, Outputs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat,
-    PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet, Reflections, Rig, Sample,
-    SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Specification, Stage,
-    Version, View, Visibility, VplKnobs, Warp,
+    MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane, PlaneData,
+    PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet, Reflections, Rig,
+    Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Specification,
+    Stage, Version, View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -205,6 +205,7 @@ fn vpl_knobs() -> impl Strategy<Value = VplKnobs> {
 
 fn indirect() -> impl Strategy<Value = Indirect> {
     let points = (1..=10u32, 8..=256u32, 1..=16u32, 1..=4u32, any::<bool>());
+    let paths = (1..=10u32, 1..=256u32, 1..=16u32, 1..=256u32);
     prop_oneof![
         Just(Indirect::Off),
         vpl_knobs().prop_map(Indirect::Vpl),
@@ -215,6 +216,9 @@ fn indirect() -> impl Strategy<Value = Indirect> {
             bounces,
             sharing
         })),
+        paths.prop_map(|(level, rays, bounces, gather)| {
+            Indirect::Paths(PathKnobs { level, rays, bounces, gather })
+        }),
     ]
 }
 

@@ -1,11 +1,11 @@
-//! Indirect diffuse light: by VPLs or point-based.
+//! Indirect diffuse light: by VPLs, point-based, or by paths.
 
 use std::sync::Arc;
 
 use argus_gpu::{Commands, Gpu};
 use argus_scene::{Indirect, Lighting, RenderError, Scene, Stage};
 
-use crate::light::Neighbours;
+use crate::light::{DirectLight, Neighbours, PathLight};
 use crate::packets::PacketTracer;
 use crate::passes::TileContext;
 use crate::point_based::PointBased;
@@ -17,6 +17,8 @@ use crate::scratch::Scratch;
 pub(crate) enum IndirectLight {
     Vpls(Box<Radiosity>),
     Points(Box<PointBased>),
+    /// Added with direct light.
+    Paths(Box<PathLight>),
 }
 
 /// Inputs of indirect light.
@@ -26,6 +28,7 @@ pub(crate) struct LightInputs<'a> {
     pub(crate) scene: &'a Arc<Scene>,
     pub(crate) resident: &'a Resident,
     pub(crate) tracer: &'a PacketTracer,
+    pub(crate) direct: Option<&'a DirectLight>,
     pub(crate) lighting: &'a Lighting,
     pub(crate) time_secs: f64,
 }
@@ -83,6 +86,17 @@ impl IndirectLight {
                 Some(Self::Vpls(Box::new(Radiosity::new(gpu, scene, &resident.instances, knobs))))
             }
             Indirect::Points(knobs) => Some(Self::Points(Box::new(PointBased::new(gpu, resident, knobs)))),
+            Indirect::Paths(knobs) => {
+                Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, knobs))))
+            }
+        }
+    }
+
+    /// The light that is added with direct light.
+    pub(crate) fn paths(&self) -> Option<&PathLight> {
+        match self {
+            Self::Paths(light) => Some(light),
+            Self::Vpls(_) | Self::Points(_) => None,
         }
     }
 
@@ -91,6 +105,7 @@ impl IndirectLight {
         match (self, knobs) {
             (Self::Vpls(light), Indirect::Vpl(knobs)) => light.set_knobs(knobs),
             (Self::Points(light), Indirect::Points(knobs)) => light.set_knobs(knobs),
+            (Self::Paths(light), Indirect::Paths(knobs)) => light.set_knobs(knobs),
             _ => return false,
         }
         true
@@ -101,6 +116,7 @@ impl IndirectLight {
         match self {
             Self::Vpls(light) => light.place(placements),
             Self::Points(light) => light.forget_pose(),
+            Self::Paths(light) => light.place(placements),
         }
     }
 
@@ -116,6 +132,10 @@ impl IndirectLight {
         match self {
             Self::Vpls(light) => light.ready(inputs),
             Self::Points(light) => light.ready(inputs, scratch),
+            Self::Paths(light) => {
+                let none = || RenderError::Internal("paths need direct light by rays".to_owned());
+                light.ready(inputs.direct.ok_or_else(none)?, inputs.lighting)
+            }
         }
     }
 
@@ -136,6 +156,7 @@ impl IndirectLight {
                 Ok(commands)
             }
             Self::Points(light) => light.add(commands, context, sharing, stages),
+            Self::Paths(_) => Ok(commands),
         }
     }
 }

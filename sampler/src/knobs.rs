@@ -41,7 +41,7 @@ pub struct SamplerKnobs {
     pub range_bits: u32,
     /// How radiance is stored.
     pub radiance: RadianceFormat,
-    /// Effects of direct light.
+    /// Effects of direct light. Indirect light by paths adds those that it needs.
     pub effects: LightEffects,
     /// Rays of direct light.
     pub light: LightKnobs,
@@ -108,6 +108,11 @@ impl SamplerKnobs {
             return differs("indirect", set.indirect.to_string(), self.indirect.to_string());
         }
         Ok(())
+    }
+
+    /// The effects of direct light, with those that indirect light needs.
+    pub(crate) fn light_effects(&self) -> LightEffects {
+        self.indirect.effects_with(self.effects)
     }
 
     /// Sub-samples along each side of a texel.

@@ -35,8 +35,9 @@ mod view;
 mod visibility;
 mod wide;
 
-pub use argus_scene::indirect::{Indirect, MapSource, PointKnobs, VplKnobs};
+pub use argus_scene::indirect::{Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use knobs::{LightKnobs, RadianceFormat, SamplerKnobs};
+pub use light::PathReport;
 pub use pass_plan::PassPlan;
 pub use point_based::PointReport;
 pub use radiosity::IndirectReport;

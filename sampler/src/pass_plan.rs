@@ -120,6 +120,10 @@ fn indirect(knob: Indirect, shines: bool) -> PassPlan {
             );
             row(true, why)
         }
+        // The sky is a source of paths.
+        Indirect::Paths(knobs) => {
+            PassPlan { name: "gather paths", on: true, why: format!("a quarter of texels: {knobs}") }
+        }
         Indirect::Points(_) if !shines => row(false, "no light and no surface emits".to_owned()),
         Indirect::Points(knobs) => {
             let why = format!("a receiver or two for {0}×{0} sub-samples: {knobs}", knobs.block);

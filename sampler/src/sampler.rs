@@ -23,14 +23,14 @@ use self::probes::SurfacePrograms;
 use self::tile_loop::{JobScene, Output, Part, add_light, check_wanted, wait};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightInputs};
-use crate::light::DirectLight;
+use crate::light::{DirectLight, PathLight, PathReport};
 use crate::omni_maps::OmniMaps;
 use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::{PlaneBuffers, ResolveView, TileContext};
 use crate::pixel_list::pixel_lists;
 use crate::point_based::PointReport;
 use crate::radiosity::IndirectReport;
-use crate::resident::Resident;
+use crate::resident::{GuideUse, Resident};
 use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
@@ -361,7 +361,7 @@ impl GpuSampler {
     /// Prepares direct light by rays and indirect light, as far as the knobs ask for them. Returns the cost.
     fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
-        let effects = self.knobs.effects;
+        let effects = self.knobs.light_effects();
         let mut stages = Vec::new();
         match &mut self.direct {
             Some(direct) => direct.relight(lighting),
@@ -381,7 +381,8 @@ impl GpuSampler {
         }
         let Some(indirect) = &mut self.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
-        let inputs = LightInputs { gpu, scene, resident, tracer, lighting, time_secs };
+        let direct = self.direct.as_ref();
+        let inputs = LightInputs { gpu, scene, resident, tracer, direct, lighting, time_secs };
         timing::add(&mut stages, indirect.ready(&inputs, &mut self.scratch)?);
         Ok(stages)
     }
@@ -405,10 +406,16 @@ impl GpuSampler {
         }
     }
 
+    /// Report on indirect light by paths. `None` before it was first needed.
+    pub fn paths(&self) -> Option<PathReport> {
+        self.indirect.as_ref().and_then(IndirectLight::paths).and_then(PathLight::report)
+    }
+
     /// Changes the knobs of indirect light.
     ///
     /// # Errors
-    /// A knob is out of range, or the sampler was made without indirect light.
+    /// A knob is out of range, the sampler was made without indirect light, or it was made without direct light by rays,
+    /// which paths need.
     pub fn set_indirect(&mut self, knobs: Indirect) -> Result<(), RenderError> {
         let knobs = SamplerKnobs { indirect: knobs, ..self.knobs };
         knobs.validate()?;
@@ -416,6 +423,13 @@ impl GpuSampler {
             return Err(
                 InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
             );
+        }
+        if GuideUse::of(&self.knobs) != GuideUse::of(&knobs) {
+            let reason = "a sampler is made with direct light by rays, which paths need, or without";
+            return Err(InvalidField::new("indirect", reason).into());
+        }
+        if knobs.light_effects() != self.knobs.light_effects() {
+            self.direct = None;
         }
         self.knobs = knobs;
         if !self.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {

@@ -1,5 +1,6 @@
 //! Light that surfaces reflect onto one another, and glowing particles: how a sample set finds it.
 
+mod paths;
 mod points;
 mod vpl;
 
@@ -7,10 +8,11 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use paths::PathKnobs;
 pub use points::PointKnobs;
 pub use vpl::{MOST_VPL_GROUPS, MapSource, VplKnobs};
 
-use crate::InvalidField;
+use crate::{InvalidField, LightEffects};
 
 /// How light from surface to surface is found: alike in all samples of a set and in direct views.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -24,6 +26,9 @@ pub enum Indirect {
     Vpl(VplKnobs),
     /// Point-based (Christensen 2008): some of the visible surfaces see small images of an octree of shaded points.
     Points(PointKnobs),
+    /// Paths between leaves of an octree: leaf sides exchange light along rays that are traced once, and some of the visible
+    /// surfaces gather it. Direct light is traced, too: see [`Indirect::effects_with`].
+    Paths(PathKnobs),
 }
 
 impl Indirect {
@@ -36,6 +41,18 @@ impl Indirect {
             Self::Off => Ok(()),
             Self::Vpl(knobs) => knobs.validate(),
             Self::Points(knobs) => knobs.validate(),
+            Self::Paths(knobs) => knobs.validate(),
+        }
+    }
+
+    /// The effects of direct light in a set with this indirect light, where `asked` are asked for. Paths need shadows, sky
+    /// visibility and emitters: light that a surface reflects is light that reached it, and a ray that gathers counts
+    /// neither sky nor emission, which are direct light. Soft shadows stay as asked.
+    #[must_use]
+    pub fn effects_with(&self, asked: LightEffects) -> LightEffects {
+        match self {
+            Self::Paths(_) => LightEffects { shadows: true, sky_visibility: true, emitters: true, ..asked },
+            Self::Off | Self::Vpl(_) | Self::Points(_) => asked,
         }
     }
 
@@ -52,6 +69,7 @@ impl fmt::Display for Indirect {
             Self::Off => f.write_str("off"),
             Self::Vpl(knobs) => knobs.fmt(f),
             Self::Points(knobs) => knobs.fmt(f),
+            Self::Paths(knobs) => knobs.fmt(f),
         }
     }
 }

@@ -57,7 +57,7 @@ pub use error::{InvalidField, RenderError};
 pub use faces::{FaceMask, FaceMasks};
 pub use frame::{Frame, Prediction, Provenance, Served, Stage};
 pub use history::History;
-pub use indirect::{Indirect, MapSource, PointKnobs, VplKnobs};
+pub use indirect::{Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use light::{Light, Lighting, Sky};
 pub use light_effects::LightEffects;
 #[cfg(feature = "loaders")]

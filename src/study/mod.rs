@@ -13,6 +13,7 @@ mod cluster;
 mod device;
 mod hard_cases;
 mod history;
+mod light;
 mod manylods;
 mod megaviews;
 mod omni_maps;
@@ -81,6 +82,7 @@ enum Study {
     ManyLods(manylods::ManyLods),
     OmniMaps(omni_maps::OmniMaps),
     Particles(particles::Particles),
+    Light(light::Light),
     Radiosity(radiosity::Radiosity),
     Rays(rays::RayStudy),
     Reflections(reflections::ReflectionStudy),
@@ -130,6 +132,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::ManyLods(study) => ("manylods", study.run(form.quick, &progress).await?),
         Study::OmniMaps(study) => ("omni-maps", study.run(form.quick, &progress).await?),
         Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
+        Study::Light(study) => ("light", study.run(form.quick, &progress).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
         Study::Rays(study) => ("rays", study.run(form.quick, &progress).await?),
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),

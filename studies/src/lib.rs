@@ -20,6 +20,7 @@ pub mod device;
 mod effort;
 pub mod hard_cases;
 pub mod history;
+pub mod light;
 mod local_cluster;
 pub mod manylods;
 mod median;

@@ -1,9 +1,9 @@
 //! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
-    Bounds, Effect, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, MegaViews, PointKnobs,
-    ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky, Specification,
-    Stage, Version, Visibility, VplKnobs,
+    Bounds, Effect, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, MegaViews, PathKnobs,
+    PointKnobs, ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky,
+    Specification, Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -355,6 +355,9 @@ fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
             let points = v1::PointIndirect { levels, map_side, block, bounces, sharing };
             v1::specification::Indirect::Points(points)
         }
+        Indirect::Paths(PathKnobs { level, rays, bounces, gather }) => {
+            v1::specification::Indirect::Paths(v1::PathIndirect { level, rays, bounces, gather })
+        }
     })
 }
 
@@ -382,6 +385,9 @@ fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, Inval
         Some(v1::specification::Indirect::Points(wire)) => {
             let v1::PointIndirect { levels, map_side, block, bounces, sharing } = wire;
             Indirect::Points(PointKnobs { levels, map_side, block, bounces, sharing })
+        }
+        Some(v1::specification::Indirect::Paths(v1::PathIndirect { level, rays, bounces, gather })) => {
+            Indirect::Paths(PathKnobs { level, rays, bounces, gather })
         }
     })
 }

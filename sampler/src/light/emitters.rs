@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, SLOTS, slot};
-use super::texels::{Texel, Texels};
+use super::pattern::{Pattern, SLOTS};
+use super::texels::{Effort, Texel, Texels};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 
@@ -39,15 +39,18 @@ impl Emitters {
     ) -> Option<Vec<Vec3>> {
         let whole = *self.up_to.last()?;
         let near = Near::new(self, eye);
-        let alone = texels.first.is_none();
-        let rays = if alone { texels.per_slot * SLOTS } else { knobs.emitter_rays as usize };
-        let pattern = Pattern::of_square(if alone { texels.per_slot } else { rays });
+        let rays = texels.rays(knobs.emitter_rays as usize);
+        let (alone, per_slot) = match texels.effort {
+            Effort::Whole { per_slot } => (true, per_slot),
+            Effort::Shared => (false, rays),
+        };
+        let pattern = Pattern::of_square(per_slot);
         let at = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {
                 return Vec3::ZERO;
             }
-            let slot = slot(texels.place(index));
+            let slot = texels.slot(index);
             let mut sum = Vec3::ZERO;
             let mut cast = |ray: usize, square: glam::Vec2| {
                 // Power in as many strata as there are rays; within one, each slot has its place.

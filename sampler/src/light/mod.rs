@@ -1,4 +1,4 @@
-//! Direct light with what blocks it: lights, sky and emitting triangles.
+//! Light by rays: lights, sky and emitting triangles with what blocks them, and indirect light by paths.
 //!
 //! Shading leaves *guides* of the visible surfaces. This stage casts rays from each to the lights, the sky and emitters,
 //! and adds what arrives to the surfaces' radiance. The definition is the reference's (`scene/src/reference/light.rs`).
@@ -12,10 +12,12 @@
 //! 1. [`texels`]: reads guides back and finds where rays begin.
 //! 2. [`shadows`]: the share of each light that each texel sees.
 //! 3. [`sky`] and [`emitters`]: irradiance of the sky, and of emitting triangles.
-//! 4. `passes/add_direct.rs`: adds the light, and the reflection of lights and sky on glossy surfaces of views.
+//! 4. [`paths`]: indirect irradiance, if it is found by paths.
+//! 5. `passes/add_direct.rs`: adds the light, and the reflection of lights and sky on glossy surfaces of views.
 
 mod emitters;
 mod filter;
+mod paths;
 mod pattern;
 mod shadows;
 mod sky;
@@ -40,6 +42,9 @@ use emitters::Emitters;
 use shadows::VisibilityWords;
 use sky::SkyIrradiance;
 use texels::Texels;
+
+pub(crate) use paths::PathLight;
+pub use paths::PathReport;
 
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
@@ -113,7 +118,7 @@ impl DirectLight {
     }
 
     /// Adds direct light to what `commands` shade. `is_view` adds the reflection of lights and sky on glossy surfaces
-    /// towards the eye, too. Returns the commands that later passes are recorded into, and [`Arriving`] of each texel.
+    /// towards the eye, too; `paths` are indirect light to be added. Returns the commands that later passes are recorded into, and [`Arriving`] of each texel.
     ///
     /// # Errors
     /// The errors of the device.
@@ -122,7 +127,7 @@ impl DirectLight {
         mut commands: Commands,
         context: &TileContext<'_>,
         neighbours: Neighbours,
-        is_view: bool,
+        (paths, is_view): (Option<&PathLight>, bool),
         stages: &mut Vec<Stage>,
     ) -> Result<(Commands, Option<wgpu::Buffer>), RenderError> {
         let Some(guides) = &context.targets.guides else { return Ok((commands, None)) };
@@ -137,8 +142,15 @@ impl DirectLight {
         let eye = context.eye.position;
         let about = self.rays.about(eye);
         let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
-        let arriving = self.arriving(&texels, &about, eye);
+        let mut arriving = self.arriving(&texels, &about, eye);
         timing::add_since(stages, "trace light", begin);
+        let begin = Instant::now();
+        if let Some(indirect) = paths.and_then(|paths| paths.by_pi(&texels, &about, eye)) {
+            arriving.par_iter_mut().zip(&indirect).for_each(|([r, g, b, _], indirect)| {
+                (*r, *g, *b) = (*r + indirect.x, *g + indirect.y, *b + indirect.z);
+            });
+            timing::add_since(stages, "gather paths", begin);
+        }
         let gpu: &Arc<Gpu> = context.gpu;
         let arriving = upload(gpu, "arriving light", &arriving, wgpu::BufferUsages::STORAGE)?;
         let mut commands = gpu.commands("add direct light");
@@ -146,13 +158,18 @@ impl DirectLight {
         Ok((commands, Some(arriving)))
     }
 
-    /// Light that arrives at texels about an eye.
-    fn arriving(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Arriving> {
-        let (effects, knobs) = (self.effects, self.knobs);
+    /// Irradiance / π of the lights at texels, as far as they are seen. `each` takes over every light's number, its
+    /// irradiance / π if nothing blocked it, and the share that is seen.
+    fn of_lights(
+        &self,
+        texels: &Texels,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+        mut each: impl FnMut(usize, &[Vec3], &[f32]),
+    ) -> Vec<Vec3> {
+        let effects = self.effects;
         let mut by_pi = vec![Vec3::ZERO; texels.all.len()];
-        let mut words = VisibilityWords::new(&self.lighting, texels.all.len());
-        for index in 0..self.lighting.lights.len() {
-            let light = &self.lighting.lights[index];
+        for (index, light) in self.lighting.lights.iter().enumerate() {
             if !shadows::reaches(light, texels, eye) {
                 continue;
             }
@@ -162,8 +179,16 @@ impl DirectLight {
                 false => vec![1.0; texels.all.len()],
             };
             by_pi.par_iter_mut().zip(&lit).zip(&shares).for_each(|((sum, lit), share)| *sum += *lit * *share);
-            words.add(index, &lit, &shares);
+            each(index, &lit, &shares);
         }
+        by_pi
+    }
+
+    /// Light that arrives at texels about an eye.
+    fn arriving(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Arriving> {
+        let (effects, knobs) = (self.effects, self.knobs);
+        let mut words = VisibilityWords::new(&self.lighting, texels.all.len());
+        let by_pi = self.of_lights(texels, about, eye, |index, lit, shares| words.add(index, lit, shares));
         let sky = match effects.sky_visibility && !self.sky.is_black() {
             true => Some(sky::seen_share(&self.lighting.sky, texels, about, knobs)),
             false => None,

@@ -21,6 +21,12 @@ pub(super) fn slot(place: [u32; 2]) -> usize {
     usize::from(ORDER[(y * SQUARE + x) as usize])
 }
 
+/// A slot by a number; consecutive numbers have distant slots.
+#[inline]
+pub(super) fn shuffled(number: usize) -> usize {
+    usize::from(ORDER[number % SLOTS])
+}
+
 /// Points for the rays of every slot.
 pub(super) struct Pattern {
     points: Vec<Vec2>,

@@ -7,8 +7,8 @@ use argus_scene::{Light, Lighting};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::pattern::{Pattern, SLOTS, slot};
-use super::texels::{Texel, Texels};
+use super::pattern::{Pattern, SLOTS};
+use super::texels::{Effort, Texel, Texels};
 use crate::light_rays::LightRaysAbout;
 
 /// Whether a light may reach any of the texels: it ends at its range.
@@ -63,10 +63,10 @@ pub(super) fn seen_shares(
         if lit[index] == Vec3::ZERO {
             return 0.0;
         }
-        if is_soft && texels.first.is_none() {
+        if is_soft && texels.effort != Effort::Shared {
             return of_all(texel);
         }
-        let disc = if is_soft { discs[slot(texels.place(index))] } else { DVec2::ZERO };
+        let disc = if is_soft { discs[texels.slot(index)] } else { DVec2::ZERO };
         f32::from(u8::from(sees(texel, disc)))
     };
     let count = texels.all.len();

@@ -7,8 +7,8 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, slot};
-use super::texels::Texels;
+use super::pattern::Pattern;
+use super::texels::{Effort, Texels};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 
@@ -63,8 +63,11 @@ pub(super) fn seen_share(
     about: &LightRaysAbout<'_>,
     knobs: LightKnobs,
 ) -> Vec<Vec3> {
-    let alone = texels.first.is_none();
-    let pattern = Pattern::of_disc(if alone { texels.per_slot } else { knobs.sky_rays as usize });
+    let (alone, per_slot) = match texels.effort {
+        Effort::Whole { per_slot } => (true, per_slot),
+        Effort::Shared => (false, knobs.sky_rays as usize),
+    };
+    let pattern = Pattern::of_disc(per_slot);
     let cast = |index: usize| {
         let texel = &texels.all[index];
         let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
@@ -83,7 +86,7 @@ pub(super) fn seen_share(
         };
         match alone {
             true => pattern.all().iter().for_each(|&disc| cast(disc)),
-            false => pattern.of_slot(slot(texels.place(index))).for_each(cast),
+            false => pattern.of_slot(texels.slot(index)).for_each(cast),
         }
         (seen, whole)
     };

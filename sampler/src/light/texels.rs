@@ -5,6 +5,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::Neighbours;
+use super::pattern::{self, SLOTS, slot};
 use crate::light_rays::LightRaysAbout;
 
 /// A visible surface. Positions are metres about the eye.
@@ -22,14 +23,22 @@ pub(super) struct Texel {
     pub(super) is_lifted: bool,
 }
 
-/// The texels of a tile, row by row.
+/// Which rays of the pattern a texel casts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Effort {
+    /// Those of its slot: others complete them.
+    Shared,
+    /// Those of all slots: so many to the sky and to emitters for each.
+    Whole { per_slot: usize },
+}
+
+/// The texels of a tile, row by row; or points of leaf sides, a leaf side in each row.
 pub(super) struct Texels {
     /// Columns, rows.
     pub(super) size: [usize; 2],
     /// Coordinates of the first in its image; `None` if texels have no neighbours.
     pub(super) first: Option<[u32; 2]>,
-    /// Without neighbours: rays to the sky and to emitters of each texel, for each slot of the pattern.
-    pub(super) per_slot: usize,
+    pub(super) effort: Effort,
     pub(super) all: Vec<Texel>,
     /// Box around those that exist, about the eye.
     pub(super) bounds: Bounds,
@@ -53,11 +62,11 @@ impl Texels {
             guides.map(|(surface, material)| texel(words(surface), words(material), about)).collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
-        let (first, per_slot) = match neighbours {
-            Neighbours::Image(first) => (Some(first), 0),
-            Neighbours::None { per_slot } => (None, per_slot),
+        let (first, effort) = match neighbours {
+            Neighbours::Image(first) => (Some(first), Effort::Shared),
+            Neighbours::None { per_slot } => (None, Effort::Whole { per_slot }),
         };
-        Self { size: size.map(|n| n as usize), first, per_slot, all, bounds }
+        Self { size: size.map(|n| n as usize), first, effort, all, bounds }
     }
 
     /// Coordinates of a texel in its image; for texels without neighbours, their number.
@@ -66,6 +75,27 @@ impl Texels {
         match self.first {
             Some([x, y]) => [x + (index % width) as u32, y + (index / width) as u32],
             None => [index as u32, 0],
+        }
+    }
+
+    /// The slot of a texel. The points of a leaf side have slots that are evenly apart.
+    pub(super) fn slot(&self, index: usize) -> usize {
+        match self.first {
+            Some(_) => slot(self.place(index)),
+            None => {
+                let [points, _] = self.size;
+                (index % points * SLOTS / points + pattern::shuffled(index / points)) % SLOTS
+            }
+        }
+    }
+
+    /// Rays of a texel, where one of an image casts `of_image` and one that casts those of all slots `whole`. A point of a
+    /// leaf side casts one.
+    pub(super) fn rays(&self, of_image: usize) -> usize {
+        match (self.effort, self.first) {
+            (Effort::Whole { per_slot }, _) => per_slot * SLOTS,
+            (Effort::Shared, Some(_)) => of_image,
+            (Effort::Shared, None) => 1,
         }
     }
 }

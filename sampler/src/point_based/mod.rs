@@ -158,7 +158,7 @@ impl PointBased {
         scratch: &mut Scratch,
         octree: &Octree,
     ) -> Result<(), RenderError> {
-        let LightInputs { gpu, scene, resident, tracer, lighting, time_secs } = *inputs;
+        let LightInputs { gpu, scene, resident, tracer, lighting, time_secs, .. } = *inputs;
         // Emission only. Lights are added with their shadows; sky light is not reflected.
         let dark = Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: lighting.exposure };
         let eye = Eye::new(gpu, resident, octree.root.world_from_unit(DVec3::splat(0.5)), &dark)?;

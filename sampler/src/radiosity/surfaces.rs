@@ -57,6 +57,11 @@ impl Surfaces {
         self.placements.iter().flatten()
     }
 
+    /// The placement of a visible instance.
+    pub(crate) fn placement(&self, instance: u32) -> Option<&Placement> {
+        self.placements.get(instance as usize)?.as_ref()
+    }
+
     pub(crate) fn scene(&self) -> &Scene {
         &self.scene
     }
@@ -69,7 +74,7 @@ impl Surfaces {
 
     /// The surface of a hit of a ray along `direction`. `None` for a degenerate triangle.
     pub(crate) fn hit(&self, hit: &Hit, direction: DVec3) -> Option<Point> {
-        let placement = self.placements.get(hit.instance as usize)?.as_ref()?;
+        let placement = self.placement(hit.instance)?;
         let side = self.normal(placement, hit.primitive)?;
         // Towards the ray's origin, whatever the winding.
         let away = side.dot(direction) > 0.0;
@@ -102,17 +107,25 @@ impl Surfaces {
         let color = blend(&mesh.colors, corners, weights).unwrap_or(Vec4::ONE);
         let base = material.base_color * self.texel(material.base_color_texture, uv) * color;
         let metallic = material.metallic * self.texel(material.metallic_roughness_texture, uv).z;
-        let normal = blend(&mesh.normals, corners, weights).and_then(|n| {
-            let world_from_normal: DMat3 = placement.mesh_from_world.transpose();
-            (world_from_normal * n.as_dvec3()).try_normalize()
-        });
-        let normal = normal.unwrap_or(side);
         Some(Point {
             side,
-            normal: if normal.dot(side) < 0.0 { -normal } else { normal },
+            normal: normal_at(placement, mesh, (corners, weights), side),
             albedo: sound(base.truncate() * (1.0 - metallic.clamp(0.0, 1.0))).min(Vec3::ONE),
             emissive: sound(material.emissive * self.texel(material.emissive_texture, uv).truncate()),
         })
+    }
+
+    /// Unit interpolated normal of a triangle by the weights of its second and third corner, on the side of a unit normal.
+    pub(crate) fn shading_normal(
+        &self,
+        placement: &Placement,
+        primitive: u32,
+        [beta, gamma]: [f64; 2],
+        side: DVec3,
+    ) -> Option<DVec3> {
+        let mesh = &self.scene.meshes[placement.mesh as usize];
+        let weights = [1.0 - beta - gamma, beta, gamma].map(|w| w as f32);
+        Some(normal_at(placement, mesh, (corners(mesh, primitive)?, weights), side))
     }
 
     fn texel(&self, reference: Option<TextureRef>, uv: Vec2) -> Vec4 {
@@ -121,6 +134,21 @@ impl Surfaces {
         let level = (chain.size().max_element() / LEVEL_SIDE).log2();
         chain.sample(transform_uv(&reference, uv), level)
     }
+}
+
+/// Unit interpolated normal on the side of `side`, which it is without normals.
+fn normal_at(
+    placement: &Placement,
+    mesh: &Mesh,
+    (corners, weights): ([usize; 3], [f32; 3]),
+    side: DVec3,
+) -> DVec3 {
+    let normal = blend(&mesh.normals, corners, weights).and_then(|n| {
+        let world_from_normal: DMat3 = placement.mesh_from_world.transpose();
+        (world_from_normal * n.as_dvec3()).try_normalize()
+    });
+    let normal = normal.unwrap_or(side);
+    if normal.dot(side) < 0.0 { -normal } else { normal }
 }
 
 /// Clamps negative values and NaN to 0.

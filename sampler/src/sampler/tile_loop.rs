@@ -271,7 +271,10 @@ pub(super) fn add_light(
     let mut arriving = None;
     if let Some(light) = direct {
         let neighbours = sharing.neighbours(context.tile);
-        (commands, arriving) = light.add(commands, context, neighbours, is_view, stages)?;
+        (commands, arriving) = {
+            let paths = indirect.as_ref().and_then(IndirectLight::paths);
+            light.add(commands, context, neighbours, (paths, is_view), stages)?
+        };
     }
     if let Some(light) = indirect {
         commands = light.add(commands, context, sharing, stages)?;

@@ -9,6 +9,7 @@ mod indirect;
 mod light;
 mod megaviews;
 mod motion;
+mod paths;
 mod points;
 mod reflections;
 mod rooms;

@@ -1,0 +1,99 @@
+//! Rays of leaf sides, traced once, and the light that goes along them.
+
+use argus_scene::Sky;
+use argus_scene::light_sampling::{disc_point, r2};
+use argus_scene::shading::sky_radiance;
+use glam::{DVec2, Vec3};
+use rayon::prelude::*;
+
+use super::super::texels::Texel;
+use super::leaves::Leaves;
+use crate::light_rays::LightRaysAbout;
+use crate::radiosity::surfaces::Surfaces;
+
+/// Target of a ray that leaves the scene.
+const SKY: u32 = u32::MAX;
+/// Target of a ray that brings no light.
+const DARK: u32 = u32::MAX - 1;
+
+/// For each leaf side, the leaf sides that its rays hit.
+pub(super) struct Links {
+    targets: Vec<u32>,
+    rays: usize,
+    /// Directions of rays by cosine, as points of the unit square: each leaf side shifts them.
+    squares: Vec<DVec2>,
+}
+
+impl Links {
+    /// Casts the rays of all leaf sides, `rays` each.
+    pub(super) fn trace(
+        leaves: &Leaves,
+        surfaces: &Surfaces,
+        about: &LightRaysAbout<'_>,
+        rays: usize,
+    ) -> Self {
+        let squares = (0..rays).map(|ray| r2(ray as u32 + 1)).collect();
+        let mut links = Self { targets: Vec::new(), rays, squares };
+        let target = |index: usize| {
+            let texel = leaves.texel(surfaces, about, index);
+            let direction = links.direction(index / rays, index % rays, texel.normal);
+            // Interpolated normals allow directions below the triangle.
+            if !(texel.exists && direction.dot(texel.side) > 0.0) {
+                return DARK;
+            }
+            match about.nearest(texel.start, direction, f32::MAX) {
+                None => SKY,
+                Some(hit) => leaves.hit(texel.start, direction, &hit).unwrap_or(DARK),
+            }
+        };
+        let count = leaves.sides.len() * rays;
+        links.targets = (0..count).into_par_iter().with_min_len(256).map(target).collect();
+        links
+    }
+
+    /// The unit direction of a ray.
+    fn direction(&self, side: usize, ray: usize, normal: Vec3) -> Vec3 {
+        let disc = disc_point((self.squares[ray] + hash(side as u32)).fract()).as_vec2();
+        above(normal, disc)
+    }
+
+    /// Sum of the sky's radiance along the rays of a leaf side that reach it. `texels` are where they start.
+    pub(super) fn sky(&self, side: usize, texels: &[Texel], sky: &Sky) -> Vec3 {
+        let targets = &self.targets[side * self.rays..(side + 1) * self.rays];
+        let reaches = targets.iter().zip(texels).enumerate().filter(|(_, (target, _))| **target == SKY);
+        reaches.map(|(ray, (_, texel))| sky_radiance(sky, self.direction(side, ray, texel.normal))).sum()
+    }
+
+    /// Irradiance / π of leaf sides after some bounces from leaf side to leaf side, direct light included.
+    pub(super) fn bounce(&self, leaves: &Leaves, direct: &[Vec3], bounces: u32) -> Vec<Vec3> {
+        let mut all = direct.to_vec();
+        for _ in 0..bounces {
+            let radiance = leaves.reflected(&all);
+            let arriving = |(targets, direct): (&[u32], &Vec3)| {
+                // Neither sky nor darkness is a leaf side.
+                let sum: Vec3 = targets.iter().filter_map(|target| radiance.get(*target as usize)).sum();
+                *direct + sum / self.rays as f32
+            };
+            all = self.targets.par_chunks(self.rays).zip(direct).map(arriving).collect();
+        }
+        all
+    }
+}
+
+/// The unit vector over a point of the unit disc around a unit normal.
+pub(super) fn above(normal: Vec3, disc: glam::Vec2) -> Vec3 {
+    let (tangent, bitangent) = normal.any_orthonormal_pair();
+    let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
+    tangent * disc.x + bitangent * disc.y + normal * up
+}
+
+/// Two numbers in 0..1 by an index (lowbias32, Wellons).
+pub(super) fn hash(index: u32) -> DVec2 {
+    let mix = |x: u32| {
+        let x = (x ^ x >> 16).wrapping_mul(0x7feb_352d);
+        let x = (x ^ x >> 15).wrapping_mul(0x846c_a68b);
+        x ^ x >> 16
+    };
+    let (first, second) = (mix(index), mix(!index));
+    DVec2::new(f64::from(first), f64::from(second)) / (f64::from(u32::MAX) + 1.0)
+}

@@ -1,0 +1,77 @@
+//! Settings of indirect light by paths between leaves of an octree.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::InvalidField;
+
+/// Settings of indirect light by paths. `argus study light` measures the cost.
+///
+/// The surfaces in each cell of a grid over the scene are *leaf sides*. Each leaf side casts rays once and remembers the
+/// leaf sides that they hit. Light then goes from side to side along these links, and visible surfaces gather it by rays
+/// of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PathKnobs {
+    /// The grid has 2^level cells on a side, 1 to 10. One level more takes about four times the time and memory.
+    pub level: u32,
+    /// Rays of a leaf side, 1 to 256. Time and memory are proportional; noise falls with the root.
+    pub rays: u32,
+    /// Most reflections between a light and the visible surface, 1 to 16. One more costs little, because no ray is traced.
+    pub bounces: u32,
+    /// Rays of each gathering texel, 1 to 256; a quarter of the texels gather. Paid by every sample and every direct view.
+    pub gather: u32,
+}
+
+impl Default for PathKnobs {
+    fn default() -> Self {
+        Self { level: 8, rays: 4, bounces: 5, gather: 4 }
+    }
+}
+
+impl fmt::Display for PathKnobs {
+    /// All fields in short form, for provenance.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { level, rays, bounces, gather } = self;
+        write!(f, "paths of {bounces} bounces, {rays} rays a leaf side of level {level}, gather {gather}")
+    }
+}
+
+impl PathKnobs {
+    /// Checks all ranges.
+    ///
+    /// # Errors
+    /// The field that is out of range.
+    pub fn validate(&self) -> Result<(), InvalidField> {
+        let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
+            let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
+            if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
+        };
+        within("indirect.level", self.level, 1..=10)?;
+        within("indirect.rays", self.rays, 1..=256)?;
+        within("indirect.bounces", self.bounces, 1..=16)?;
+        within("indirect.gather", self.gather, 1..=256)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_knob_out_of_range_is_named() {
+        let default = PathKnobs::default();
+        assert_eq!(default.validate(), Ok(()));
+        let cases = [
+            (PathKnobs { level: 0, ..default }, "indirect.level"),
+            (PathKnobs { level: 11, ..default }, "indirect.level"),
+            (PathKnobs { rays: 0, ..default }, "indirect.rays"),
+            (PathKnobs { bounces: 17, ..default }, "indirect.bounces"),
+            (PathKnobs { gather: 257, ..default }, "indirect.gather"),
+        ];
+        for (knobs, field) in cases {
+            assert_eq!(knobs.validate().unwrap_err().field, field);
+            assert_ne!(knobs.to_string(), default.to_string());
+        }
+    }
+}
