@@ -1,19 +1,32 @@
 //! `argus scene`: the contents of a scene.
 
-use argus_scene::{Bounds, Effect, RigKind, Scene};
+use argus_scene::effects::{Causes, EffectRow, Paid};
+use argus_scene::{Bounds, Effect, EffectPlan, EffectRequest, Effects, RigKind, Scene};
 use serde::Serialize;
 
-use crate::output;
+use crate::{args, output};
 
 /// Describes a scene: triangles, bounds, materials, lights, cameras, and the effects that it calls for.
 #[derive(clap::Args)]
-#[command(after_help = "Examples:\n  argus scene model.glb\n  argus scene terrain:2000000 --json")]
+#[command(after_help = "\
+Examples:
+  argus scene model.glb
+  argus scene terrain:2000000 --json
+  argus scene model.glb --plan --effects all")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]` or `mirrors[:BALLS]`
     #[arg(value_name = "S")]
     scene: String,
+    /// Show the effect plan instead: for each effect of light its cause, how often it is paid, the largest change of a
+    /// pixel, and whether and why `argus serve` computes it. Renders nothing
+    #[arg(long)]
+    plan: bool,
+    /// Plan for these effects, as of `argus serve`
+    #[arg(long, value_name = "LIST", default_value = "auto", value_parser = args::effects, requires = "plan")]
+    effects: Effects,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
-    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings
+    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings; with --plan: name, hash,
+    /// light_effects, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms, saved_ms
     #[arg(long)]
     json: bool,
 }
@@ -72,6 +85,9 @@ impl<'a> Report<'a> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let scene = argus_scene::open(&args.scene)?;
+    if args.plan {
+        return plan(&scene, args);
+    }
     let report = Report::of(&scene);
     if args.json {
         return output::json(&report);
@@ -103,6 +119,70 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         println!("  warning     {warning}");
     }
     Ok(())
+}
+
+#[derive(Serialize)]
+struct PlanReport<'a> {
+    name: &'a str,
+    hash: String,
+    light_effects: String,
+    rows: &'a [EffectRow],
+}
+
+/// Prints the effect plan.
+fn plan(scene: &Scene, args: &Args) -> anyhow::Result<()> {
+    let request = EffectRequest { effects: args.effects, ..EffectRequest::default() };
+    let plan = EffectPlan::of(scene, &request, None);
+    let (hash, light_effects) = (scene.hash.to_string(), plan.light_effects().to_string());
+    if args.json {
+        return output::json(&PlanReport { name: &scene.name, hash, light_effects, rows: &plan.rows });
+    }
+    println!("{}: effects {} give {light_effects}", scene.name, args.effects);
+    println!("{:<15} {:<3} {:>11}  {:<12} {:<30} why", "effect", "", "bound", "paid", "causes");
+    for row in &plan.rows {
+        let paid: Vec<&str> = row.paid.iter().map(|paid| Paid::name(*paid)).collect();
+        println!(
+            "{:<15} {:<3} {:>11}  {:<12} {:<30} {}",
+            row.effect.name(),
+            if row.on { "on" } else { "off" },
+            bound(row),
+            paid.join(", "),
+            causes(&row.causes),
+            row.why,
+        );
+    }
+    println!("bound: the largest change of a pixel's byte when the effect is switched");
+    Ok(())
+}
+
+/// The bound in bytes, of which one is rounding.
+fn bound(row: &EffectRow) -> String {
+    match row.bound {
+        0.0 => "none".to_owned(),
+        1.0 => "any".to_owned(),
+        _ => format!("{:.1} bytes", row.bound_bytes()),
+    }
+}
+
+/// Causes in a few words.
+fn causes(causes: &Causes) -> String {
+    let Causes { materials, lights, nodes, instances, sky } = causes;
+    let lists = [("materials", materials), ("lights", lights), ("nodes", nodes), ("instances", instances)];
+    let mut words: Vec<String> = lists
+        .into_iter()
+        .filter(|(_, list)| !list.is_empty())
+        .map(|(name, list)| match list.len() {
+            1..=3 => {
+                let numbers: Vec<String> = list.iter().map(u32::to_string).collect();
+                format!("{name} {}", numbers.join(","))
+            }
+            count => format!("{count} {name}"),
+        })
+        .collect();
+    if *sky {
+        words.push("sky".to_owned());
+    }
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
 /// A point in the format of `--eye`.

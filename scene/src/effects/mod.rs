@@ -23,7 +23,7 @@
 //! | highlights | Σ h |
 //! | reflection | 1.05 · max(L, S), where L = (L_e + a(E/π + S))/(1 − a) |
 //! | transmission | t · max(L, S) |
-//! | indirect light | a·(L_e + a·E/π)/(1 − a) |
+//! | indirect light | a·(L_e + a(E/π + S))/(1 − a) |
 //! | glow | L_e |
 //! | particles | a·ΣI/(π·clamp²) |
 //! | cut-outs, animation | 1: they are never off |

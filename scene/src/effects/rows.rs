@@ -287,7 +287,7 @@ impl<'a> Facts<'a> {
     }
 
     fn indirect(&self) -> Found {
-        let source = self.emission + self.albedo * self.irradiance * FRAC_1_PI;
+        let source = self.emission + self.albedo * (self.irradiance * FRAC_1_PI + self.sky);
         let bound = self.albedo * bounced(source, self.albedo);
         // A single convex surface sends no light to itself.
         let has_cause = source.max_element() > 0.0 && self.is_occluded && self.albedo.max_element() > 0.0;
