@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
 use argus_scene::{
-    Camera, Holes, Indirect, MapSource, Output, PathKnobs, PlanRequest, PointKnobs, Preset, RigKind,
-    RigKnobs, Scene, Search, Visibility, VplKnobs,
+    Camera, Effects, Holes, Indirect, InvalidField, MapSource, Output, PathKnobs, PlanRequest, PointKnobs,
+    Preset, RigKind, RigKnobs, Scene, Search, Visibility, VplKnobs,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::parser::ValueSource;
@@ -228,6 +228,11 @@ pub(crate) struct Sampling {
     /// Sub-samples of each texel of a sample: 1, 4 or 16; more of them smooth edges and cost time in proportion
     #[arg(long, value_name = "N", default_value = "4", value_parser = sub_samples())]
     pub(crate) sub_samples: u32,
+    /// Effects of direct light: auto (those that the scene calls for and that may change a pixel by half a byte), all, none,
+    /// or some of shadows, soft-shadows, sky-visibility, emitters, with commas between. They cost rays for each sample and
+    /// for each view from triangles. `argus scene S --plan` shows what auto chooses, and why
+    #[arg(long, value_name = "LIST", default_value = "auto", value_parser = effects)]
+    pub(crate) effects: Effects,
     #[command(flatten)]
     pub(crate) indirect: IndirectLight,
 }
@@ -482,6 +487,11 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
     })
 }
 
+/// Parses `auto`, `all`, `none`, or names of effects.
+pub(crate) fn effects(text: &str) -> Result<Effects, InvalidField> {
+    text.parse()
+}
+
 fn sub_samples() -> impl TypedValueParser<Value = u32> {
     PossibleValuesParser::new(["1", "4", "16"]).map(|number| match number.as_str() {
         "1" => 1,
@@ -587,6 +597,8 @@ mod tests {
         let all = ["--rig=cell", "--tiles=4X2", "--cell=0.50", "--sampling=megaviews", "--particles=9"];
         assert_eq!(passed(&all).unwrap(), all);
         assert_eq!(passed(&["--sub-samples", "16"]).unwrap(), ["--sub-samples=16"]);
+        assert_eq!(passed(&["--effects", "shadows,emitters"]).unwrap(), ["--effects=shadows,emitters"]);
+        assert!(passed(&["--effects", "shadow"]).is_err_and(|error| error.to_string().contains("`shadow`")));
         assert!(passed(&[]).unwrap().is_empty());
         assert!(passed(&["--rig", "sphere"]).is_err());
     }

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use argus_scene::effects::{Causes, EffectRow, Paid};
 use argus_scene::mitsuba::{self, Settings, SkyLight};
-use argus_scene::{Bounds, Effect, RigKind, Scene};
+use argus_scene::{Bounds, Effect, EffectPlan, EffectRequest, Effects, RigKind, Scene};
 use serde::Serialize;
 
 use crate::{args, output};
@@ -17,15 +18,24 @@ use crate::{args, output};
 Examples:
   argus scene model.glb
   argus scene terrain:2000000 --json
+  argus scene model.glb --plan --effects all
   argus scene model.glb --mitsuba exported --eye 3,2,5 --target 0,1,0 --fov-deg 45 --size 640x480"
 )]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(value_name = "S")]
     scene: String,
+    /// Show the effect plan instead: for each effect of light its cause, how often it is paid, the largest change of a
+    /// pixel, and whether and why `argus serve` computes it. Renders nothing
+    #[arg(long)]
+    plan: bool,
+    /// Plan for these effects, as of `argus serve`
+    #[arg(long, value_name = "LIST", default_value = "auto", value_parser = args::effects, requires = "plan")]
+    effects: Effects,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
-    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --mitsuba: shapes,
-    /// triangles, materials, bitmaps, emitters, differences
+    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --plan: name, hash,
+    /// light_effects, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms, saved_ms. With --mitsuba:
+    /// shapes, triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -134,6 +144,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(folder) = &args.export.mitsuba {
         return export(scene, &args.export, folder, args.json);
     }
+    if args.plan {
+        return plan(&scene, args);
+    }
     let report = Report::of(&scene);
     if args.json {
         return output::json(&report);
@@ -165,6 +178,70 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         println!("  warning     {warning}");
     }
     Ok(())
+}
+
+#[derive(Serialize)]
+struct PlanReport<'a> {
+    name: &'a str,
+    hash: String,
+    light_effects: String,
+    rows: &'a [EffectRow],
+}
+
+/// Prints the effect plan.
+fn plan(scene: &Scene, args: &Args) -> anyhow::Result<()> {
+    let request = EffectRequest { effects: args.effects, ..EffectRequest::default() };
+    let plan = EffectPlan::of(scene, &request, None);
+    let (hash, light_effects) = (scene.hash.to_string(), plan.light_effects().to_string());
+    if args.json {
+        return output::json(&PlanReport { name: &scene.name, hash, light_effects, rows: &plan.rows });
+    }
+    println!("{}: effects {} give {light_effects}", scene.name, args.effects);
+    println!("{:<15} {:<3} {:>11}  {:<12} {:<30} why", "effect", "", "bound", "paid", "causes");
+    for row in &plan.rows {
+        let paid: Vec<&str> = row.paid.iter().map(|paid| Paid::name(*paid)).collect();
+        println!(
+            "{:<15} {:<3} {:>11}  {:<12} {:<30} {}",
+            row.effect.name(),
+            if row.on { "on" } else { "off" },
+            bound(row),
+            paid.join(", "),
+            causes(&row.causes),
+            row.why,
+        );
+    }
+    println!("bound: the largest change of a pixel's byte when the effect is switched");
+    Ok(())
+}
+
+/// The bound in bytes, of which one is rounding.
+fn bound(row: &EffectRow) -> String {
+    match row.bound {
+        0.0 => "none".to_owned(),
+        1.0 => "any".to_owned(),
+        _ => format!("{:.1} bytes", row.bound_bytes()),
+    }
+}
+
+/// Causes in a few words.
+fn causes(causes: &Causes) -> String {
+    let Causes { materials, lights, nodes, instances, sky } = causes;
+    let lists = [("materials", materials), ("lights", lights), ("nodes", nodes), ("instances", instances)];
+    let mut words: Vec<String> = lists
+        .into_iter()
+        .filter(|(_, list)| !list.is_empty())
+        .map(|(name, list)| match list.len() {
+            1..=3 => {
+                let numbers: Vec<String> = list.iter().map(u32::to_string).collect();
+                format!("{name} {}", numbers.join(","))
+            }
+            count => format!("{count} {name}"),
+        })
+        .collect();
+    if *sky {
+        words.push("sky".to_owned());
+    }
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
 /// A point in the format of `--eye`.

@@ -1,13 +1,14 @@
 //! Proptest strategies for every type of the vocabulary that is sent between processes.
 
+use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, FaceMask, Frame, Holes, Indirect, Light, LightEffects, Lighting, Limits,
-    MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane, PlaneData,
-    PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet, Reflections, Rig,
-    Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served, Sky, Specification,
-    Stage, Version, View, Visibility, VplKnobs, Warp,
+    Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects, Lighting,
+    Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane,
+    PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet,
+    Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served,
+    Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -328,6 +329,29 @@ pub(crate) fn stages() -> impl Strategy<Value = Vec<Stage>> {
     prop::collection::vec(stage, 0..4)
 }
 
+fn effect_row() -> impl Strategy<Value = EffectRow> {
+    let indices = || prop::collection::vec(any::<u32>(), 0..4);
+    let causes = (indices(), indices(), indices(), indices(), any::<bool>()).prop_map(
+        |(materials, lights, nodes, instances, sky)| Causes { materials, lights, nodes, instances, sky },
+    );
+    let paid = prop::sample::subsequence(vec![Paid::Sample, Paid::View, Paid::Epoch, Paid::Pose], 0..=4);
+    let ms = || option::of(0.0..1e5f64);
+    let effect = prop::sample::select(EffectKind::ALL.to_vec());
+    (effect, causes, paid, 0.0..=1.0f64, any::<bool>(), ".{0,12}", (ms(), ms(), ms())).prop_map(
+        |(effect, causes, paid, bound, on, why, (predicted_ms, measured_ms, saved_ms))| EffectRow {
+            effect,
+            causes,
+            paid,
+            predicted_ms,
+            bound,
+            on,
+            why,
+            measured_ms,
+            saved_ms,
+        },
+    )
+}
+
 pub(crate) fn description() -> impl Strategy<Value = Description> {
     let effects = vec![
         Effect::AlphaCutout,
@@ -344,7 +368,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
         (1..=u32::MAX, 1..=u64::MAX).prop_map(|(max_side, max_pixels)| Limits { max_side, max_pixels });
     (
         (".{0,12}", scene_hash(), bounds(), any::<u64>(), 0.0..=86400.0),
-        prop::sample::subsequence(effects, 0..=8),
+        (prop::sample::subsequence(effects, 0..=8), prop::collection::vec(effect_row(), 0..4)),
         prop::collection::vec(cameras, 1..4),
         limits,
         rig(),
@@ -353,7 +377,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
         .prop_map(
             |(
                 (scene_name, scene_hash, bounds, triangles, epoch_secs),
-                effects,
+                (effects, rows),
                 cameras,
                 limits,
                 rig,
@@ -366,6 +390,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
                     bounds,
                     triangles,
                     effects,
+                    effect_plan: EffectPlan { rows },
                     cameras,
                     limits,
                     rig,

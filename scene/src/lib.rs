@@ -12,6 +12,7 @@
 
 pub mod animation;
 pub mod camera;
+pub mod effects;
 pub mod emitters;
 pub mod error;
 mod faces;
@@ -53,6 +54,7 @@ pub mod reference;
 
 pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
+pub use effects::{EffectPlan, EffectRequest, Effects};
 pub use error::{InvalidField, RenderError};
 pub use faces::{FaceMask, FaceMasks};
 pub use frame::{Frame, Prediction, Provenance, Served, Stage};

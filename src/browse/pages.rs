@@ -116,6 +116,12 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
     let about = site.client.description();
     let cameras: Vec<_> =
         about.cameras.iter().map(|named| json!({ "name": named.name, "camera": named.camera })).collect();
+    let effects: Vec<_> = about
+        .effect_plan
+        .rows
+        .iter()
+        .map(|row| json!({ "effect": row.effect, "on": row.on, "why": row.why }))
+        .collect();
     let scene = json!({
         "name": about.scene_name,
         "triangles": about.triangles,
@@ -123,6 +129,7 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
         "max": about.bounds.max,
         "animated": about.epoch_secs > 0.0,
         "cameras": cameras,
+        "effects": effects,
     });
     ([(header::CONTENT_TYPE, "application/json")], scene.to_string()).into_response()
 }

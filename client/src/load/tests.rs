@@ -17,6 +17,7 @@ fn description(eyes: &[DVec3]) -> Description {
         bounds,
         triangles: 12,
         effects: Vec::new(),
+        effect_plan: argus_scene::EffectPlan::default(),
         cameras: eyes.iter().map(camera).collect(),
         limits: Limits::default(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },

@@ -193,6 +193,7 @@ fn description() -> Description {
         bounds,
         triangles: 12,
         effects: Vec::new(),
+        effect_plan: argus_scene::EffectPlan::default(),
         cameras: vec![NamedCamera { name: "front".to_owned(), camera: view(1.0).camera }],
         limits: Limits::default(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },

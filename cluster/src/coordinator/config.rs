@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::{Indirect, InvalidField, LightEffects, Reflections, RigKnobs, Sampling, Specification};
+use argus_scene::{Effects, Indirect, InvalidField, Reflections, RigKnobs, Sampling, Specification};
 use serde::Serialize;
 
 use crate::core;
@@ -21,8 +21,8 @@ pub struct Config {
     pub sampling: Sampling,
     /// Sub-samples of each texel of a sample: 1, 4 or 16.
     pub sub_samples: u32,
-    /// Effects of direct light.
-    pub effects: LightEffects,
+    /// Effects of direct light that samples have, as far as the scene calls for them.
+    pub effects: Effects,
     /// Indirect light, and particles that emit light.
     pub indirect: Indirect,
     /// Reflection probes of glossy and transparent surfaces, if the scene has such surfaces; `None`: no probes.
@@ -61,7 +61,7 @@ impl Default for Config {
             rig: RigKnobs::default(),
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
-            effects: LightEffects::NONE,
+            effects: Effects::Auto,
             indirect: Indirect::Off,
             reflections: None,
             time_scale: 1.0,

@@ -41,7 +41,8 @@ use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::rig::Sight;
 use argus_scene::{
-    InvalidField, ReflectionProbeSet, Rig, SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
+    EffectPlan, EffectRequest, InvalidField, ReflectionProbeSet, Rig, SampleSetInfo, Sampling, Version,
+    Visibility, check_sub_samples,
 };
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
@@ -82,6 +83,10 @@ pub async fn serve(
     config.sampling.validate(&rig).map_err(ServeError::Sampling)?;
     check_sub_samples(config.sub_samples).map_err(ServeError::Sampling)?;
     config.indirect.validate().map_err(ServeError::Sampling)?;
+    let request =
+        EffectRequest { effects: config.effects, indirect: config.indirect, reflections: config.reflections };
+    // Once for the sample set: its light passes are built from this plan alone.
+    let effect_plan = EffectPlan::of(scene, &request, None);
     // A scene that stands still has epochs, too, if its lights drift or if it is sampled anew for every so many
     // views.
     let moves = scene.is_animated() || config.indirect.drifts() || config.core.refresh_views > 0;
@@ -99,7 +104,7 @@ pub async fn serve(
         visibility: Visibility::default(),
         sampling: config.sampling,
         sub_samples: config.sub_samples,
-        effects: config.effects,
+        effects: effect_plan.light_effects(),
         indirect: config.indirect,
         reflections: match config.reflections {
             Some(_) if config.sampling != Sampling::Triangles => {
@@ -116,7 +121,8 @@ pub async fn serve(
         report_interval: config.core.report_interval,
     };
     let address = listener.local_addr()?;
-    info!(%address, scene = scene.name, "coordinator serves");
+    let effects = effect_plan.light_effects();
+    info!(%address, scene = scene.name, %effects, "coordinator serves");
     let (core, models) = (config.core.clone(), config.models.clone());
     let sight = sight(&source).await;
     // Tile cameras see everything from above. In an animated scene, occluders move.
@@ -158,7 +164,7 @@ pub async fn serve(
             shared.closing.cancel();
         }
     };
-    let views = ViewsServer::new(views::ViewsService::new(shared.clone()));
+    let views = ViewsServer::new(views::ViewsService::new(shared.clone(), effect_plan));
     let services = Routes::new(views.max_decoding_message_size(config.max_request_bytes))
         .add_service(ClusterServer::new(cluster::ClusterService { shared: shared.clone() }))
         .add_service(ScenesServer::new(scenes::ScenesService::new(shared.clone())))

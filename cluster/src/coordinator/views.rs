@@ -9,7 +9,7 @@ use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Description, v1};
 use argus_scene::scene::NamedCamera;
-use argus_scene::{InvalidField, PlanRequest, Search};
+use argus_scene::{EffectPlan, InvalidField, PlanRequest, Search};
 use futures::{Stream, StreamExt};
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
@@ -33,7 +33,7 @@ pub(super) struct ViewsService {
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
 impl ViewsService {
-    pub(super) fn new(shared: Arc<SharedCore>) -> Self {
+    pub(super) fn new(shared: Arc<SharedCore>, effect_plan: EffectPlan) -> Self {
         let scene = shared.source.scene();
         let (config, set) = shared.read(|core| (core.config().clone(), core.set().clone()));
         let mut cameras: Vec<NamedCamera> =
@@ -48,6 +48,7 @@ impl ViewsService {
             bounds: set.bounds,
             triangles: scene.triangles() as u64,
             effects: scene.effects(),
+            effect_plan,
             cameras,
             limits: config.limits,
             rig: set.rig,

@@ -1,8 +1,9 @@
 //! The description of a service.
 
 use argus_scene::scene::NamedCamera;
-use argus_scene::{Bounds, Effect, InvalidField, Limits, PlanRequest, Rig, SceneHash};
+use argus_scene::{Bounds, Effect, EffectPlan, InvalidField, Limits, PlanRequest, Rig, SceneHash};
 
+use super::effects::{effect_plan, effect_rows};
 use super::scene::epoch_secs;
 use super::{known, required, scene_hash, scene_hash_bytes};
 use crate::{PROTOCOL_VERSION, v1};
@@ -20,6 +21,8 @@ pub struct Description {
     pub triangles: u64,
     /// Effects in the scene.
     pub effects: Vec<Effect>,
+    /// Which effects of light are computed, and why.
+    pub effect_plan: EffectPlan,
     /// Recommended viewpoints, each valid; at least one.
     pub cameras: Vec<NamedCamera>,
     /// The largest view that is accepted.
@@ -43,6 +46,7 @@ impl From<&Description> for v1::DescribeResponse {
             bounds: Some(description.bounds.into()),
             triangles: description.triangles,
             effects: description.effects.iter().map(|effect| v1::Effect::from(*effect) as i32).collect(),
+            effect_plan: effect_rows(&description.effect_plan),
             cameras: description.cameras.iter().map(Into::into).collect(),
             limits: Some(description.limits.into()),
             rig: Some((&description.rig).into()),
@@ -69,6 +73,7 @@ impl TryFrom<v1::DescribeResponse> for Description {
             bounds: required(wire.bounds, "bounds")?.try_into()?,
             triangles: wire.triangles,
             effects: wire.effects.into_iter().map(effect).collect::<Result<_, _>>()?,
+            effect_plan: effect_plan(wire.effect_plan)?,
             cameras,
             limits: required(wire.limits, "limits")?.try_into()?,
             rig: required(wire.rig, "rig")?.try_into()?,

@@ -6,6 +6,7 @@
 
 mod camera;
 mod describe;
+mod effects;
 mod scene;
 mod view;
 

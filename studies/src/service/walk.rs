@@ -214,6 +214,7 @@ mod tests {
             bounds,
             triangles: 12,
             effects: Vec::new(),
+            effect_plan: argus_scene::EffectPlan::default(),
             cameras: cameras.iter().map(named).collect(),
             limits: Limits::default(),
             rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },

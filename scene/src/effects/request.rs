@@ -1,0 +1,73 @@
+//! What a service is asked for: which effects, and by which method.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+use serde::Serialize;
+
+use super::EffectKind;
+use crate::{Indirect, InvalidField, LightEffects, Reflections};
+
+/// Which of the effects that can be switched a sample set has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Effects {
+    /// Those that the scene has a cause for, and that may change a pixel by half a byte.
+    #[default]
+    Auto,
+    /// Every one, whether or not the scene has a cause for it.
+    All,
+    /// No effect.
+    None,
+    /// Some effects, and no other.
+    List(LightEffects),
+}
+
+impl fmt::Display for Effects {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Auto => f.write_str("auto"),
+            Self::All => f.write_str("all"),
+            Self::None => f.write_str("none"),
+            Self::List(effects) => effects.fmt(f),
+        }
+    }
+}
+
+impl FromStr for Effects {
+    type Err = InvalidField;
+
+    /// `auto`, `all`, `none`, or names with commas between: see [`LightEffects`].
+    fn from_str(text: &str) -> Result<Self, InvalidField> {
+        match text.trim() {
+            "auto" => Ok(Self::Auto),
+            "all" => Ok(Self::All),
+            "none" => Ok(Self::None),
+            list => list.parse().map(Self::List).map_err(|InvalidField { field, reason }| {
+                InvalidField::new(
+                    field,
+                    format!("{reason}; auto stands alone and takes what the scene calls for"),
+                )
+            }),
+        }
+    }
+}
+
+/// Which effects a service is asked for, and by which methods the costly ones are computed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct EffectRequest {
+    /// Effects that can be switched.
+    pub effects: Effects,
+    /// Method of indirect light.
+    pub indirect: Indirect,
+    /// Reflection probes; `None`: surfaces reflect only lights and the sky.
+    pub reflections: Option<Reflections>,
+}
+
+/// Milliseconds that effects cost on a device, by earlier measurements. An effect of lights has the cost of one light.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct EffectCosts {
+    /// Milliseconds by effect; effects that were never measured are absent.
+    pub ms: BTreeMap<EffectKind, f64>,
+}
