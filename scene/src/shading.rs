@@ -9,7 +9,8 @@
 //!   for every light, and the sky's reflection with an analytic environment BRDF.
 //!
 //! Limits of the model:
-//! - Lights cast no shadows on visible surfaces, and the sky is not occluded.
+//! - Without effects of light ([`crate::LightEffects`]), lights cast no shadows on visible surfaces, and the sky is not
+//!   occluded. `reference/light.rs` defines light with them, and [`crate::effects`] chooses them.
 //! - Indirect light is optional (`--indirect`). It has shadows from the lights and between surfaces, but lacks the sky's
 //!   share.
 //! - Glossy surfaces reflect only lights and the sky, and transmission keeps the diffuse lobe: glass looks like its base
