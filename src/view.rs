@@ -9,10 +9,10 @@ use anyhow::Context;
 use argus_client::{Answer, RenderOptions};
 use argus_proto::Description;
 use argus_scene::frame::Decision;
-use argus_scene::reference::{Tracer, cache};
+use argus_scene::reference::{DirectLight, Tracer, cache};
 use argus_scene::{
-    Camera, Frame, Holes, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served, Specification,
-    View,
+    Camera, Frame, Holes, LightEffects, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served,
+    Specification, View,
 };
 use argus_studies::calibration;
 use glam::DVec3;
@@ -22,6 +22,8 @@ use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output};
 
+/// Rays of the reference to each light, at each of a pixel's samples.
+const LIGHT_RAYS: u32 = 8;
 /// Samples per pixel of the reference, the same as in the calibration.
 const REFERENCE_SAMPLES: u32 = 16;
 
@@ -246,7 +248,9 @@ fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyh
     );
     let exposure = scene.lighting.exposure;
     let time_secs = frame.provenance.epoch as f64 * description.epoch_secs;
+    let effects = frame.provenance.specification.map_or(LightEffects::NONE, |set| set.effects);
     let tracer = Tracer::new(Arc::new(scene)).at(time_secs);
+    let tracer = tracer.with_direct_light(DirectLight { effects, rays: LIGHT_RAYS });
     let (folder, size) = (cache::directory(), [frame.width, frame.height]);
     let reference = cache::render(folder.as_deref(), &tracer, camera, size, REFERENCE_SAMPLES, |_| ());
     calibration::error(frame, &reference.display(exposure))

@@ -11,7 +11,7 @@
 //! Limits of the model:
 //! - Nothing in this module blocks light. With effects of light ([`crate::LightEffects`]) rays find what does: then the
 //!   sky's irradiance is an integral over the directions that are open, in place of [`sky_ambient`], and emitting surfaces
-//!   light others.
+//!   light others. [`crate::effects`] chooses the effects.
 //! - Indirect light is optional (`--indirect`). It has shadows from the lights and between surfaces, but lacks the sky's
 //!   share.
 //! - Glossy surfaces reflect only lights and the sky, and transmission keeps the diffuse lobe: glass looks like its base

@@ -71,7 +71,7 @@ pub(super) fn is_extended(light: &Light) -> bool {
 /// Share of a light's largest irradiance that a convex body can lose to itself: light that its shading normal faces but its
 /// triangle does not.
 pub(super) fn lost_to_itself(body: &Body, half_angle: f64) -> f64 {
-    ((body.bend + half_angle).min(std::f64::consts::FRAC_PI_2).sin() + 10.0 * LEVEL).min(1.0)
+    ((body.bend + half_angle).min(std::f64::consts::FRAC_PI_2).sin() + LEVEL).min(1.0)
 }
 
 /// Most bodies that are tested in pairs; of more, one is taken to shade another.

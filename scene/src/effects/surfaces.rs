@@ -201,8 +201,23 @@ fn area(mesh: &Mesh, world_from_mesh: DMat3) -> f64 {
 
 /// Largest product of a mesh's triangles and vertices for which its shape is examined.
 const MOST_TESTS: usize = 1 << 22;
-/// Largest height of a vertex above a triangle's plane that counts as none, as a share of their distance.
-pub(super) const LEVEL: f64 = 1e-6;
+/// Largest height of a vertex above a triangle's plane that counts as none, as a share of their distance: a few times the
+/// rounding of coordinates where a triangle is a hundredth of its mesh.
+pub(super) const LEVEL: f64 = 1e-5;
+/// Rounding of coordinates, as a share of a mesh's extent. Thinner triangles have no direction, and show nothing.
+const ROUNDING: f64 = 1e-7;
+
+/// Largest coordinate of a mesh about its origin.
+fn extent(mesh: &Mesh) -> f64 {
+    let most = mesh.positions.iter().fold(0.0f32, |most, position| most.max(position.abs().max_element()));
+    f64::from(most)
+}
+
+/// Whether a triangle is thinner than the rounding of its coordinates.
+fn is_sliver([a, b, c]: [DVec3; 3], extent: f64) -> bool {
+    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+    (b - a).cross(c - a).length() <= longest * extent * ROUNDING
+}
 
 /// Whether no triangle of a mesh can block light that another of its visible sides faces: it is flat, or all of it lies
 /// behind each of its triangles and only fronts are seen.
@@ -211,7 +226,11 @@ fn is_convex(mesh: &Mesh, double_sided: bool) -> bool {
         return false;
     }
     let (mut behind, mut flat) = (!double_sided, true);
+    let extent = extent(mesh);
     for (_, [a, b, c]) in triangles(mesh) {
+        if is_sliver([a, b, c], extent) {
+            continue;
+        }
         let normal = (b - a).cross(c - a).normalize_or_zero();
         for position in &mesh.positions {
             let to = position.as_dvec3() - a;
@@ -233,10 +252,11 @@ fn bend(mesh: &Mesh, world_from_mesh: DMat3) -> f64 {
         return 0.0;
     }
     let world = world_from_mesh.inverse().transpose();
+    let extent = extent(mesh);
     let mut most = 0.0f64;
     for (indices, [a, b, c]) in triangles(mesh) {
         let face = (world * (b - a).cross(c - a)).normalize_or_zero();
-        if face == DVec3::ZERO {
+        if face == DVec3::ZERO || is_sliver([a, b, c], extent) {
             continue;
         }
         for index in indices {

@@ -92,6 +92,10 @@ fn name_with(
         hasher.update(b"indirect");
         hasher.update(bytemuck::bytes_of(&[paths, bounces]));
     }
+    if let Some(light) = tracer.direct_light() {
+        hasher.update(b"direct light");
+        hasher.update(bytemuck::bytes_of(&[light.effects.bits(), light.rays]));
+    }
     if let Some(reflecting) = &tracer.reflecting {
         hasher.update(b"reflecting");
         hasher.update(&reflecting.rays.to_le_bytes());

@@ -79,6 +79,11 @@ impl Tracer {
         }
     }
 
+    /// How direct light is traced; `None` without effects of light.
+    pub(super) fn direct_light(&self) -> Option<&DirectLight> {
+        self.lit.as_ref().map(|lit| &lit.light)
+    }
+
     /// Whether emitting triangles light other surfaces directly.
     pub(super) fn lights_by_emitters(&self) -> bool {
         self.lit.as_ref().is_some_and(|lit| lit.light.effects.emitters)

@@ -1,6 +1,7 @@
 //! Loaders, and the reference ray tracer against answers that are known on paper.
 
 mod common;
+mod effect_plan;
 mod loaders;
 mod loaders_gltf;
 mod reference_images;
