@@ -402,7 +402,7 @@ fn decision(effect: EffectKind, request: &EffectRequest, found: &Found, bound: f
             let is_on = match request.indirect {
                 Indirect::Off => false,
                 Indirect::Vpl(knobs) => knobs.vpls > 0,
-                Indirect::Points(_) => true,
+                Indirect::Points(_) | Indirect::Paths(_) => true,
             };
             match (found.causes.is_empty(), is_on) {
                 (_, false) => (false, format!("{because}, but indirect light is off")),
@@ -447,7 +447,8 @@ fn named(effect: EffectKind, effects: LightEffects) -> bool {
 /// Whether light of emitting surfaces is part of indirect light. Particles alone leave it out.
 fn counts_emission(indirect: &Indirect) -> bool {
     match indirect {
-        Indirect::Off => false,
+        // Paths leave emission to direct light.
+        Indirect::Off | Indirect::Paths(_) => false,
         Indirect::Vpl(knobs) => knobs.vpls > 0,
         Indirect::Points(_) => true,
     }

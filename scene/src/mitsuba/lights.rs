@@ -35,8 +35,11 @@ pub(super) struct Space {
 
 /// Angular radius (radians) of a directional light, or radius (metres) of the sphere of another one; 0 without extent.
 // Today's lights have none.
-fn extent(_light: &Light) -> f64 {
-    0.0
+fn extent(light: &Light) -> f64 {
+    match *light {
+        Light::Directional { angular_radius, .. } => angular_radius,
+        Light::Point { radius, .. } | Light::Spot { radius, .. } => radius,
+    }
 }
 
 /// Writes one light. `index` numbers its files. Returns what Mitsuba shows otherwise.

