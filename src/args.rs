@@ -228,10 +228,10 @@ pub(crate) struct Sampling {
     /// Sub-samples of each texel of a sample: 1, 4 or 16; more of them smooth edges and cost time in proportion
     #[arg(long, value_name = "N", default_value = "4", value_parser = sub_samples())]
     pub(crate) sub_samples: u32,
-    /// Effects of direct light: auto (those that the scene calls for and that may change a pixel by half a byte), all, none,
-    /// or some of shadows, soft-shadows, sky-visibility, emitters, with commas between. They cost rays for each sample and
-    /// for each view from triangles. `argus scene S --plan` shows what auto chooses, and why
-    #[arg(long, value_name = "LIST", default_value = "auto", value_parser = effects)]
+    /// Effects of direct light: none (light passes through surfaces), auto (those that the scene calls for and that may change
+    /// a pixel by half a byte), all, or some of shadows, soft-shadows, sky-visibility, emitters, with commas between. They cost rays for each sample and
+    /// for each view from triangles. `argus scene S --plan` shows what auto chooses, and why. Without --indirect, what they shade is black
+    #[arg(long, value_name = "LIST", default_value = "none", value_parser = effects)]
     pub(crate) effects: Effects,
     #[command(flatten)]
     pub(crate) indirect: IndirectLight,

@@ -9,8 +9,8 @@ use crate::support::wire::Wire;
 use crate::support::{Coordinator, run, stderr};
 use argus_client::{Client, RenderOptions, SessionEvent, SessionOptions};
 use argus_scene::metrics::compare;
-use argus_scene::reference::{DirectLight, Tracer};
-use argus_scene::{Camera, EffectPlan, EffectRequest, Frame, Outputs, Plan, Provenance, View};
+use argus_scene::reference::Tracer;
+use argus_scene::{Camera, Frame, Outputs, Plan, Provenance, View};
 use glam::DVec3;
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -220,15 +220,7 @@ fn a_view_of_a_given_time_equals_the_reference() {
     let report = crate::support::json(&[&arguments[..], &more].concat());
     assert_eq!(report["epoch"], 7, "{report:#}");
     let scene = Arc::new(argus_scene::open(folder.path().join("boxes.gltf").to_str().unwrap()).unwrap());
-    let effects = EffectPlan::of(&scene, &EffectRequest::default(), None).light_effects();
-    let light = DirectLight { effects, rays: 8 };
-    let truth = Tracer::new(scene.clone()).at(1.4).with_direct_light(light).render(
-        &camera(),
-        SIZE[0],
-        SIZE[1],
-        16,
-        |_| {},
-    );
+    let truth = Tracer::new(scene.clone()).at(1.4).render(&camera(), SIZE[0], SIZE[1], 16, |_| {});
     let ours = image::open(&out).unwrap().to_rgb8();
     let error = flip(&truth.display(scene.lighting.exposure), &ours);
     assert!(error < 0.03, "FLIP {error}");

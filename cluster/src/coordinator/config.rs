@@ -61,7 +61,7 @@ impl Default for Config {
             rig: RigKnobs::default(),
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
-            effects: Effects::Auto,
+            effects: Effects::None,
             indirect: Indirect::Off,
             reflections: None,
             time_scale: 1.0,
