@@ -118,7 +118,8 @@ fn a_scene_is_exported_for_mitsuba_and_its_reference_is_linear_radiance() {
     let out = at("view.exr");
     let seen = json(&[&["reference", "rooms", "--json", "--out", &out], camera.as_slice()].concat());
     assert!(seen["mean_radiance"][0].as_f64().unwrap() > 0.0, "{seen:#}");
-    assert!(std::fs::metadata(&out).unwrap().len() > 16 * 12 * 10 * 4);
+    // Packed.
+    assert!(std::fs::metadata(&out).unwrap().len() > 16 * 12 * 10);
     fails_with(&["reference", "rooms", "--eye", "1,2,3", "--out", &out], 2, &["--target"]);
     fails_in_one_line(&["reference", "rooms", "--size", "0x5", "--out", &out], 2, &["--size"]);
 }

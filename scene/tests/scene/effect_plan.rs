@@ -95,7 +95,7 @@ fn change(scene: &Scene, off: &Tracer, on: &Tracer, indirect: Option<Indirect>) 
 /// Checks a measured change against the bound of a row, which must say something.
 fn holds(name: &str, scene: &Scene, effect: EffectKind, change: f64) -> f64 {
     let plan = auto(scene);
-    let bound = plan.row(effect).unwrap().bound;
+    let bound = plan.row(effect).expect("every effect has a row").bound;
     assert!(bound < 1.0, "{name}: a bound of 1 says nothing");
     assert!(change <= bound + 1e-6, "{name}: {change} is more than {bound}");
     bound

@@ -64,6 +64,9 @@ struct Point {
     weights: [f32; 2],
 }
 
+/// The leaf sides of a cell, each with its points.
+type CellSides = Vec<(Side, Vec<Point>)>;
+
 /// A part of a triangle in a cell.
 #[derive(Debug, Clone, Copy)]
 struct Part {
@@ -168,7 +171,7 @@ impl Leaves {
     /// Makes leaf sides of all parts, sorted by cells.
     fn divide(&mut self, surfaces: &Surfaces, parts: &[Part]) {
         let cells: Vec<&[Part]> = parts.chunk_by(|a, b| a.key == b.key).collect();
-        let made: Vec<(u32, Vec<(Side, Vec<Point>)>)> = cells
+        let made: Vec<(u32, CellSides)> = cells
             .par_iter()
             .with_min_len(64)
             .map(|parts| (parts[0].key, self.sides_of(surfaces, parts)))
@@ -187,7 +190,7 @@ impl Leaves {
     }
 
     /// The leaf sides of a cell, with their points.
-    fn sides_of(&self, surfaces: &Surfaces, parts: &[Part]) -> Vec<(Side, Vec<Point>)> {
+    fn sides_of(&self, surfaces: &Surfaces, parts: &[Part]) -> CellSides {
         let mut facings: Vec<Facing> = Vec::new();
         for &part in parts {
             let Some(normal) = self.front(part.triangle) else { continue };
