@@ -144,7 +144,8 @@ fn emitters_shine_from_the_sides_that_are_seen() {
     let (exported, text, folder) = export(&scene(vec![lamp, single], Vec::new()));
     check(&text, folder.path());
     assert_eq!(exported.shapes, 3, "the double-sided one has two layers");
-    assert_eq!(values(&text, "type").iter().filter(|t| **t == "area").count(), 3);
+    // With the disc of the sun.
+    assert_eq!(values(&text, "type").iter().filter(|t| **t == "area").count(), 4);
     assert_eq!(values(&text, "type").iter().filter(|t| **t == "twosided").count(), 1);
     let corners = |name: &str| {
         let (vertices, _, body) = ply(&folder.path().join(name));
