@@ -55,8 +55,8 @@ fn direct_views_have_the_references_light_whichever_effects_are_on() {
         ("hard-shadows", LightEffects { shadows: true, ..none }, 0.012),
         ("soft-shadows", LightEffects { shadows: true, soft_shadows: true, ..none }, 0.015),
         ("sky", LightEffects { sky_visibility: true, ..none }, 0.03),
-        ("emitters", LightEffects { emitters: true, ..none }, 0.05),
-        ("all", LightEffects::ALL, 0.05),
+        ("emitters", LightEffects { emitters: true, ..none }, 0.1),
+        ("all", LightEffects::ALL, 0.1),
     ] {
         let frame = direct(&mut with(&scene, effects), &view_job(camera, size, 4));
         let truth = truth(&scene, effects, &camera, size);
