@@ -79,7 +79,7 @@ pub(in crate::procedural) fn mesh(leaves: &Leaves, random: &mut Random, material
             let color = color.as_vec3();
             mesh.colors.push(Vec4::new(color.x, color.y, color.z, 1.0));
         }
-        mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|k| first + k));
+        mesh.indices.extend([0, 2, 1, 0, 3, 2].map(|k| first + k));
     }
     mesh
 }
