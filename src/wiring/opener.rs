@@ -1,5 +1,6 @@
 //! Opens the scene that a worker must render: from this machine's files, or from files that the coordinator sent.
 
+use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,6 +9,8 @@ use std::thread::JoinHandle;
 
 use argus_cluster::{BundleFile, SceneOpener, SceneRef};
 use argus_scene::{LoadError, Scene, load, reference};
+
+use super::source::environment_name;
 
 /// The file of a kept bundle that names the file to open.
 const ROOT: &str = "root";
@@ -68,6 +71,15 @@ impl SceneFolder {
         Some(kept.join(FILES).join(root))
     }
 
+    /// The files here that may be the environment map of a scene: of its kept bundle, of that name in the folder, and the
+    /// named file itself.
+    fn environments(&self, reference: &SceneRef, file: &str) -> Vec<PathBuf> {
+        let kept = environment_name(file).map(|name| self.kept(reference).join(FILES).join(name));
+        let by_name = Path::new(file).file_name().map(|name| self.folder.join(name));
+        let places = [kept, by_name, Some(PathBuf::from(file))];
+        places.into_iter().flatten().filter(|place| place.is_file()).collect()
+    }
+
     /// Keeps a bundle. It is written to a temporary folder and renamed, so that several workers may share the folder
     /// and none sees half a scene.
     fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
@@ -108,17 +120,25 @@ impl SceneOpener for SceneFolder {
             // Procedural scenes are generated in `open_procedural`, by the coordinator's specification.
             return Ok(None);
         }
-        let name = Path::new(&reference.name);
+        let (alone, environment) = argus_scene::split_environment(&reference.name);
+        let environments = environment.map(|file| self.environments(reference, file));
+        if argus_scene::is_procedural(alone) {
+            let has_environment = environments.as_ref().is_some_and(|places| !places.is_empty());
+            let scene = has_environment.then(|| argus_scene::open(alone)).transpose();
+            let scene = scene.map_err(|error| error.to_string())?;
+            return Ok(scene.and_then(|scene| served(reference, scene, environments.as_deref())));
+        }
+        let name = Path::new(alone);
         let by_name = name.file_name().map(|file: &OsStr| self.folder.join(file));
         let places = [self.kept_root(reference), by_name, Some(name.to_path_buf())];
         for place in places.into_iter().flatten().filter(|place| place.is_file()) {
             // A file that cannot be opened, or that holds another scene of the same name, is skipped: the coordinator
             // has the right one.
             match load::load_path(&place) {
-                Ok(scene) if scene.hash == reference.hash => {
-                    return Ok(Some(Arc::new(Scene { name: reference.name.clone(), ..scene })));
-                }
-                Ok(_) => tracing::info!("{} is not the scene that is served", place.display()),
+                Ok(scene) => match served(reference, scene, environments.as_deref()) {
+                    Some(scene) => return Ok(Some(scene)),
+                    None => tracing::info!("{} is not the scene that is served", place.display()),
+                },
                 Err(error) => tracing::warn!("{error}"),
             }
         }
@@ -138,8 +158,39 @@ impl SceneOpener for SceneFolder {
             tracing::warn!("cannot keep the scene in {}: {error}", self.folder.display());
         }
         let root = files.first().ok_or("the scene's bundle has no files")?.name.clone();
-        let files = files.into_iter().map(|file| (file.name, file.bytes)).collect();
-        let scene = load::load_bundle(&root, &files).map_err(|error| error.to_string())?;
+        let mut files: BTreeMap<_, _> = files.into_iter().map(|file| (file.name, file.bytes)).collect();
+        let (alone, environment) = argus_scene::split_environment(&reference.name);
+        let environment = environment.and_then(environment_name).and_then(|name| files.remove_entry(&name));
+        let scene = match argus_scene::is_procedural(alone) {
+            true => argus_scene::open(alone),
+            false => load::load_bundle(&root, &files),
+        };
+        let mut scene = scene.map_err(|error| error.to_string())?;
+        if let Some((name, bytes)) = environment {
+            let map = load::decode_environment(&name, &bytes).map_err(|error| error.to_string())?;
+            scene = scene.with_environment(map, &bytes);
+        }
         Ok(Arc::new(Scene { name: reference.name.clone(), ..scene }))
     }
+}
+
+/// A scene that was opened here, in the first of its environments that makes it the referenced one. `None` if it is
+/// another scene.
+fn served(reference: &SceneRef, scene: Scene, environments: Option<&[PathBuf]>) -> Option<Arc<Scene>> {
+    let Some(places) = environments else {
+        let is_served = scene.hash == reference.hash;
+        return is_served.then(|| Arc::new(Scene { name: reference.name.clone(), ..scene }));
+    };
+    for place in places {
+        let is_it = |bytes: &Vec<u8>| scene.hash.in_environment(bytes) == reference.hash;
+        let Some(bytes) = std::fs::read(place).ok().filter(is_it) else { continue };
+        match load::decode_environment(&place.display().to_string(), &bytes) {
+            Ok(map) => {
+                let scene = scene.with_environment(map, &bytes);
+                return Some(Arc::new(Scene { name: reference.name.clone(), ..scene }));
+            }
+            Err(error) => tracing::warn!("{error}"),
+        }
+    }
+    None
 }

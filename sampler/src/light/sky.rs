@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn an_even_sky_has_the_same_irradiance_for_every_normal() {
-        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE };
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None };
         let irradiance = SkyIrradiance::new(&sky);
         for y in [-1.0, -0.3, 0.0, 0.7, 1.0] {
             let normal = Vec3::new((1.0f32 - y * y).sqrt(), y, 0.0);
@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn the_table_is_the_integral_of_the_gradient() {
         // Upwards: ∫ lerp(horizon, zenith, y) over the cosine-weighted hemisphere has a mean height of 2/3.
-        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ZERO, ground: Vec3::ZERO };
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None };
         let up = SkyIrradiance::new(&sky).by_pi(Vec3::Y);
         assert!((up.x - 2.0 / 3.0).abs() < 1e-3, "{up}");
     }
