@@ -107,7 +107,8 @@ impl Environment {
         if texels.len() as u64 != u64::from(width) * u64::from(height) {
             return Err(format!("{} texels, not {width}×{height}", texels.len()));
         }
-        if let Some(bad) = texels.iter().position(|texel| !(texel.is_finite() && texel.min_element() >= 0.0)) {
+        if let Some(bad) = texels.iter().position(|texel| !(texel.is_finite() && texel.min_element() >= 0.0))
+        {
             let (column, row) = (bad as u32 % width, bad as u32 / width);
             let [r, g, b] = texels[bad].to_array();
             return Err(format!(
@@ -212,29 +213,51 @@ impl EnvironmentMap {
         &self.harmonics
     }
 
-    /// The map by patches of `columns` × `rows`: the unit direction of each, and its mean radiance times its solid angle.
-    /// Solid angles add up to 4π.
-    pub fn patches(&self, [columns, rows]: [u32; 2]) -> Vec<(DVec3, DVec3)> {
-        let mut sums = vec![DVec3::ZERO; (columns * rows) as usize];
+    /// The map by patches, so many columns and rows, row by row from the top. Solid angles add up to 4π.
+    pub fn patches(&self, [columns, rows]: [u32; 2]) -> Vec<Patch> {
         let [width, height] = self.size;
-        // A map that is smaller than its patches is looked up, in the middle of finer cells.
+        // A map that is smaller than its patches is looked up in the middle of each.
         let is_coarse = width < columns || height < rows;
         let grid = if is_coarse { [columns, rows] } else { self.size };
-        for y in 0..grid[1] {
-            let area = solid_angle(grid, y);
-            let row = u64::from(y) * u64::from(rows) / u64::from(grid[1]);
-            for x in 0..grid[0] {
-                let radiance = match is_coarse {
-                    true => self.radiance(direction_of(grid, x, y).as_vec3()),
-                    false => decode(self.texels[y as usize * width as usize + x as usize]),
-                };
-                let column = u64::from(x) * u64::from(columns) / u64::from(grid[0]);
-                sums[(row * u64::from(columns) + column) as usize] += radiance.as_dvec3() * area;
+        // The texels from `first` on that belong to a patch: all sides differ by a texel at most.
+        let first = |patch: u32, texels: u32, patches: u32| {
+            (u64::from(patch) * u64::from(texels)).div_ceil(u64::from(patches)) as u32
+        };
+        let mut patches = Vec::with_capacity((columns * rows) as usize);
+        for row in 0..rows {
+            let [top, bottom] = [row, row + 1].map(|row| first(row, grid[1], rows));
+            for column in 0..columns {
+                let [left, right] = [column, column + 1].map(|column| first(column, grid[0], columns));
+                let middle = [left + right, top + bottom].map(|sum| f64::from(sum) * 0.5);
+                let mut patch =
+                    Patch { direction: toward(grid, middle), power: DVec3::ZERO, solid_angle: 0.0 };
+                for y in top..bottom {
+                    let area = solid_angle(grid, y);
+                    for x in left..right {
+                        let radiance = match is_coarse {
+                            true => self.radiance(direction_of(grid, x, y).as_vec3()),
+                            false => decode(self.texels[y as usize * width as usize + x as usize]),
+                        };
+                        patch.power += radiance.as_dvec3() * area;
+                        patch.solid_angle += area;
+                    }
+                }
+                patches.push(patch);
             }
         }
-        let places = (0..rows).flat_map(|y| (0..columns).map(move |x| (x, y)));
-        places.zip(sums).map(|((x, y), sum)| (direction_of([columns, rows], x, y), sum)).collect()
+        patches
     }
+}
+
+/// A part of a map.
+#[derive(Debug, Clone, Copy)]
+pub struct Patch {
+    /// Unit direction of its middle.
+    pub direction: DVec3,
+    /// Its mean radiance times its solid angle.
+    pub power: DVec3,
+    /// Steradians.
+    pub solid_angle: f64,
 }
 
 impl Sky {
@@ -289,9 +312,14 @@ fn place_of(d: Vec3) -> [f32; 2] {
 }
 
 /// Unit direction of the middle of a texel.
-fn direction_of([width, height]: [u32; 2], column: u32, row: u32) -> DVec3 {
-    let polar = PI * (f64::from(row) + 0.5) / f64::from(height);
-    let around = TAU * (f64::from(column) + 0.5) / f64::from(width);
+fn direction_of(size: [u32; 2], column: u32, row: u32) -> DVec3 {
+    toward(size, [column, row].map(|at| f64::from(at) + 0.5))
+}
+
+/// Unit direction of a place of the image, in texels from its top left corner.
+fn toward([width, height]: [u32; 2], [x, y]: [f64; 2]) -> DVec3 {
+    let polar = PI * y / f64::from(height);
+    let around = TAU * x / f64::from(width);
     DVec3::new(polar.sin() * around.sin(), polar.cos(), -polar.sin() * around.cos())
 }
 
@@ -313,7 +341,8 @@ fn split(size: [u32; 2], texels: &mut [Vec3]) -> Vec<Light> {
     let areas: Vec<f64> = (0..size[1]).map(|row| solid_angle(size, row)).collect();
     let mean_up_to = |most: f64| {
         let rows = luminances.chunks(width).zip(&areas);
-        rows.map(|(row, area)| row.iter().map(|l| f64::from(*l).min(most)).sum::<f64>() * area).sum::<f64>() / (2.0 * TAU)
+        rows.map(|(row, area)| row.iter().map(|l| f64::from(*l).min(most)).sum::<f64>() * area).sum::<f64>()
+            / (2.0 * TAU)
     };
     let mut threshold = f64::INFINITY;
     for _ in 0..STEPS {
@@ -351,7 +380,8 @@ fn regions(
     threshold: f64,
 ) -> Vec<Region> {
     let [width, height] = size.map(|side| side as usize);
-    let mut is_open: Vec<bool> = luminances.iter().map(|luminance| f64::from(*luminance) > threshold).collect();
+    let mut is_open: Vec<bool> =
+        luminances.iter().map(|luminance| f64::from(*luminance) > threshold).collect();
     let mut regions = Vec::new();
     for first in 0..is_open.len() {
         if !std::mem::take(&mut is_open[first]) {
@@ -385,7 +415,7 @@ fn regions(
 }
 
 /// Factors of [`EnvironmentMap::ambient`] for a map by patches.
-fn harmonics(patches: &[(DVec3, DVec3)]) -> [Vec3; 9] {
+fn harmonics(patches: &[Patch]) -> [Vec3; 9] {
     // For each product of the direction: the square of the harmonic's factor, times the factor of degree 0, 1 or 2 by
     // which a cosine-weighted mean shrinks it, which is 1, 2/3 or 1/4.
     let factors: [(f64, fn(DVec3) -> f64); 9] = [
@@ -400,7 +430,7 @@ fn harmonics(patches: &[(DVec3, DVec3)]) -> [Vec3; 9] {
         (15.0 / (64.0 * PI), |d| d.x * d.x - d.y * d.y),
     ];
     factors.map(|(factor, of)| {
-        let sum: DVec3 = patches.iter().map(|(direction, power)| *power * of(*direction)).sum();
+        let sum: DVec3 = patches.iter().map(|patch| patch.power * of(patch.direction)).sum();
         (sum * factor).as_vec3()
     })
 }
