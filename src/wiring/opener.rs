@@ -194,3 +194,71 @@ fn served(reference: &SceneRef, scene: Scene, environments: Option<&[PathBuf]>) 
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    use argus_cluster::SceneSource as _;
+
+    use super::*;
+    use crate::wiring::OpenScene;
+
+    /// A map of 2 × 1 texels as a Radiance file: one grey, one red.
+    const MAP: &[u8] = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x80\x80\x40\x40\x80";
+
+    /// The bundle of an open scene, as a worker receives it.
+    fn bundle(scene: &OpenScene) -> Vec<BundleFile> {
+        let read =
+            |(name, path): (String, PathBuf)| BundleFile { name, bytes: std::fs::read(path).unwrap().into() };
+        scene.files().unwrap().into_iter().map(read).collect()
+    }
+
+    fn reference(scene: &OpenScene) -> SceneRef {
+        SceneRef { name: scene.name().to_owned(), hash: scene.scene().hash }
+    }
+
+    fn write_square(folder: &Path) -> String {
+        let file = folder.join("square.obj");
+        std::fs::write(&file, "v 0 0 0\nv 1 0 0\nv 1 0 1\nf 3 2 1\n").unwrap();
+        file.display().to_string()
+    }
+
+    #[test]
+    fn a_worker_without_the_environments_file_gets_it_with_the_scene_and_keeps_it() {
+        let here = tempfile::tempdir().unwrap();
+        let map = here.path().join("noon.hdr");
+        std::fs::write(&map, MAP).unwrap();
+        for scene in [write_square(here.path()), "terrain:2000".to_owned()] {
+            let spec = argus_scene::in_environment(&scene, &map.display().to_string());
+            let served = OpenScene::open(&spec).unwrap();
+            assert_eq!(served.name(), spec);
+            assert_eq!(served.procedural(), None);
+            let (reference, files) = (reference(&served), bundle(&served));
+            assert!(files.iter().any(|file| file.name == ".environment/noon.hdr"));
+            // Another machine has neither file.
+            let there = tempfile::tempdir().unwrap();
+            let moved = here.path().with_extension("moved");
+            std::fs::rename(here.path(), &moved).unwrap();
+            let worker = SceneFolder::new(Some(there.path().to_path_buf()));
+            assert!(worker.open_local(&reference).unwrap().is_none());
+            let fetched = worker.open_bundle(&reference, files).unwrap();
+            assert_eq!(*fetched, **served.scene());
+            let kept = worker.open_local(&reference).unwrap().expect("the bundle was kept");
+            assert_eq!(*kept, **served.scene());
+            std::fs::rename(&moved, here.path()).unwrap();
+            let near = SceneFolder::new(Some(there.path().join("empty")));
+            assert_eq!(*near.open_local(&reference).unwrap().expect("both are here"), **served.scene());
+        }
+    }
+
+    #[test]
+    fn a_scene_is_not_opened_in_another_environment_of_that_name() {
+        let here = tempfile::tempdir().unwrap();
+        let map = here.path().join("noon.hdr");
+        std::fs::write(&map, MAP).unwrap();
+        let spec = argus_scene::in_environment("terrain:2000", &map.display().to_string());
+        let reference = reference(&OpenScene::open(&spec).unwrap());
+        std::fs::write(&map, [MAP, b"\n"].concat()).unwrap();
+        let worker = SceneFolder::new(Some(here.path().join("scenes")));
+        assert!(worker.open_local(&reference).unwrap().is_none());
+    }
+}

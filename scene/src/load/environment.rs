@@ -12,6 +12,9 @@ use crate::environment::check_size;
 
 /// Most bytes of a decoded map: the largest size with four colours.
 const MOST_BYTES: u64 = 1 << 30;
+/// Largest ratio of decoded bytes to file bytes. Deflate, the densest compression here, reaches 1032, and OpenEXR's half
+/// floats become twice as long. A map that claims more is truncated or malicious, and gets no memory.
+const MOST_BYTES_A_BYTE: u64 = 2200;
 
 /// Reads an environment map and returns it with the content of its file.
 ///
@@ -53,6 +56,10 @@ fn decode(bytes: &[u8]) -> Result<Environment, String> {
     let decoder = reader.into_decoder().map_err(|error| error.to_string())?;
     let (width, height) = decoder.dimensions();
     check_size(width, height)?;
+    if decoder.total_bytes() > (bytes.len() as u64).saturating_mul(MOST_BYTES_A_BYTE).saturating_add(64 << 10)
+    {
+        return Err(format!("{width}×{height} texels cannot be held by {} bytes", bytes.len()));
+    }
     let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?.into_rgb32f();
     let texels = image.as_raw().chunks_exact(3).map(Vec3::from_slice).collect();
     Environment::new(width, height, texels)

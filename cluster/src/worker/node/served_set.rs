@@ -108,7 +108,12 @@ impl ServedSet {
 
     /// Serves another set, in the environment of the scene, which does not travel with sets. Forgets the samples of the previous one. A new version of the same set keeps them.
     /// Returns whether the set needs another sampler.
-    pub(in crate::worker) fn serve(&self, scene: &Arc<Scene>, mut set: SampleSetInfo, limits: Limits) -> bool {
+    pub(in crate::worker) fn serve(
+        &self,
+        scene: &Arc<Scene>,
+        mut set: SampleSetInfo,
+        limits: Limits,
+    ) -> bool {
         let mut state = self.state.lock();
         set.lighting.sky.map = scene.lighting.sky.map.clone();
         let set = Arc::new(set);
