@@ -79,6 +79,31 @@ impl Security {
     }
 }
 
+/// The environment of a scene.
+#[derive(clap::Args, Debug, Clone)]
+pub(crate) struct Environment {
+    /// Environment map in place of the scene's sky, and of the sun of a scene without lights: an image of all directions
+    /// (equirectangular, twice as wide as high) in Radiance (.hdr) or OpenEXR (.exr) format. Up is +Y, the centre is +Z, +X is a
+    /// quarter of the width from the left. Its up to eight strongest small regions become lights
+    #[arg(long, value_name = "FILE")]
+    environment: Option<String>,
+}
+
+impl Environment {
+    /// The file, if one was given.
+    pub(crate) fn file(&self) -> Option<&String> {
+        self.environment.as_ref()
+    }
+
+    /// The specification of a scene in this environment.
+    pub(crate) fn of(&self, scene: &str) -> String {
+        match &self.environment {
+            Some(file) => argus_scene::in_environment(scene, file),
+            None => scene.to_owned(),
+        }
+    }
+}
+
 /// A viewpoint that follows from the scene if it is not given.
 #[derive(clap::Args, Debug, Clone)]
 pub(crate) struct Viewpoint {

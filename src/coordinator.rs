@@ -45,6 +45,8 @@ pub(crate) struct Args {
 /// The flags that `coordinator` and `serve` share.
 #[derive(clap::Args)]
 pub(crate) struct Service {
+    #[command(flatten)]
+    environment: args::Environment,
     /// Address to listen on; port 0 takes a free port [default: 127.0.0.1:7400]
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
@@ -124,7 +126,7 @@ struct Announcement<'a> {
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
-    let Some(scene) = &settings.coordinator.scene else {
+    let Some(scene) = &settings.coordinator.scene_in_environment(None) else {
         return Err(bad_arguments("--scene S is required: a file, or `terrain`"));
     };
     let listening = args.service.listen(&settings).await?;
@@ -141,6 +143,7 @@ impl Service {
     pub(crate) fn settings(&self, scene: Option<&String>, sources: &Sources) -> anyhow::Result<Settings> {
         let flags = Flags::default()
             .with("coordinator.scene", "--scene", scene)
+            .with("coordinator.environment", "--environment", self.environment.file())
             .with("coordinator.listen", "--listen", self.listen.as_ref())
             .with("coordinator.samplers_composite", "--samplers-composite", self.samplers_composite)
             .with("coordinator.refining_share", "--refining-share", self.refining_share)

@@ -28,6 +28,8 @@ pub(crate) struct Args {
     #[arg(value_name = "S")]
     scene: String,
     #[command(flatten)]
+    environment: args::Environment,
+    #[command(flatten)]
     viewpoint: args::Viewpoint,
     /// Rays per pixel, rounded up to a square number; the time grows in proportion
     #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=4096))]
@@ -68,7 +70,7 @@ struct Report {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let scene = argus_scene::open(&args.scene)?;
+    let scene = argus_scene::open(&args.environment.of(&args.scene))?;
     let scene = if args.matt { matt(scene) } else { scene };
     let camera = args.viewpoint.camera(&scene)?;
     let [width, height] = args.viewpoint.size;

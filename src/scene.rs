@@ -27,6 +27,8 @@ pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(value_name = "S")]
     scene: String,
+    #[command(flatten)]
+    environment: args::Environment,
     /// Show the effect plan instead: for each effect of light its cause, how often it is paid, the largest change of a
     /// pixel, and whether and why `argus serve` computes it. Renders nothing
     #[arg(long)]
@@ -142,7 +144,7 @@ fn export(scene: Scene, args: &Export, folder: &Path, json: bool) -> anyhow::Res
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let scene = argus_scene::open(&args.scene)?;
+    let scene = argus_scene::open(&args.environment.of(&args.scene))?;
     if let Some(folder) = &args.export.mitsuba {
         return export(scene, &args.export, folder, args.json);
     }

@@ -14,6 +14,7 @@ use crate::settings::{self, Settings, Sources};
 Examples:
   argus serve                                   the built-in scene at http://127.0.0.1:7400
   argus serve --scene model.glb --workers 4
+  argus serve --scene model.glb --environment sky.hdr --effects auto
   argus serve --scene room.glb --rig cell --cell 0.5 --listen 127.0.0.1:7500")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]` [default: terrain]
@@ -31,7 +32,7 @@ pub(crate) struct Args {
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let settings = args.service.settings(args.scene.as_ref(), sources)?;
-    let scene = settings.coordinator.scene.as_deref().unwrap_or("terrain");
+    let scene = &settings.coordinator.scene_in_environment(Some("terrain")).unwrap_or_default();
     let count = args.workers.map_or_else(processes::default_count, usize::from);
 
     let listening = args.service.listen(&settings).await?;

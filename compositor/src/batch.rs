@@ -67,7 +67,8 @@ impl<'a> Batch<'a> {
         let extent = |view: &PreparedView| {
             let ViewJob { width, height, .. } = self.jobs[view.job];
             let probes = view.probes.as_ref().map(|(id, _)| *id);
-            ViewExtent { width, height, side: view.side, pool: view.pool, probes }
+            let environment = view.environment.as_ref().and_then(|environment| environment.hash());
+            ViewExtent { width, height, side: view.side, pool: view.pool, probes, environment }
         };
         let extents: Vec<ViewExtent> = self.views.iter().map(extent).collect();
         chunks(&extents, knobs)

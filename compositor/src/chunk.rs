@@ -142,6 +142,7 @@ fn variant(view: &PreparedView, job: &ViewJob) -> Variant {
         omni: view.omni,
         glossy: view.glossy,
         reflects: view.probes.is_some(),
+        environment: view.environment.is_some(),
         linear,
         range: linear || confident || job.outputs.range,
         confident,

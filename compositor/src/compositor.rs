@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::wgpu::util::DeviceExt;
-use argus_gpu::{Commands, Gpu, ReflectionProbes, wgpu};
+use argus_gpu::{Commands, EnvironmentTexture, Gpu, ReflectionProbes, wgpu};
 use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, Search, Stage, ViewJob};
 
 use crate::autotune::Autotune;
@@ -107,6 +107,7 @@ impl GpuCompositor {
                 nearest: sampler(wgpu::FilterMode::Nearest),
                 bilinear: sampler(wgpu::FilterMode::Linear),
                 no_probes: ReflectionProbes::none(&gpu),
+                no_environment: EnvironmentTexture::none(&gpu),
                 all_light_seen: all_light_seen(&gpu),
             },
             bounds: BoundsPass::new(&gpu),

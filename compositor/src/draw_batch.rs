@@ -1,6 +1,6 @@
 //! One draw of a search: its pipeline variant, its bindings and the pieces of views that it fills.
 
-use argus_gpu::{Bindable, ColorTarget, ComputeCall, ReflectionProbes, wgpu};
+use argus_gpu::{Bindable, ColorTarget, ComputeCall, EnvironmentTexture, ReflectionProbes, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Fill;
 
@@ -21,6 +21,8 @@ pub(crate) struct Variant {
     pub(crate) glossy: bool,
     /// Samples look up reflection probes.
     pub(crate) reflects: bool,
+    /// The sky is an environment map.
+    pub(crate) environment: bool,
     /// Sub-pixels are drawn as linear radiance, which *resolve* averages; otherwise pixels as sRGB.
     pub(crate) linear: bool,
     /// Range is written.
@@ -44,11 +46,12 @@ impl Variant {
     }
 
     /// Values of the programs' `override`s.
-    pub(crate) fn constants(self) -> [(&'static str, f64); 5] {
+    pub(crate) fn constants(self) -> [(&'static str, f64); 6] {
         [
             ("omni", self.omni),
             ("glossy", self.glossy),
             ("reflects", self.reflects),
+            ("has_environment", self.environment),
             ("confident", self.confident),
             ("linear", self.linear),
         ]
@@ -73,6 +76,8 @@ pub(crate) struct FixedBindings {
     pub(crate) bilinear: wgpu::Sampler,
     /// Bound where no surface looks up a reflection probe.
     pub(crate) no_probes: ReflectionProbes,
+    /// Bound where the sky is no environment map.
+    pub(crate) no_environment: EnvironmentTexture,
     /// Bound where samples have no LightVisibility plane: all light is seen.
     pub(crate) all_light_seen: wgpu::TextureView,
 }
@@ -86,10 +91,12 @@ pub(crate) struct SharedBindings<'a> {
     pub(crate) lights: &'a wgpu::Buffer,
     /// Reflection probes of the samples; `None` if they look up none.
     pub(crate) probes: Option<&'a ReflectionProbes>,
+    /// The environment map of the samples' sky; `None` if it has none.
+    pub(crate) environment: Option<&'a EnvironmentTexture>,
 }
 
 impl<'a> SharedBindings<'a> {
-    /// The bindings of a chunk, whose pieces have one pool and one set of reflection probes.
+    /// The bindings of a chunk, whose pieces have one pool, one set of reflection probes and one environment map.
     ///
     /// # Errors
     /// [`RenderError::Internal`] if the samples of its views are not held.
@@ -103,7 +110,8 @@ impl<'a> SharedBindings<'a> {
         let view = chunk.pieces.first().map(|piece| batch.view(piece));
         let pool = sample_store.pool(view.map_or(0, |view| view.pool))?;
         let probes = view.and_then(|view| view.probes.as_ref()).map(|(_, probes)| &**probes);
-        Ok(Self { pool, fixed, lights: &inputs.lights, probes })
+        let environment = view.and_then(|view| view.environment.as_deref());
+        Ok(Self { pool, fixed, lights: &inputs.lights, probes, environment })
     }
 
     /// All resources under their names in WGSL.
@@ -111,6 +119,7 @@ impl<'a> SharedBindings<'a> {
         let probes = self.probes.unwrap_or(&self.fixed.no_probes);
         let reflectors = self.pool.view(PlaneKind::Reflector).unwrap_or_else(|_| probes.no_reflectors());
         let light_seen = self.pool.view(PlaneKind::LightVisibility).unwrap_or(&self.fixed.all_light_seen);
+        let environment = self.environment.unwrap_or(&self.fixed.no_environment);
         let mut bindings = vec![
             NamedBinding::read("inverse_range", self.pool.view(PlaneKind::InverseRange)?),
             NamedBinding::read("radiance", self.pool.view(PlaneKind::Radiance)?),
@@ -121,6 +130,7 @@ impl<'a> SharedBindings<'a> {
             NamedBinding::read("light_visibility_plane", light_seen),
             NamedBinding::read("lights", self.lights),
             NamedBinding::read("reflector_plane", reflectors),
+            NamedBinding::read("environment_map", environment.view()),
         ];
         bindings.extend(probes.bindings().map(|(name, resource)| NamedBinding::read(name, resource)));
         Ok(bindings)

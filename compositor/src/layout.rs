@@ -52,6 +52,8 @@ pub(crate) struct ViewExtent {
     pub(crate) pool: usize,
     /// The reflection probes that its samples look up.
     pub(crate) probes: Option<SampleId>,
+    /// Hash of the environment map that its samples were shaded with.
+    pub(crate) environment: Option<[u8; 32]>,
 }
 
 /// Pieces of one submission, and the size of their target in pixels.
@@ -64,10 +66,10 @@ pub(crate) struct Chunk {
 /// Most rows of a chunk's target.
 const MAX_ROWS: u32 = 8192;
 
-/// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes and supersampling.
+/// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes, environment and supersampling.
 pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
-    let alike = |view: &ViewExtent| (view.pool, view.probes, view.side);
+    let alike = |view: &ViewExtent| (view.pool, view.probes, view.environment, view.side);
     order.sort_by_key(|&i| alike(&views[i]));
     let mut chunks = Vec::new();
     let mut open: Vec<Piece> = Vec::new();
@@ -139,7 +141,14 @@ mod tests {
             let piece_side = piece_side.max(40);
             let views: Vec<ViewExtent> = views
                 .into_iter()
-                .map(|(width, height, side, pool)| ViewExtent { width, height, side, pool, probes: None })
+                .map(|(width, height, side, pool)| ViewExtent {
+                    width,
+                    height,
+                    side,
+                    pool,
+                    probes: None,
+                    environment: None,
+                })
                 .collect();
             let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
             let chunks = chunks(&views, &knobs);

@@ -13,6 +13,7 @@ pub(crate) fn lighting_uniform(lighting: &Lighting) -> shared::Lighting {
         exposure: lighting.exposure,
         sky_ground: lighting.sky.ground.to_array(),
         _pad: 0.0,
+        sky_harmonics: lighting.sky.harmonics(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_gpu::ReflectionProbes;
+use argus_gpu::{EnvironmentTexture, ReflectionProbes};
 use argus_scene::camera::Face;
 use argus_scene::{FaceMask, InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{
@@ -35,6 +35,8 @@ pub(crate) struct PreparedView {
     pub(crate) glossy: bool,
     /// Reflection probes that the samples look up.
     pub(crate) probes: Option<(SampleId, Arc<ReflectionProbes>)>,
+    /// The environment map that the samples were shaded with.
+    pub(crate) environment: Option<Arc<EnvironmentTexture>>,
     /// Coarsest mip level of the samples whose texels are no larger than most sub-pixels.
     pub(crate) level: u32,
     /// Whether the warp interpolates between that level and the next coarser one.
@@ -103,6 +105,7 @@ impl PreparedView {
         // Samples without a Reflector plane look up no probes.
         let of_probes = of_probes.first().filter(|_| class.reflects);
         let probes = of_probes.map(|&id| Ok::<_, RenderError>((id, sample_store.probes(id)?))).transpose()?;
+        let environment = samples.first().and_then(|held| sample_store.environment(&held.info));
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
         let mut view = Self {
             job: index,
@@ -114,6 +117,7 @@ impl PreparedView {
             omni: class.omni,
             glossy: class.glossy,
             probes,
+            environment,
             level: 0,
             between_levels: false,
             geometry,
@@ -219,7 +223,7 @@ impl PreparedView {
                 .as_ref()
                 .map_or(Zeroable::zeroed(), |(_, probes)| probes.uniform(self.geometry.eye)),
             samples,
-            _pad: [0.0; 12],
+            _pad: [0.0; 40],
         }
     }
 

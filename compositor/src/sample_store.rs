@@ -1,9 +1,10 @@
 //! The samples that a compositor holds on its device.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Weak};
 
-use argus_gpu::{Gpu, ReflectionProbes};
+use argus_gpu::{EnvironmentTexture, Gpu, ReflectionProbes};
 use argus_scene::camera::Face;
 use argus_scene::{
     FaceMask, FaceMasks, InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo,
@@ -54,6 +55,8 @@ pub(crate) struct SampleStore {
     uploads: BTreeMap<SampleId, SampleUpload>,
     /// Reflection probes, with the sample that they were uploaded from.
     probes: BTreeMap<SampleId, (Weak<Sample>, Arc<ReflectionProbes>)>,
+    /// Environment maps by hash.
+    environments: BTreeMap<[u8; 32], Arc<EnvironmentTexture>>,
     /// `None` for a pool whose memory was freed, so that indices stay valid.
     pools: Vec<Option<Pool>>,
     bytes: u64,
@@ -99,6 +102,22 @@ impl SampleStore {
         Ok(samples)
     }
 
+    /// The environment map of a set whose samples are held; `None` if its sky has none.
+    pub(crate) fn environment(&self, info: &SampleSetInfo) -> Option<Arc<EnvironmentTexture>> {
+        let map = info.lighting.sky.map.as_ref()?;
+        self.environments.get(&map.hash()).cloned()
+    }
+
+    /// Uploads the environment map of a set, unless it is here.
+    fn hold_environment(&mut self, gpu: &Gpu, info: &SampleSetInfo) -> Result<(), RenderError> {
+        let sky = &info.lighting.sky;
+        let Some(hash) = sky.map.as_ref().map(|map| map.hash()) else { return Ok(()) };
+        if let Entry::Vacant(place) = self.environments.entry(hash) {
+            place.insert(Arc::new(EnvironmentTexture::new(gpu, sky)?));
+        }
+        Ok(())
+    }
+
     /// The pool of a held sample.
     ///
     /// # Errors
@@ -119,6 +138,7 @@ impl SampleStore {
         set: &SampleSet,
         is_over: &dyn Fn() -> bool,
     ) -> Result<bool, RenderError> {
+        self.hold_environment(context.gpu, &set.info)?;
         let gone = self.uploads.iter().filter(|(_, upload)| upload.sample.strong_count() == 0);
         let gone: Vec<SampleId> = gone.map(|(id, _)| *id).collect();
         self.abandon(&gone);
@@ -313,8 +333,13 @@ impl SampleStore {
         }
     }
 
-    /// Frees the memory of empty pools.
+    /// Frees the memory of empty pools, and of environment maps that no sample was shaded with.
     pub(crate) fn trim(&mut self) {
+        let infos = self.held.values().map(|held| &held.info);
+        let infos = infos.chain(self.uploads.values().map(|upload| &upload.info));
+        let used: BTreeSet<_> =
+            infos.filter_map(|info| Some(info.lighting.sky.map.as_ref()?.hash())).collect();
+        self.environments.retain(|hash, _| used.contains(hash));
         for pool in &mut self.pools {
             if pool.as_ref().is_some_and(Pool::is_empty) {
                 *pool = None;

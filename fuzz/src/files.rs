@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::io::Cursor;
 
-use argus_scene::load::load_bundle;
+use argus_scene::Light;
+use argus_scene::load::{decode_environment, load_bundle};
 use bytes::Bytes;
 use image::{ImageFormat, RgbImage};
 
@@ -70,6 +71,33 @@ pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
         assert!(instance.world_from_mesh.is_finite(), "a transform is not finite");
     }
     assert!(!scene.materials.is_empty(), "there is no material");
+    Ok(())
+}
+
+/// Environment maps in both formats.
+pub fn environments() -> Vec<Vec<u8>> {
+    let texel =
+        |x: u32, y: u32| image::Rgb([x as f32 * 0.2, y as f32 * 0.3, if x == 3 { 900.0 } else { 0.5 }]);
+    let file = |format| {
+        let image = image::DynamicImage::ImageRgb32F(image::Rgb32FImage::from_fn(16, 8, texel));
+        let mut bytes = Vec::new();
+        let _ = image.write_to(&mut Cursor::new(&mut bytes), format);
+        bytes
+    };
+    vec![file(ImageFormat::Hdr), file(ImageFormat::OpenExr)]
+}
+
+/// Reads an environment map. What it makes of any bytes must be finite.
+pub fn environment(bytes: &[u8]) -> Result<(), String> {
+    let environment = decode_environment("map", bytes).map_err(|error| error.to_string())?;
+    let map = environment.map;
+    assert!(map.brightest().is_finite() && map.darkest().min_element() >= 0.0, "radiance is not finite");
+    assert!(map.harmonics().iter().all(|factor| factor.is_finite()), "irradiance is not finite");
+    for light in environment.lights {
+        let Light::Directional { direction, irradiance, angular_radius } = light else { continue };
+        assert!(direction.is_normalized() && irradiance.is_finite(), "{light:?}");
+        assert!((0.0..1.0).contains(&angular_radius), "{light:?}");
+    }
     Ok(())
 }
 

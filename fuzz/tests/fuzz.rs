@@ -242,6 +242,11 @@ fn a_texture_of_a_few_bytes_never_takes_gigabytes() {
 }
 
 #[test]
+fn environments() {
+    fuzz(&files::environments(), |_, bytes| files::environment(bytes));
+}
+
+#[test]
 fn textures() {
     loader(&["checker.png", "checker.jpg", "checker.bmp", "checker.tga"]);
 }

@@ -12,6 +12,7 @@
 
 mod commands;
 mod device;
+mod environment;
 mod error;
 pub mod hierarchy;
 pub mod many_views;
@@ -26,6 +27,7 @@ pub use commands::{
     Bindable, ColorTarget, Commands, ComputeCall, DepthTarget, DrawCall, RenderPass, Submitted,
 };
 pub use device::{Gpu, GpuOptions, LONGEST_PASS_MS};
+pub use environment::EnvironmentTexture;
 pub use error::GpuError;
 pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
 pub use plane::DevicePlane;

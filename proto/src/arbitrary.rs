@@ -75,7 +75,12 @@ pub(crate) fn light() -> impl Strategy<Value = Light> {
 }
 
 pub(crate) fn lighting() -> impl Strategy<Value = Lighting> {
-    let sky = (rgb(), rgb(), rgb()).prop_map(|(zenith, horizon, ground)| Sky { zenith, horizon, ground });
+    let sky = (rgb(), rgb(), rgb()).prop_map(|(zenith, horizon, ground)| Sky {
+        zenith,
+        horizon,
+        ground,
+        map: None,
+    });
     (prop::collection::vec(light(), 0..5), sky, 0.001..100f32).prop_map(|(lights, sky, exposure)| Lighting {
         lights,
         sky,

@@ -44,6 +44,7 @@ impl Eye {
             exposure: lighting.exposure,
             sky_ground: lighting.sky.ground.to_array(),
             _pad: 0.0,
+            sky_harmonics: lighting.sky.harmonics(),
         };
         let storage = wgpu::BufferUsages::STORAGE;
         Ok(Self {

@@ -79,7 +79,7 @@ impl OmniMaps {
         Self {
             knobs,
             octree: LitOctree::new(gpu, resident, guides, knobs.levels),
-            look_up: MapLookup::new(gpu, 1),
+            look_up: MapLookup::new(gpu, resident.features, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side(), false, false),
             views: None,
             traversed: None,
@@ -129,9 +129,7 @@ impl OmniMaps {
         let mut views =
             ManyViews::reuse_or_new(self.views.take(), gpu, octree, knobs).map_err(to_render_error)?;
         views.render(&list).map_err(to_render_error)?;
-        if views.maps().arrays.len() != self.look_up.arrays() {
-            self.look_up = MapLookup::new(gpu, views.maps().arrays.len());
-        }
+        self.look_up.set_arrays(gpu, views.maps().arrays.len());
         self.views = Some(views);
         self.traversed = Some((*rig, group.cameras.clone()));
         Ok(vec![Stage::new("traverse octree", begin.elapsed().as_secs_f64() * 1e3)])

@@ -103,7 +103,7 @@ impl ProbeRenderer {
             reflectors,
             octree: LitOctree::new(gpu, resident, guides, set.knobs.levels),
             own_nodes: OwnNodes::new(gpu),
-            resample: ResampleProbes::new(gpu, 1),
+            resample: ResampleProbes::new(gpu, resident.features, 1),
             views: None,
             shade: Shade::new(gpu, resident.features, guides, true),
             shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
@@ -189,6 +189,7 @@ impl ProbeRenderer {
             };
             let points: Vec<ViewPoint> = spheres.iter().map(seen_from).collect();
             let eye = Eye::new(gpu, resident, middle, lighting)?;
+            let sky = (&eye.lighting, &resident.environment);
             let most = (MOST_BYTES / ProbePlanes::bytes_of_map(side)).max(1) as usize;
             for (first, points) in (0..).step_by(most).zip(points.chunks(most)) {
                 let list = ViewList::new(gpu, &octree.root, points)?;
@@ -198,16 +199,14 @@ impl ProbeRenderer {
                 let mut traversed = traversed.map_err(to_render_error)?;
                 traversed.cull_own_nodes(own).map_err(to_render_error)?;
                 traversed.render(&list).map_err(to_render_error)?;
-                if traversed.maps().arrays.len() != self.resample.arrays() {
-                    self.resample = ResampleProbes::new(gpu, traversed.maps().arrays.len());
-                }
+                self.resample.set_arrays(gpu, traversed.maps().arrays.len());
                 let planes = ProbePlanes::new(gpu, side, points.len() as u32);
                 let missing = || RenderError::Internal("the octree was not lit".to_owned());
                 let lit = self.octree.nodes().ok_or_else(missing)?;
                 let maps =
                     NodeMaps { octree: lit.octree, views: &traversed, surfels: lit.surfels, ends: lit.ends };
                 let mut commands = gpu.commands("resample probes");
-                self.resample.record(gpu, &mut commands, &maps, &eye.lighting, &planes);
+                self.resample.record(gpu, &mut commands, &maps, sky, &planes);
                 let pending = [&planes.radiance, &planes.inverse_range]
                     .map(|plane| commands.read_buffer(plane, 0..plane.size()));
                 let mut finished = commands.submit().wait()?;

@@ -1,7 +1,11 @@
 //! Lights of a scene: directional, point and spot lights, and the sky.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
+
+use crate::EnvironmentMap;
 
 /// A light that is no triangle. Positions are world space, metres; colours are linear Rec. 709. What a light's extent changes
 /// is its shadows alone: irradiance is that of a point or a direction ([`crate::shading::incident`]).
@@ -46,8 +50,9 @@ pub enum Light {
     },
 }
 
-/// A vertical gradient of radiance. It shows where there is no surface, and lights every surface from all around.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// Radiance by direction: a vertical gradient, or a map in its place. It shows where there is no surface, and lights every
+/// surface from all around.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sky {
     /// Linear radiance straight up.
     pub zenith: Vec3,
@@ -55,17 +60,22 @@ pub struct Sky {
     pub horizon: Vec3,
     /// Linear radiance straight down.
     pub ground: Vec3,
+    /// What is seen in place of the gradient. It stays in the process: as a part of the scene, which its hash covers, each
+    /// process has it from the scene's files.
+    #[serde(skip)]
+    pub map: Option<Arc<EnvironmentMap>>,
 }
 
 impl Sky {
     /// A black sky.
-    pub const BLACK: Self = Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO };
+    pub const BLACK: Self = Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None };
 
     /// A clear afternoon: the sky of a scene without lights of its own, together with [`Light::sun`].
     pub const DAYLIGHT: Self = Self {
         zenith: Vec3::new(0.25, 0.45, 0.85),
         horizon: Vec3::new(0.75, 0.85, 0.95),
         ground: Vec3::new(0.30, 0.27, 0.22),
+        map: None,
     };
 }
 

@@ -6,19 +6,43 @@ use std::path::Path;
 use std::str::FromStr;
 
 use crate::Scene;
-use crate::load::{LoadError, load_path};
+use crate::load::{LoadError, load_environment, load_path};
 use crate::procedural::{
     DEFAULT_MIRRORS, DEFAULT_ROOMS_WALL_MM, DEFAULT_TERRAIN_TRIANGLES, MIRRORS, ROOMS_WALL_MM,
     TERRAIN_TRIANGLES, mirrors, rooms, terrain,
 };
 
-/// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, `rooms`, `rooms:WALL_MM`, or the path of a scene file.
+/// Stands between a scene and the file of its environment map.
+const ENVIRONMENT: &str = "?environment=";
+
+/// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, `rooms`, `rooms:WALL_MM`, or the path of a scene file. Each
+/// may be followed by an environment map: see [`in_environment`].
 ///
 /// # Errors
 /// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`], [`MIRRORS`] or
 /// [`ROOMS_WALL_MM`],
-/// or the error of [`load_path`].
+/// or the error of [`load_path`] or [`load_environment`].
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
+    let (alone, environment) = split_environment(spec);
+    let Some(file) = environment else { return open_alone(spec) };
+    // A scene may take long to open, and a bad map is found at once.
+    let (environment, bytes) = load_environment(file)?;
+    let scene = open_alone(alone)?.with_environment(environment, &bytes);
+    Ok(Scene { name: spec.to_owned(), ..scene })
+}
+
+/// The specification of a scene in an environment: `SCENE?environment=FILE`, where the file is a map as
+/// [`load_environment`] takes it. It replaces an environment that the specification already names.
+pub fn in_environment(spec: &str, file: &str) -> String {
+    format!("{}{ENVIRONMENT}{file}", split_environment(spec).0)
+}
+
+/// The specification without its environment, and the file of that, if it names one.
+pub fn split_environment(spec: &str) -> (&str, Option<&str>) {
+    spec.split_once(ENVIRONMENT).map_or((spec, None), |(alone, file)| (alone, Some(file)))
+}
+
+fn open_alone(spec: &str) -> Result<Scene, LoadError> {
     let (name, count) = spec.split_once(':').map_or((spec, None), |(name, count)| (name, Some(count)));
     match name {
         "terrain" => {
@@ -54,8 +78,11 @@ fn number<N: FromStr + PartialOrd + Display>(
     })
 }
 
-/// Whether `spec` names a built-in scene, which every process generates itself, and not a file.
+/// Whether `spec` names a built-in scene, which every process generates itself, and no file.
 pub fn is_procedural(spec: &str) -> bool {
+    if split_environment(spec).1.is_some() {
+        return false;
+    }
     let name = spec.split_once(':').map_or(spec, |(name, _)| name);
     ["terrain", "mirrors", "rooms"].contains(&name)
 }
@@ -76,6 +103,17 @@ mod tests {
                 .all(|spec| is_procedural(spec))
         );
         assert!(!is_procedural("terrains") && !is_procedural("mirror.glb"));
+    }
+
+    #[test]
+    fn an_environment_is_named_after_its_scene_and_replaces_another() {
+        let spec = in_environment("terrain:2000", "maps/noon.hdr");
+        assert_eq!(spec, "terrain:2000?environment=maps/noon.hdr");
+        assert_eq!(split_environment(&spec), ("terrain:2000", Some("maps/noon.hdr")));
+        assert_eq!(in_environment(&spec, "dusk.exr"), "terrain:2000?environment=dusk.exr");
+        assert_eq!(split_environment("terrain"), ("terrain", None));
+        assert!(!is_procedural(&spec), "each process needs the file");
+        assert_eq!(open("terrain?environment=no/such.hdr").unwrap_err().file, "no/such.hdr");
     }
 
     #[test]

@@ -194,7 +194,7 @@ impl Scene {
                 test(&self.materials[material as usize])
             })
         };
-        let sky = self.lighting.sky;
+        let sky = &self.lighting.sky;
         let present = [
             (Effect::AlphaCutout, used(|m| m.alpha_cutoff().is_some())),
             (Effect::Emission, used(|m| m.emissive.max_element() > 0.0)),

@@ -46,6 +46,9 @@ pub struct Surface {
 
 /// Radiance of the sky in direction `d` (unit).
 pub fn sky_radiance(sky: &Sky, d: Vec3) -> Vec3 {
+    if let Some(map) = &sky.map {
+        return map.radiance(d);
+    }
     if d.y >= 0.0 {
         sky.horizon.lerp(sky.zenith, d.y.min(1.0))
     } else {
@@ -55,8 +58,12 @@ pub fn sky_radiance(sky: &Sky, d: Vec3) -> Vec3 {
 }
 
 /// Irradiance of the sky on a surface with unit normal `n`, divided by π. It approximates a cosine-weighted mean of
-/// [`sky_radiance`] by a blend of its upper and lower halves.
+/// [`sky_radiance`] by a blend of its upper and lower halves, or that of an environment map by its spherical harmonics up to
+/// degree 2.
 pub fn sky_ambient(sky: &Sky, n: Vec3) -> Vec3 {
+    if let Some(map) = &sky.map {
+        return map.ambient(n);
+    }
     let upper = (sky.zenith + sky.horizon) * 0.5;
     sky.ground.lerp(upper, (0.5 * n.y + 0.5).clamp(0.0, 1.0))
 }
@@ -202,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_white_surface_under_a_white_sky_has_radiance_one() {
-        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE };
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None };
         let lighting = Lighting { lights: Vec::new(), sky, exposure: 1.0 };
         for normal in [Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::ONE.normalize()] {
             assert!((diffuse_radiance(&grey(normal), &lighting) - Vec3::ONE).length() < 1e-6);

@@ -60,7 +60,7 @@ struct ViewUniform {
     // Reflection probes relative to the eye.
     probes: ProbeUniform,
     // Padded so that the struct is a multiple of 256 bytes, the alignment of uniforms.
-    @size(560) samples: array<ViewSample, 8>,
+    @size(672) samples: array<ViewSample, 8>,
 }
 
 // Samples are cubes; otherwise pinhole images. An override, because the software driver runs both sides of a branch on a

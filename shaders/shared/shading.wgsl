@@ -21,6 +21,8 @@ struct Lighting {
     sky_horizon: vec3f,
     exposure: f32,
     sky_ground: vec3f,
+    // Factors of an environment map's irradiance, in xyz: `EnvironmentMap::ambient` in scene/src/environment.rs.
+    sky_harmonics: array<vec4f, 9>,
 }
 
 struct Surface {
@@ -38,8 +40,55 @@ struct Surface {
     lift: f32,
 }
 
+// The sky is `environment_map`. Otherwise a texel is bound in its place and not read. An override, because the software
+// driver runs both sides of a branch on a uniform.
+override has_environment: bool = false;
+
+// All directions, equirectangular: scene/src/environment.rs.
+@group(3) @binding(3) var environment_map: texture_2d<f32>;
+
+// Radiance of the environment map from direction d (unit).
+fn environment_radiance(d: vec3f) -> vec3f {
+    let size = vec2i(textureDimensions(environment_map));
+    let across = length(d.xz);
+    // At the poles every column is right.
+    let u = atan2(d.x, select(1.0, -d.z, across > 1e-20)) / (2.0 * PI);
+    let v = atan2(across, d.y) / PI;
+    let at = vec2f(u - floor(u), v) * vec2f(size) - 0.5;
+    let first = floor(at);
+    let left = (i32(first.x) + size.x) % size.x;
+    let columns = vec2i(left, (left + 1) % size.x);
+    let rows = clamp(vec2i(i32(first.y), i32(first.y) + 1), vec2i(0), vec2i(size.y - 1));
+    let share = at - first;
+    let upper = mix(
+        textureLoad(environment_map, vec2i(columns.x, rows.x), 0).rgb,
+        textureLoad(environment_map, vec2i(columns.y, rows.x), 0).rgb,
+        share.x,
+    );
+    let lower = mix(
+        textureLoad(environment_map, vec2i(columns.x, rows.y), 0).rgb,
+        textureLoad(environment_map, vec2i(columns.y, rows.y), 0).rgb,
+        share.x,
+    );
+    return mix(upper, lower, share.y);
+}
+
+// Irradiance of the environment map on a surface with unit normal n, divided by pi.
+fn environment_ambient(lighting: Lighting, n: vec3f) -> vec3f {
+    let linear = lighting.sky_harmonics[0] + lighting.sky_harmonics[1] * n.x + lighting.sky_harmonics[2] * n.y
+        + lighting.sky_harmonics[3] * n.z;
+    let products = lighting.sky_harmonics[4] * (n.x * n.y) + lighting.sky_harmonics[5] * (n.y * n.z)
+        + lighting.sky_harmonics[6] * (n.x * n.z);
+    let squares = lighting.sky_harmonics[7] * (3.0 * n.z * n.z - 1.0)
+        + lighting.sky_harmonics[8] * (n.x * n.x - n.y * n.y);
+    return max((linear + products + squares).rgb, vec3f(0.0));
+}
+
 // Radiance of the sky in direction d (unit).
 fn sky_radiance(lighting: Lighting, d: vec3f) -> vec3f {
+    if has_environment {
+        return environment_radiance(d);
+    }
     if d.y >= 0.0 {
         return mix(lighting.sky_horizon, lighting.sky_zenith, min(d.y, 1.0));
     }
@@ -48,6 +97,9 @@ fn sky_radiance(lighting: Lighting, d: vec3f) -> vec3f {
 
 // Irradiance of the sky on a surface with unit normal n, divided by pi.
 fn sky_ambient(lighting: Lighting, n: vec3f) -> vec3f {
+    if has_environment {
+        return environment_ambient(lighting, n);
+    }
     let upper = (lighting.sky_zenith + lighting.sky_horizon) * 0.5;
     return mix(lighting.sky_ground, upper, saturate(0.5 * n.y + 0.5));
 }

@@ -32,6 +32,8 @@ pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(long, value_name = "S", default_value = "terrain")]
     scene: String,
+    #[command(flatten)]
+    environment: args::Environment,
     /// Number of clients, each with its own viewpoint
     #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u16).range(1..=256))]
     views: u16,
@@ -75,7 +77,8 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
 
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
-    let (scene, more) = (args.scene.clone(), args.samples.arguments);
+    let name = args.environment.of(&args.scene);
+    let (scene, more) = (name.clone(), args.samples.arguments);
     let starting = move || LocalCluster::start(&program, &scene, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
     let first = connect(&cluster, workers).await?;
@@ -103,7 +106,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     progress.set_message("comparing");
     let judged = judge::all(&warped.answers, &naive.answers, &truth.answers)?;
     progress.finish_and_clear();
-    let figures = Figures::of(&args.scene, workers, &warped, &steady, &naive, &judged);
+    let figures = Figures::of(&name, workers, &warped, &steady, &naive, &judged);
     let title =
         format!("{}: {count} views of {}x{}, {workers} workers", figures.scene, args.size[0], args.size[1]);
     let sheet = write_pictures(&args.out, &title, &judged)?;

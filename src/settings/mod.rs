@@ -56,6 +56,8 @@ impl Default for Client {
 pub(crate) struct Coordinator {
     /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`. Set here or by a flag, never by a request.
     pub(crate) scene: Option<String>,
+    /// File of an environment map in place of the scene's sky.
+    pub(crate) environment: Option<String>,
     /// Address to listen on. The default is local: other machines require TLS.
     pub(crate) listen: String,
     /// Whether idle samplers also compose views, which saves a fifth of the time on two workers.
@@ -113,6 +115,7 @@ impl Default for Coordinator {
         let (maps, probes) = (MegaViews::default(), Reflections::default());
         Self {
             scene: None,
+            environment: None,
             listen: "127.0.0.1:7400".to_owned(),
             samplers_composite: true,
             sampling: Sampling::default().name().to_owned(),

@@ -12,6 +12,8 @@ pub(super) struct Scene {
     /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
     #[arg(long = "scene", value_name = "S")]
     name: Option<String>,
+    #[command(flatten)]
+    environment: args::Environment,
 }
 
 impl Scene {
@@ -19,6 +21,7 @@ impl Scene {
         if let Some(name) = self.name {
             *default = name;
         }
+        *default = self.environment.of(default);
     }
 }
 
@@ -28,6 +31,8 @@ pub(super) struct Scenes {
     /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; may be given more than once
     #[arg(long = "scene", value_name = "S")]
     names: Vec<String>,
+    #[command(flatten)]
+    environment: args::Environment,
 }
 
 impl Scenes {
@@ -35,6 +40,7 @@ impl Scenes {
         if !self.names.is_empty() {
             *default = self.names;
         }
+        default.iter_mut().for_each(|scene| *scene = self.environment.of(scene));
     }
 }
 

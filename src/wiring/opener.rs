@@ -1,5 +1,6 @@
 //! Opens the scene that a worker must render: from this machine's files, or from files that the coordinator sent.
 
+use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,6 +9,8 @@ use std::thread::JoinHandle;
 
 use argus_cluster::{BundleFile, SceneOpener, SceneRef};
 use argus_scene::{LoadError, Scene, load, reference};
+
+use super::source::environment_name;
 
 /// The file of a kept bundle that names the file to open.
 const ROOT: &str = "root";
@@ -68,6 +71,15 @@ impl SceneFolder {
         Some(kept.join(FILES).join(root))
     }
 
+    /// The files here that may be the environment map of a scene: of its kept bundle, of that name in the folder, and the
+    /// named file itself.
+    fn environments(&self, reference: &SceneRef, file: &str) -> Vec<PathBuf> {
+        let kept = environment_name(file).map(|name| self.kept(reference).join(FILES).join(name));
+        let by_name = Path::new(file).file_name().map(|name| self.folder.join(name));
+        let places = [kept, by_name, Some(PathBuf::from(file))];
+        places.into_iter().flatten().filter(|place| place.is_file()).collect()
+    }
+
     /// Keeps a bundle. It is written to a temporary folder and renamed, so that several workers may share the folder
     /// and none sees half a scene.
     fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
@@ -108,17 +120,25 @@ impl SceneOpener for SceneFolder {
             // Procedural scenes are generated in `open_procedural`, by the coordinator's specification.
             return Ok(None);
         }
-        let name = Path::new(&reference.name);
+        let (alone, environment) = argus_scene::split_environment(&reference.name);
+        let environments = environment.map(|file| self.environments(reference, file));
+        if argus_scene::is_procedural(alone) {
+            let has_environment = environments.as_ref().is_some_and(|places| !places.is_empty());
+            let scene = has_environment.then(|| argus_scene::open(alone)).transpose();
+            let scene = scene.map_err(|error| error.to_string())?;
+            return Ok(scene.and_then(|scene| served(reference, scene, environments.as_deref())));
+        }
+        let name = Path::new(alone);
         let by_name = name.file_name().map(|file: &OsStr| self.folder.join(file));
         let places = [self.kept_root(reference), by_name, Some(name.to_path_buf())];
         for place in places.into_iter().flatten().filter(|place| place.is_file()) {
             // A file that cannot be opened, or that holds another scene of the same name, is skipped: the coordinator
             // has the right one.
             match load::load_path(&place) {
-                Ok(scene) if scene.hash == reference.hash => {
-                    return Ok(Some(Arc::new(Scene { name: reference.name.clone(), ..scene })));
-                }
-                Ok(_) => tracing::info!("{} is not the scene that is served", place.display()),
+                Ok(scene) => match served(reference, scene, environments.as_deref()) {
+                    Some(scene) => return Ok(Some(scene)),
+                    None => tracing::info!("{} is not the scene that is served", place.display()),
+                },
                 Err(error) => tracing::warn!("{error}"),
             }
         }
@@ -138,8 +158,107 @@ impl SceneOpener for SceneFolder {
             tracing::warn!("cannot keep the scene in {}: {error}", self.folder.display());
         }
         let root = files.first().ok_or("the scene's bundle has no files")?.name.clone();
-        let files = files.into_iter().map(|file| (file.name, file.bytes)).collect();
-        let scene = load::load_bundle(&root, &files).map_err(|error| error.to_string())?;
+        let mut files: BTreeMap<_, _> = files.into_iter().map(|file| (file.name, file.bytes)).collect();
+        let (alone, environment) = argus_scene::split_environment(&reference.name);
+        let environment = environment.and_then(environment_name).and_then(|name| files.remove_entry(&name));
+        let scene = match argus_scene::is_procedural(alone) {
+            true => argus_scene::open(alone),
+            false => load::load_bundle(&root, &files),
+        };
+        let mut scene = scene.map_err(|error| error.to_string())?;
+        if let Some((name, bytes)) = environment {
+            let map = load::decode_environment(&name, &bytes).map_err(|error| error.to_string())?;
+            scene = scene.with_environment(map, &bytes);
+        }
         Ok(Arc::new(Scene { name: reference.name.clone(), ..scene }))
+    }
+}
+
+/// A scene that was opened here, in the first of its environments that makes it the referenced one. `None` if it is
+/// another scene.
+fn served(reference: &SceneRef, scene: Scene, environments: Option<&[PathBuf]>) -> Option<Arc<Scene>> {
+    let Some(places) = environments else {
+        let is_served = scene.hash == reference.hash;
+        return is_served.then(|| Arc::new(Scene { name: reference.name.clone(), ..scene }));
+    };
+    for place in places {
+        let is_it = |bytes: &Vec<u8>| scene.hash.in_environment(bytes) == reference.hash;
+        let Some(bytes) = std::fs::read(place).ok().filter(is_it) else { continue };
+        match load::decode_environment(&place.display().to_string(), &bytes) {
+            Ok(map) => {
+                let scene = scene.with_environment(map, &bytes);
+                return Some(Arc::new(Scene { name: reference.name.clone(), ..scene }));
+            }
+            Err(error) => tracing::warn!("{error}"),
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_cluster::SceneSource as _;
+
+    use super::*;
+    use crate::wiring::OpenScene;
+
+    /// A map of 2 × 1 texels as a Radiance file: one grey, one red.
+    const MAP: &[u8] = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x80\x80\x40\x40\x80";
+
+    /// The bundle of an open scene, as a worker receives it.
+    fn bundle(scene: &OpenScene) -> Vec<BundleFile> {
+        let read =
+            |(name, path): (String, PathBuf)| BundleFile { name, bytes: std::fs::read(path).unwrap().into() };
+        scene.files().unwrap().into_iter().map(read).collect()
+    }
+
+    fn reference(scene: &OpenScene) -> SceneRef {
+        SceneRef { name: scene.name().to_owned(), hash: scene.scene().hash }
+    }
+
+    fn write_square(folder: &Path) -> String {
+        let file = folder.join("square.obj");
+        std::fs::write(&file, "v 0 0 0\nv 1 0 0\nv 1 0 1\nf 3 2 1\n").unwrap();
+        file.display().to_string()
+    }
+
+    #[test]
+    fn a_worker_without_the_environments_file_gets_it_with_the_scene_and_keeps_it() {
+        let here = tempfile::tempdir().unwrap();
+        let map = here.path().join("noon.hdr");
+        std::fs::write(&map, MAP).unwrap();
+        for scene in [write_square(here.path()), "terrain:2000".to_owned()] {
+            let spec = argus_scene::in_environment(&scene, &map.display().to_string());
+            let served = OpenScene::open(&spec).unwrap();
+            assert_eq!(served.name(), spec);
+            assert_eq!(served.procedural(), None);
+            let (reference, files) = (reference(&served), bundle(&served));
+            assert!(files.iter().any(|file| file.name == ".environment/noon.hdr"));
+            // Another machine has neither file.
+            let there = tempfile::tempdir().unwrap();
+            let moved = here.path().with_extension("moved");
+            std::fs::rename(here.path(), &moved).unwrap();
+            let worker = SceneFolder::new(Some(there.path().to_path_buf()));
+            assert!(worker.open_local(&reference).unwrap().is_none());
+            let fetched = worker.open_bundle(&reference, files).unwrap();
+            assert_eq!(*fetched, **served.scene());
+            let kept = worker.open_local(&reference).unwrap().expect("the bundle was kept");
+            assert_eq!(*kept, **served.scene());
+            std::fs::rename(&moved, here.path()).unwrap();
+            let near = SceneFolder::new(Some(there.path().join("empty")));
+            assert_eq!(*near.open_local(&reference).unwrap().expect("both are here"), **served.scene());
+        }
+    }
+
+    #[test]
+    fn a_scene_is_not_opened_in_another_environment_of_that_name() {
+        let here = tempfile::tempdir().unwrap();
+        let map = here.path().join("noon.hdr");
+        std::fs::write(&map, MAP).unwrap();
+        let spec = argus_scene::in_environment("terrain:2000", &map.display().to_string());
+        let reference = reference(&OpenScene::open(&spec).unwrap());
+        std::fs::write(&map, [MAP, b"\n"].concat()).unwrap();
+        let worker = SceneFolder::new(Some(here.path().join("scenes")));
+        assert!(worker.open_local(&reference).unwrap().is_none());
     }
 }

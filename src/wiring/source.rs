@@ -9,6 +9,15 @@ use argus_sampler::PacketSight;
 use argus_scene::rig::Sight;
 use argus_scene::{LoadError, Metering, Scene, load};
 
+/// The folder of a bundle that holds the environment map alone. Scenes name no files in it.
+const ENVIRONMENT: &str = ".environment";
+
+/// The name in a bundle of an environment map: its folder and the file's own name.
+pub(super) fn environment_name(file: &str) -> Option<String> {
+    let name = Path::new(file).file_name()?.to_str()?;
+    Some(format!("{ENVIRONMENT}/{name}"))
+}
+
 /// An open scene.
 pub(crate) struct OpenScene {
     scene: Arc<Scene>,
@@ -61,10 +70,18 @@ impl SceneSource for OpenScene {
         if self.procedural().is_some() {
             return Ok(Vec::new());
         }
-        let path = Path::new(&self.scene.name);
-        let mut files = load::bundle_files(path).map_err(|error| error.to_string())?;
-        // The file to open comes first; the rest keep their order.
-        files.sort_by_key(|(name, _)| path.file_name() != Some(OsStr::new(name)));
+        let (alone, environment) = argus_scene::split_environment(&self.scene.name);
+        let mut files = Vec::new();
+        if !argus_scene::is_procedural(alone) {
+            let path = Path::new(alone);
+            files = load::bundle_files(path).map_err(|error| error.to_string())?;
+            // The file to open comes first; the rest keep their order.
+            files.sort_by_key(|(name, _)| path.file_name() != Some(OsStr::new(name)));
+        }
+        if let Some(file) = environment {
+            let name = environment_name(file).ok_or_else(|| format!("{file}: is not the name of a file"))?;
+            files.push((name, PathBuf::from(file)));
+        }
         Ok(files)
     }
 }

@@ -138,6 +138,7 @@ fn a_scene_is_described_and_a_missing_one_is_named() {
     assert_eq!(scene, json(&["scene", SMALL, "--json"]), "a generated scene is the same each time");
 
     fails_in_one_line(&["scene", "no/such/file.glb"], 1, &["no/such/file.glb"]);
+    fails_in_one_line(&["scene", SMALL, "--environment", "no/such/sky.hdr"], 1, &["no/such/sky.hdr"]);
     assert!(!run(&["scene", "terrain:many"]).status.success());
 }
 

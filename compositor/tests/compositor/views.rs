@@ -4,7 +4,8 @@ use crate::common;
 
 use argus_compositor::GpuCompositor;
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Output, Outputs, Plan, SampleCamera, SampleSet, Search, ViewJob,
+    Camera, Cancel, Compositor as _, Environment, Output, Outputs, Plan, SampleCamera, SampleSet, Search,
+    Sky, ViewJob,
 };
 use common::*;
 use glam::DVec3;
@@ -43,6 +44,32 @@ fn every_search_shows_the_garden_as_it_is() {
         println!("{search:?} {judged:?}");
         assert_close(judged, 0.02, 1.5, 0.01);
         assert!(judged.sky > 0.1, "the horizon is in this view: {judged:?}");
+    }
+}
+
+#[test]
+fn every_search_shows_an_environment_map_behind_the_garden_and_in_its_gloss() {
+    let texel = |i: u32| {
+        let wave = |k: f32| 0.4 + 0.3 * ((i % 64) as f32 * k).sin();
+        glam::Vec3::new(wave(0.1), wave(0.2), 0.9 - (i / 64) as f32 / 64.0)
+    };
+    let environment = Environment::new(64, 32, (0..64 * 32).map(texel).collect()).unwrap();
+    assert!(environment.lights.is_empty());
+    let sky = Sky::of_map(environment.map);
+    for f0 in [0.0, 0.3] {
+        let mut garden = Analytic { f0, ..Analytic::garden() };
+        garden.lighting.sky = sky.clone();
+        let set = sample_set(&garden, &corners(DVec3::ZERO, [400, 300]), f0 > 0.0, 1);
+        let mut compositor = compositor(&set);
+        for search in Search::ALL {
+            let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::new(0.0, 2.0, 0.0));
+            let view = job(&set, camera, [200, 150], search);
+            let frame = compose_one(&mut compositor, &view).unwrap();
+            let judged = judge(&garden, &view, &frame, 0.03);
+            println!("{search:?} {judged:?}");
+            assert_close(judged, 0.02, 1.5, 0.01);
+            assert!(judged.sky > 0.1, "the horizon is in this view: {judged:?}");
+        }
     }
 }
 

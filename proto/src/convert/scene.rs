@@ -143,7 +143,8 @@ fn cut_off(range: Option<f64>, field: &'static str) -> Result<Option<f64>, Inval
 
 impl From<&Lighting> for v1::Lighting {
     fn from(lighting: &Lighting) -> Self {
-        let Sky { zenith, horizon, ground } = lighting.sky;
+        // A map is a part of the scene, which the receiver has.
+        let Sky { zenith, horizon, ground, map: _ } = lighting.sky;
         let sky = v1::Sky {
             zenith: Some(zenith.into()),
             horizon: Some(horizon.into()),
@@ -172,6 +173,7 @@ impl TryFrom<v1::Lighting> for Lighting {
                 zenith: rgb(sky.zenith, "lighting.sky.zenith")?,
                 horizon: rgb(sky.horizon, "lighting.sky.horizon")?,
                 ground: rgb(sky.ground, "lighting.sky.ground")?,
+                map: None,
             },
             exposure: wire.exposure,
         })

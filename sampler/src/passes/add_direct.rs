@@ -19,7 +19,7 @@ impl AddDirect {
     /// The pipelines for a scene's features.
     pub(crate) fn new(gpu: &Gpu, features: Features) -> Self {
         let pipeline = |reflects: bool| {
-            let constants = [("reflects_light", f64::from(u8::from(reflects)))];
+            let constants = [("reflects_light", f64::from(u8::from(reflects))), features.sky_constant()];
             gpu.compute_pipeline_with(&ADD_DIRECT, "add_direct", &constants)
         };
         Self { diffuse: pipeline(false), view: pipeline(features.specular) }
@@ -43,6 +43,7 @@ impl AddDirect {
             .compute("add direct light", pipeline)
             .read("tile", &parameters)
             .read("lighting", &eye.lighting)
+            .read("environment_map", context.resident.environment.view())
             .read("lights", &eye.lights)
             .read("guides", &guides.surfaces)
             .read("guide_materials", &guides.materials)

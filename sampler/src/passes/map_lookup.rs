@@ -7,11 +7,13 @@ use argus_shaders::layout::sampler::MapLookup as Parameters;
 use argus_shaders::sampler::MAP_LOOKUP;
 
 use super::{TileContext, with_node_maps};
+use crate::resident::Features;
 
 /// Looks up nodes in maps. The pipeline depends on the number of arrays.
 pub(crate) struct MapLookup {
     pipeline: ComputePipeline,
     arrays: usize,
+    features: Features,
 }
 
 /// Maps of nodes, and the radiance of the nodes.
@@ -24,14 +26,17 @@ pub(crate) struct Maps<'a> {
 }
 
 impl MapLookup {
-    pub(crate) fn new(gpu: &Gpu, arrays: usize) -> Self {
-        let constants = [("arrays", arrays as f64)];
-        Self { pipeline: gpu.compute_pipeline_with(&MAP_LOOKUP, "look_up", &constants), arrays }
+    pub(crate) fn new(gpu: &Gpu, features: Features, arrays: usize) -> Self {
+        let constants = [("arrays", arrays as f64), features.sky_constant()];
+        let pipeline = gpu.compute_pipeline_with(&MAP_LOOKUP, "look_up", &constants);
+        Self { pipeline, arrays, features }
     }
 
-    /// Number of arrays of the pipeline.
-    pub(crate) fn arrays(&self) -> usize {
-        self.arrays
+    /// Makes the pipeline anew if it is for another number of arrays.
+    pub(crate) fn set_arrays(&mut self, gpu: &Gpu, arrays: usize) {
+        if arrays != self.arrays {
+            *self = Self::new(gpu, self.features, arrays);
+        }
     }
 
     /// Looks up a tile of a camera. `view` is the camera's index in the traversal.
@@ -49,6 +54,7 @@ impl MapLookup {
             .read("rays", rays)
             .read("lookup", &lookup)
             .read("lighting", &eye.lighting)
+            .read("environment_map", context.resident.environment.view())
             .write("shaded", &targets.shaded)
             .dispatch_threads([width, height, 1]);
     }

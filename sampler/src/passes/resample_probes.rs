@@ -1,17 +1,19 @@
 //! Program: `shaders/sampler/resample_probes.wgsl`. Makes the levels of reflection probes from maps of nodes.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_gpu::{Commands, ComputePipeline, EnvironmentTexture, Gpu, wgpu};
 use argus_scene::reflection::{level_sides, map_size};
 use argus_shaders::layout::sampler::ResampleProbes as Step;
 use argus_shaders::sampler::RESAMPLE_PROBES;
 
 use super::NodeMaps;
+use crate::resident::Features;
 
 /// Resamples and blurs. The pipeline depends on the number of arrays of maps.
 pub(crate) struct ResampleProbes {
     resample: ComputePipeline,
     blur: ComputePipeline,
     arrays: usize,
+    features: Features,
 }
 
 /// Probes while they are rendered.
@@ -46,27 +48,31 @@ impl ProbePlanes {
 }
 
 impl ResampleProbes {
-    pub(crate) fn new(gpu: &Gpu, arrays: usize) -> Self {
-        let constants = [("arrays", arrays as f64)];
+    pub(crate) fn new(gpu: &Gpu, features: Features, arrays: usize) -> Self {
+        let constants = [("arrays", arrays as f64), features.sky_constant()];
         Self {
             resample: gpu.compute_pipeline_with(&RESAMPLE_PROBES, "resample", &constants),
             blur: gpu.compute_pipeline_with(&RESAMPLE_PROBES, "blur", &constants),
             arrays,
+            features,
         }
     }
 
-    /// Number of arrays of the pipeline.
-    pub(crate) fn arrays(&self) -> usize {
-        self.arrays
+    /// Makes the pipelines anew if they are for another number of arrays.
+    pub(crate) fn set_arrays(&mut self, gpu: &Gpu, arrays: usize) {
+        if arrays != self.arrays {
+            *self = Self::new(gpu, self.features, arrays);
+        }
     }
 
-    /// Makes a probe from each of the first views of `maps`. `lighting` has the sky.
+    /// Makes a probe from each of the first views of `maps`. The sky is that of a lighting uniform and an
+    /// environment map.
     pub(crate) fn record(
         &self,
         gpu: &Gpu,
         commands: &mut Commands,
         maps: &NodeMaps<'_>,
-        lighting: &wgpu::Buffer,
+        (lighting, environment): (&wgpu::Buffer, &EnvironmentTexture),
         planes: &ProbePlanes,
     ) {
         let lookup = maps.lookup(gpu, 0);
@@ -80,7 +86,8 @@ impl ResampleProbes {
                 0 => maps
                     .bind(commands.compute("resample probes", &self.resample))
                     .read("lookup", &lookup)
-                    .read("lighting", lighting),
+                    .read("lighting", lighting)
+                    .read("environment_map", environment.view()),
                 _ => commands.compute("blur probes", &self.blur),
             };
             call.write("finest", &planes.finest)

@@ -51,6 +51,7 @@ impl Shade {
         let around = gpu.upload("around", &[about_eye], wgpu::BufferUsages::UNIFORM);
         let mut call = context
             .with_surfaces(commands.compute(name, pipeline))
+            .read("environment_map", context.resident.environment.view())
             .read("rays", rays)
             .read("visibility", &targets.visibility)
             .write("guides", guides)

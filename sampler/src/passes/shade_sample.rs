@@ -65,6 +65,7 @@ impl ShadeSample {
         ] {
             context
                 .with_surfaces(commands.compute(name, pipeline))
+                .read("environment_map", context.resident.environment.view())
                 .read("rays", rays)
                 .read("visibility", &targets.visibility)
                 .read("probe_of_instance", &probe_bindings.probe_of_instance)

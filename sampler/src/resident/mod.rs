@@ -7,7 +7,7 @@ mod texels;
 use std::sync::Arc;
 
 use crate::{Indirect, SamplerKnobs};
-use argus_gpu::{Gpu, wgpu};
+use argus_gpu::{EnvironmentTexture, Gpu, wgpu};
 use argus_scene::{Bounds, Effect, Instance, Mesh, RenderError, Scene};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3, Vec3};
@@ -26,6 +26,7 @@ pub(crate) struct Resident {
     pub(crate) texel_levels: wgpu::Buffer,
     pub(crate) texels: wgpu::TextureView,
     pub(crate) texels_srgb: wgpu::TextureView,
+    pub(crate) environment: EnvironmentTexture,
     /// One a mesh of the scene.
     pub(crate) runs: Vec<MeshRun>,
     /// Visible instances at the time of the last pose, in drawing order: by class, then by mesh.
@@ -45,6 +46,8 @@ pub(crate) struct Features {
     pub(crate) normal_maps: bool,
     pub(crate) vertex_colors: bool,
     pub(crate) specular: bool,
+    /// The sky is an environment map.
+    pub(crate) environment: bool,
 }
 
 impl Features {
@@ -56,17 +59,24 @@ impl Features {
             normal_maps: effects.contains(&Effect::NormalMap),
             vertex_colors: scene.meshes.iter().any(|mesh| !mesh.colors.is_empty()),
             specular: effects.contains(&Effect::Specular),
+            environment: scene.lighting.sky.map.is_some(),
         }
     }
 
+    /// The `override` of programs that look at the sky and not at surfaces.
+    pub(crate) fn sky_constant(self) -> (&'static str, f64) {
+        ("has_environment", f64::from(u8::from(self.environment)))
+    }
+
     /// Values of the shading programs' `override`s.
-    pub(crate) fn constants(self, guides: GuideUse) -> [(&'static str, f64); 7] {
+    pub(crate) fn constants(self, guides: GuideUse) -> [(&'static str, f64); 8] {
         [
             ("has_srgb_textures", self.srgb_textures),
             ("has_linear_textures", self.linear_textures),
             ("has_normal_maps", self.normal_maps),
             ("has_vertex_colors", self.vertex_colors),
             ("has_specular", self.specular),
+            ("has_environment", self.environment),
             ("keeps_guides", guides != GuideUse::None),
             ("lit_by_rays", guides == GuideUse::AllLight),
         ]
@@ -165,6 +175,7 @@ impl Resident {
             texel_levels: upload(gpu, "texture levels", &texels.levels, storage)?,
             texels: texels.linear,
             texels_srgb: texels.srgb,
+            environment: EnvironmentTexture::new(gpu, &scene.lighting.sky)?,
             instances: placements(scene, &scene.at(0.0).instances, |mesh| is_filled(&runs[mesh])),
             runs,
             instance_count: scene.instances.len(),

@@ -138,16 +138,24 @@ fn is_apart(caster: &Bounds, body: &Body, light: &Light) -> bool {
 
 /// Largest radiance of a sky.
 pub(super) fn brightest(sky: &Sky) -> Vec3 {
-    sky.zenith.max(sky.horizon).max(sky.ground)
+    match &sky.map {
+        Some(map) => map.brightest(),
+        None => sky.zenith.max(sky.horizon).max(sky.ground),
+    }
 }
 
 /// Largest difference of an open sky's irradiance / π, as the integral that visibility rays estimate, from the blend of
-/// [`crate::shading::sky_ambient`], as a share of the difference of brightest and darkest.
+/// [`crate::shading::sky_ambient`], as a share of the difference of brightest and darkest. For maps it is at most 0.09: half
+/// the integral of the absolute difference of a clamped cosine from its harmonics up to degree 2.
 pub(super) const OPEN_SKY: f32 = 0.17;
 
 /// Largest difference of brightest and darkest in a sky.
 pub(super) fn contrast(sky: &Sky) -> Vec3 {
-    brightest(sky) - sky.zenith.min(sky.horizon).min(sky.ground)
+    let darkest = match &sky.map {
+        Some(map) => map.darkest(),
+        None => sky.zenith.min(sky.horizon).min(sky.ground),
+    };
+    brightest(sky) - darkest
 }
 
 #[cfg(test)]
@@ -160,7 +168,7 @@ mod tests {
     fn an_open_skys_integral_differs_from_its_blend_by_less_than_the_constant() {
         for colors in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]] {
             let [zenith, horizon, ground] = colors.map(Vec3::splat);
-            let sky = Sky { zenith, horizon, ground };
+            let sky = Sky { zenith, horizon, ground, map: None };
             for step in -50..=50 {
                 let y = f64::from(step) / 50.0;
                 let normal = DVec3::new((1.0 - y * y).sqrt(), y, 0.0);

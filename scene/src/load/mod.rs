@@ -4,6 +4,7 @@
 //! rather than by the counts that it claims. A bad texture costs that texture and a warning.
 
 mod bundle;
+mod environment;
 mod error;
 mod geometry;
 mod gltf;
@@ -25,6 +26,7 @@ use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
 
 pub use bundle::bundle_files;
 use bundle::{Bundle, Folder, InMemory};
+pub use environment::{decode_environment, load_environment};
 pub use error::LoadError;
 
 /// A file format.

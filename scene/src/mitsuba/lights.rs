@@ -108,9 +108,9 @@ pub(super) fn write_light(
     Ok(differences)
 }
 
-/// Writes the sky, if it is not black. Files go to `folder`.
+/// Writes the sky, if it is not black. Files go to `folder`. A map is always written as it is seen.
 pub(super) fn write_sky(xml: &mut Xml, sky: &Sky, light: SkyLight, folder: &Path) -> io::Result<()> {
-    if sky.zenith == sky.horizon && sky.zenith == sky.ground {
+    if sky.map.is_none() && sky.zenith == sky.horizon && sky.zenith == sky.ground {
         if sky.zenith != Vec3::ZERO {
             xml.open("emitter", &[("type", "constant")]);
             xml.value("rgb", "radiance", &rgb(sky.zenith));
@@ -119,10 +119,11 @@ pub(super) fn write_sky(xml: &mut Xml, sky: &Sky, light: SkyLight, folder: &Path
         return Ok(());
     }
     let radiance = |d: Vec3| match light {
-        SkyLight::Seen => sky_radiance(sky, d),
-        SkyLight::Ambient => ambient_radiance(sky, d),
+        SkyLight::Ambient if sky.map.is_none() => ambient_radiance(sky, d),
+        _ => sky_radiance(sky, d),
     };
-    panorama(radiance).save(folder.join("sky.exr")).map_err(io::Error::other)?;
+    let size = sky.map.as_ref().map_or([SKY_COLUMNS, SKY_ROWS], |map| [map.size()[0], map.size()[1] + 1]);
+    panorama(size, radiance).save(folder.join("sky.exr")).map_err(io::Error::other)?;
     xml.open("emitter", &[("type", "envmap")]);
     xml.value("string", "filename", "sky.exr");
     xml.close();
@@ -179,16 +180,16 @@ fn ambient_radiance(sky: &Sky, d: Vec3) -> Vec3 {
 
 /// A panorama of radiance by direction for Mitsuba's `envmap`: y is up. Row i shows the polar angle π·i/(rows − 1).
 /// Columns have their centres at half integers; column 0 begins at −z, and +x follows after a quarter.
-fn panorama(radiance: impl Fn(Vec3) -> Vec3) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
-    ImageBuffer::from_fn(SKY_COLUMNS, SKY_ROWS, |column, row| {
-        Rgb(radiance(direction_of(column, row).as_vec3()).to_array())
+fn panorama(size: [u32; 2], radiance: impl Fn(Vec3) -> Vec3) -> ImageBuffer<Rgb<f32>, Vec<f32>> {
+    ImageBuffer::from_fn(size[0], size[1], |column, row| {
+        Rgb(radiance(direction_of(size, column, row).as_vec3()).to_array())
     })
 }
 
 /// Unit direction of a texel of [`panorama`].
-pub(super) fn direction_of(column: u32, row: u32) -> DVec3 {
-    let polar = PI * f64::from(row) / f64::from(SKY_ROWS - 1);
-    let around = TAU * (f64::from(column) + 0.5) / f64::from(SKY_COLUMNS);
+pub(super) fn direction_of(size: [u32; 2], column: u32, row: u32) -> DVec3 {
+    let polar = PI * f64::from(row) / f64::from(size[1] - 1);
+    let around = TAU * (f64::from(column) + 0.5) / f64::from(size[0]);
     DVec3::new(polar.sin() * around.sin(), polar.cos(), -polar.sin() * around.cos())
 }
 

@@ -105,8 +105,8 @@ pub fn write(scene: &Scene, settings: &Settings, folder: &Path) -> io::Result<Ex
         bitmaps.differences.extend(write_light(&mut xml, light, index, space, folder)?);
         exported.emitters += 1;
     }
-    let sky = pose.lighting.sky;
-    write_sky(&mut xml, &sky, settings.sky, folder)?;
+    let sky = &pose.lighting.sky;
+    write_sky(&mut xml, sky, settings.sky, folder)?;
     exported.emitters += usize::from([sky.zenith, sky.horizon, sky.ground] != [Vec3::ZERO; 3]);
     exported.bitmaps = bitmaps.written.len();
     exported.differences = bitmaps.differences.into_iter().collect();

@@ -211,9 +211,11 @@ fn a_scene_far_from_zero_is_moved_to_the_eye() {
 
 #[test]
 fn the_panoramas_first_row_is_up_and_a_quarter_turn_from_minus_z_is_plus_x() {
-    assert!(lights::direction_of(0, 0).y > 0.999);
-    assert!(lights::direction_of(0, 512).z < -0.99 && lights::direction_of(0, 512).y.abs() < 1e-9);
-    assert!(lights::direction_of(16, 512).x > 0.99);
+    let size = [64, 1025];
+    assert!(lights::direction_of(size, 0, 0).y > 0.999);
+    let level = lights::direction_of(size, 0, 512);
+    assert!(level.z < -0.99 && level.y.abs() < 1e-9);
+    assert!(lights::direction_of(size, 16, 512).x > 0.99);
 }
 
 #[test]

@@ -173,7 +173,12 @@ fn emitters_and_glow_change_no_pixel_by_more_than_their_bounds() {
 
 #[test]
 fn sky_visibility_changes_no_pixel_by_more_than_its_bound() {
-    let dusk = Sky { zenith: Vec3::new(0.2, 0.3, 0.6), horizon: Vec3::splat(0.5), ground: Vec3::splat(0.1) };
+    let dusk = Sky {
+        zenith: Vec3::new(0.2, 0.3, 0.6),
+        horizon: Vec3::splat(0.5),
+        ground: Vec3::splat(0.1),
+        map: None,
+    };
     let lighting = Lighting { sky: dusk, ..furnace() };
     let change = holds_switched("roof", &matt(lighting.clone()), EffectKind::SkyVisibility, SKY, NONE);
     assert!(change > 0.05, "the roof blocks the sky");

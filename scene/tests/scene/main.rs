@@ -2,6 +2,7 @@
 
 mod common;
 mod effect_plan;
+mod environment;
 mod loaders;
 mod loaders_gltf;
 mod reference_images;

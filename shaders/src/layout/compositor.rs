@@ -92,8 +92,8 @@ mirror! {
         pub probes: ProbeUniform,
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
-        /// Pads to 768 bytes, a multiple of the alignment of uniforms.
-        pub _pad: [f32; 12],
+        /// Pads to 1024 bytes, a multiple of the alignment of uniforms.
+        pub _pad: [f32; 40],
     }
 }
 

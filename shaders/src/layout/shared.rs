@@ -52,7 +52,9 @@ mirror! {
         pub exposure: f32,
         /// Radiance of the sky straight down.
         pub sky_ground: [f32; 3],
-        /// WGSL rounds the struct up to 16 bytes.
+        /// WGSL aligns vectors of four to 16 bytes.
         pub _pad: f32,
+        /// Factors of an environment map's irradiance; zeros without a map.
+        pub sky_harmonics: [[f32; 4]; 9],
     }
 }

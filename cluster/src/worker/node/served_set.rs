@@ -106,10 +106,16 @@ impl ServedSet {
         self.state.lock().scene.clone()
     }
 
-    /// Serves another set, and forgets the samples of the previous one. A new version of the same set keeps them.
+    /// Serves another set, in the environment of the scene, which does not travel with sets. Forgets the samples of the previous one. A new version of the same set keeps them.
     /// Returns whether the set needs another sampler.
-    pub(in crate::worker) fn serve(&self, scene: &Arc<Scene>, set: SampleSetInfo, limits: Limits) -> bool {
+    pub(in crate::worker) fn serve(
+        &self,
+        scene: &Arc<Scene>,
+        mut set: SampleSetInfo,
+        limits: Limits,
+    ) -> bool {
         let mut state = self.state.lock();
+        set.lighting.sky.map = scene.lighting.sky.map.clone();
         let set = Arc::new(set);
         // A sampler is made for one scene, one number of sub-samples, and one kind of indirect light.
         let of_sampler = |set: &SampleSetInfo| (set.sub_samples, set.effects, set.indirect);

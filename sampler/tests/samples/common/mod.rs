@@ -138,6 +138,7 @@ pub(crate) fn empty_scene() -> Scene {
         zenith: Vec3::new(0.2, 0.4, 0.9),
         horizon: Vec3::new(0.8, 0.8, 0.7),
         ground: Vec3::new(0.3, 0.2, 0.1),
+        map: None,
     };
     Scene {
         name: "test".to_owned(),

@@ -1,0 +1,464 @@
+//! Environment maps: the sky of a scene as an image of all directions (equirectangular).
+//!
+//! # Directions
+//!
+//! Directions of the world meet texels as in Mitsuba's `envmap`: the top row is +Y, the bottom row −Y, and the centre of
+//! the image is +Z, the side that the front of a glTF asset faces. The left and right edges meet at −Z, and +X is a quarter
+//! of the width from the left. Texel centres lie at half integers. Between them radiance is bilinear, across the edges too;
+//! within half a texel of a pole it is that of the first or last row.
+//!
+//! # Small bright regions become lights
+//!
+//! Few of the rays that look for the sky would meet a sun of half a degree, and those few would be noise. So a map is split
+//! once, when it is loaded ([`Environment::new`]), and everything that shades or casts rays uses the same two parts:
+//!
+//! - the strongest compact regions above a [threshold](Environment) become directional lights with the regions' mean
+//!   direction, angular radius and irradiance;
+//! - the map keeps the rest. It is at most as bright as the threshold there, which is at least the white of a display, so
+//!   that the sun is still seen in the sky. No energy is lost: what the map loses the lights have.
+//!
+//! Regions that are too wide for a light stay in the map, where many rays meet them.
+
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+use glam::{DVec3, Vec3};
+
+use crate::{Light, Lighting, Scene, SceneHash, Sky};
+
+/// Most texels along the width of a map.
+pub const MOST_COLUMNS: u32 = 8192;
+
+/// Texels brighter than this many times the mean belong to bright regions. The mean counts each texel up to the threshold
+/// only, so that a sun does not raise its own threshold.
+const BRIGHT: f64 = 8.0;
+/// Least threshold: radiance that a display shows as white, as scenes are loaded with an exposure of 1.
+const WHITE: f64 = 1.0;
+/// Most steps that find the threshold.
+const STEPS: u32 = 16;
+/// Most lights of a map.
+const MOST_LIGHTS: usize = 8;
+/// Largest angular radius of a region that becomes a light, radians.
+const WIDEST: f64 = 0.3;
+/// Least irradiance of a light, as a share of π times the mean radiance.
+const WEAKEST: f64 = 0.005;
+/// Directions, around and from pole to pole, of the patches that integrals over a map are sums of.
+const PATCHES: [u32; 2] = [256, 128];
+
+/// The smooth part of an environment map, as shading and rays see it.
+#[derive(Debug)]
+pub struct EnvironmentMap {
+    hash: [u8; 32],
+    size: [u32; 2],
+    /// Row by row, top row first: nine bits of mantissa a colour and a shared exponent, as on the GPU.
+    texels: Vec<u32>,
+    harmonics: [Vec3; 9],
+    brightest: Vec3,
+    darkest: Vec3,
+}
+
+/// A map that is split for shading: the threshold is eight times the mean radiance, at least 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Environment {
+    /// What remains of the map.
+    pub map: Arc<EnvironmentMap>,
+    /// Directional lights in place of its small bright regions, the strongest first.
+    pub lights: Vec<Light>,
+}
+
+impl PartialEq for EnvironmentMap {
+    fn eq(&self, other: &Self) -> bool {
+        self.hash == other.hash
+    }
+}
+
+/// A region of texels above the threshold.
+#[derive(Default)]
+struct Region {
+    texels: Vec<usize>,
+    /// Irradiance of what is above the threshold, on a surface that faces the region.
+    irradiance: DVec3,
+    /// Luminance of `irradiance`.
+    weight: f64,
+    /// Sum of directions by weight.
+    toward: DVec3,
+    /// Sum of solid angles of texels by weight, steradians.
+    solid_angle: f64,
+}
+
+impl Region {
+    /// Angular radius of a disc with the same spread, radians; above [`WIDEST`] for a region without a direction.
+    fn radius(&self) -> f64 {
+        // Over a disc the mean of 1 − cosine to its middle is half of that at its edge.
+        let spread = 1.0 - self.toward.length() / self.weight;
+        let of_texels = self.solid_angle / self.weight / (2.0 * TAU);
+        (1.0 - 2.0 * (spread + of_texels)).clamp(-1.0, 1.0).acos()
+    }
+}
+
+impl Environment {
+    /// Splits a map. `texels` are linear radiance, row by row from the top: `width` times half as many.
+    ///
+    /// # Errors
+    /// Why no map can have these texels: empty, too large, not twice as wide as high, or a texel that is negative or not
+    /// finite.
+    pub fn new(width: u32, height: u32, mut texels: Vec<Vec3>) -> Result<Self, String> {
+        check_size(width, height)?;
+        if texels.len() as u64 != u64::from(width) * u64::from(height) {
+            return Err(format!("{} texels, not {width}×{height}", texels.len()));
+        }
+        if let Some(bad) = texels.iter().position(|texel| !(texel.is_finite() && texel.min_element() >= 0.0))
+        {
+            let (column, row) = (bad as u32 % width, bad as u32 / width);
+            let [r, g, b] = texels[bad].to_array();
+            return Err(format!(
+                "texel {column}, {row} is ({r}, {g}, {b}): radiance must be finite and not negative"
+            ));
+        }
+        let lights = split([width, height], &mut texels);
+        Ok(Self { map: Arc::new(EnvironmentMap::new([width, height], &texels)), lights })
+    }
+}
+
+/// Checks the size of a map, which is known before its texels are.
+///
+/// # Errors
+/// Why no map can have this size.
+pub fn check_size(width: u32, height: u32) -> Result<(), String> {
+    if width == 0 || height == 0 {
+        return Err("the image is empty".to_owned());
+    }
+    if u64::from(width) != 2 * u64::from(height) {
+        return Err(format!("{width}×{height} texels: a map of all directions is twice as wide as high"));
+    }
+    if width > MOST_COLUMNS {
+        let most = MOST_COLUMNS;
+        return Err(format!("{width}×{height} texels: at most {most}×{} are supported", most / 2));
+    }
+    Ok(())
+}
+
+impl EnvironmentMap {
+    fn new(size: [u32; 2], texels: &[Vec3]) -> Self {
+        let texels: Vec<u32> = texels.iter().map(|texel| encode(*texel)).collect();
+        let mut hasher = blake3::Hasher::new();
+        size.iter().chain(&texels).for_each(|word| {
+            hasher.update(&word.to_le_bytes());
+        });
+        let hash = *hasher.finalize().as_bytes();
+        let (mut brightest, mut darkest) = (Vec3::ZERO, Vec3::INFINITY);
+        for texel in &texels {
+            let radiance = decode(*texel);
+            (brightest, darkest) = (brightest.max(radiance), darkest.min(radiance));
+        }
+        let mut map = Self { hash, size, texels, harmonics: [Vec3::ZERO; 9], brightest, darkest };
+        map.harmonics = harmonics(&map.patches(PATCHES));
+        map
+    }
+
+    /// BLAKE3 over its size and texels.
+    pub fn hash(&self) -> [u8; 32] {
+        self.hash
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> [u32; 2] {
+        self.size
+    }
+
+    /// Texels row by row from the top, as `rgb9e5ufloat`.
+    pub fn texels(&self) -> &[u32] {
+        &self.texels
+    }
+
+    /// The largest radiance of each colour.
+    pub fn brightest(&self) -> Vec3 {
+        self.brightest
+    }
+
+    /// The smallest radiance of each colour.
+    pub fn darkest(&self) -> Vec3 {
+        self.darkest
+    }
+
+    /// Radiance from the unit direction `d`.
+    pub fn radiance(&self, d: Vec3) -> Vec3 {
+        let [width, height] = self.size.map(|side| side as f32);
+        let [u, v] = place_of(d);
+        let (x, y) = (u * width - 0.5, v * height - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let column = |x: f32| (x as i64).rem_euclid(i64::from(self.size[0])) as usize;
+        let row = |y: f32| (y as i64).clamp(0, i64::from(self.size[1]) - 1) as usize;
+        let [left_column, right_column] = [column(left), column(left + 1.0)];
+        let line = |y: f32| {
+            let first = row(y) * self.size[0] as usize;
+            let texel = |column: usize| decode(self.texels[first + column]);
+            texel(left_column).lerp(texel(right_column), x - left)
+        };
+        line(top).lerp(line(top + 1.0), y - top)
+    }
+
+    /// Irradiance on a surface with unit normal `n` by π, from below and above: the spherical harmonics of the map up to
+    /// degree 2 (Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001).
+    pub fn ambient(&self, n: Vec3) -> Vec3 {
+        let k = &self.harmonics;
+        let linear = k[0] + k[1] * n.x + k[2] * n.y + k[3] * n.z;
+        let products = k[4] * (n.x * n.y) + k[5] * (n.y * n.z) + k[6] * (n.x * n.z);
+        let squares = k[7] * (3.0 * n.z * n.z - 1.0) + k[8] * (n.x * n.x - n.y * n.y);
+        (linear + products + squares).max(Vec3::ZERO)
+    }
+
+    /// Factors of [`Self::ambient`]: of 1, x, y, z, xy, yz, xz, 3z² − 1 and x² − y².
+    pub fn harmonics(&self) -> &[Vec3; 9] {
+        &self.harmonics
+    }
+
+    /// The map by patches, so many columns and rows, row by row from the top. Solid angles add up to 4π.
+    pub fn patches(&self, [columns, rows]: [u32; 2]) -> Vec<Patch> {
+        let [width, height] = self.size;
+        // A map that is smaller than its patches is looked up in the middle of each.
+        let is_coarse = width < columns || height < rows;
+        let grid = if is_coarse { [columns, rows] } else { self.size };
+        // The texels from `first` on that belong to a patch: all sides differ by a texel at most.
+        let first = |patch: u32, texels: u32, patches: u32| {
+            (u64::from(patch) * u64::from(texels)).div_ceil(u64::from(patches)) as u32
+        };
+        let mut patches = Vec::with_capacity((columns * rows) as usize);
+        for row in 0..rows {
+            let [top, bottom] = [row, row + 1].map(|row| first(row, grid[1], rows));
+            for column in 0..columns {
+                let [left, right] = [column, column + 1].map(|column| first(column, grid[0], columns));
+                let middle = [left + right, top + bottom].map(|sum| f64::from(sum) * 0.5);
+                let mut patch =
+                    Patch { direction: toward(grid, middle), power: DVec3::ZERO, solid_angle: 0.0 };
+                for y in top..bottom {
+                    let area = solid_angle(grid, y);
+                    for x in left..right {
+                        let radiance = match is_coarse {
+                            true => self.radiance(direction_of(grid, x, y).as_vec3()),
+                            false => decode(self.texels[y as usize * width as usize + x as usize]),
+                        };
+                        patch.power += radiance.as_dvec3() * area;
+                        patch.solid_angle += area;
+                    }
+                }
+                patches.push(patch);
+            }
+        }
+        patches
+    }
+}
+
+/// A part of a map.
+#[derive(Debug, Clone, Copy)]
+pub struct Patch {
+    /// Unit direction of its middle.
+    pub direction: DVec3,
+    /// Its mean radiance times its solid angle.
+    pub power: DVec3,
+    /// Steradians.
+    pub solid_angle: f64,
+}
+
+impl Sky {
+    /// The sky of a map. The gradient is a fit, for what cannot show the map.
+    pub fn of_map(map: Arc<EnvironmentMap>) -> Self {
+        let level = [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z];
+        let horizon = level.iter().map(|d| map.ambient(*d)).sum::<Vec3>() / level.len() as f32;
+        Self { zenith: map.ambient(Vec3::Y), horizon, ground: map.ambient(Vec3::NEG_Y), map: Some(map) }
+    }
+
+    /// Factors of the irradiance of its map ([`EnvironmentMap::harmonics`]) as programs of the GPU read them; zeros
+    /// without a map.
+    pub fn harmonics(&self) -> [[f32; 4]; 9] {
+        let factors = self.map.as_ref().map_or([Vec3::ZERO; 9], |map| *map.harmonics());
+        factors.map(|factor| factor.extend(0.0).to_array())
+    }
+}
+
+impl Scene {
+    /// The scene in an environment, which replaces its sky. Its lights stay, except for the sun of a scene without lights
+    /// of its own. `file` is the content of the environment's file, which becomes a part of the scene's hash.
+    pub fn with_environment(mut self, environment: Environment, file: &[u8]) -> Self {
+        let mut lights = match self.lighting == Lighting::default() {
+            true => Vec::new(),
+            false => std::mem::take(&mut self.lighting.lights),
+        };
+        lights.extend(environment.lights);
+        self.lighting =
+            Lighting { lights, sky: Sky::of_map(environment.map), exposure: self.lighting.exposure };
+        self.hash = self.hash.in_environment(file);
+        self
+    }
+}
+
+impl SceneHash {
+    /// The hash of a scene in the environment whose file has this content.
+    pub fn in_environment(&self, file: &[u8]) -> Self {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(b"environment");
+        hasher.update(&self.0);
+        hasher.update(file);
+        Self(*hasher.finalize().as_bytes())
+    }
+}
+
+/// Column and row of a direction, as shares of width and height.
+fn place_of(d: Vec3) -> [f32; 2] {
+    let across = d.x.hypot(d.z);
+    // At the poles every column is right.
+    let u = if across > 1e-20 { d.x.atan2(-d.z) / std::f32::consts::TAU } else { 0.0 };
+    [u - u.floor(), across.atan2(d.y) / std::f32::consts::PI]
+}
+
+/// Unit direction of the middle of a texel.
+fn direction_of(size: [u32; 2], column: u32, row: u32) -> DVec3 {
+    toward(size, [column, row].map(|at| f64::from(at) + 0.5))
+}
+
+/// Unit direction of a place of the image, in texels from its top left corner.
+fn toward([width, height]: [u32; 2], [x, y]: [f64; 2]) -> DVec3 {
+    let polar = PI * y / f64::from(height);
+    let around = TAU * x / f64::from(width);
+    DVec3::new(polar.sin() * around.sin(), polar.cos(), -polar.sin() * around.cos())
+}
+
+/// Solid angle of a texel of a row, steradians.
+fn solid_angle([width, height]: [u32; 2], row: u32) -> f64 {
+    let cosine = |edge: u32| (PI * f64::from(edge) / f64::from(height)).cos();
+    TAU / f64::from(width) * (cosine(row) - cosine(row + 1))
+}
+
+/// Luminance of linear Rec. 709.
+fn luminance(color: Vec3) -> f32 {
+    Vec3::new(0.2126, 0.7152, 0.0722).dot(color)
+}
+
+/// Takes small bright regions out of a map and returns them as lights, the strongest first.
+fn split(size: [u32; 2], texels: &mut [Vec3]) -> Vec<Light> {
+    let width = size[0] as usize;
+    let luminances: Vec<f32> = texels.iter().map(|texel| luminance(*texel)).collect();
+    let areas: Vec<f64> = (0..size[1]).map(|row| solid_angle(size, row)).collect();
+    let mean_up_to = |most: f64| {
+        let rows = luminances.chunks(width).zip(&areas);
+        rows.map(|(row, area)| row.iter().map(|l| f64::from(*l).min(most)).sum::<f64>() * area).sum::<f64>()
+            / (2.0 * TAU)
+    };
+    let mut threshold = f64::INFINITY;
+    for _ in 0..STEPS {
+        let before = threshold;
+        threshold = BRIGHT * mean_up_to(before);
+        if threshold > before * 0.99 || threshold < WHITE {
+            break;
+        }
+    }
+    let threshold = threshold.max(WHITE);
+    let least = WEAKEST * PI * mean_up_to(f64::INFINITY);
+    let mut regions = regions(size, texels, &luminances, &areas, threshold);
+    regions.retain(|region| region.weight > least && region.radius() <= WIDEST);
+    regions.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    regions.truncate(MOST_LIGHTS);
+    let light = |region: Region| {
+        for &texel in &region.texels {
+            texels[texel] *= (threshold / f64::from(luminances[texel])) as f32;
+        }
+        Light::Directional {
+            direction: -region.toward.normalize(),
+            irradiance: region.irradiance.as_vec3(),
+            angular_radius: region.radius(),
+        }
+    };
+    regions.into_iter().map(light).collect()
+}
+
+/// The connected regions of texels above a threshold, across the left and right edge too.
+fn regions(
+    size: [u32; 2],
+    texels: &[Vec3],
+    luminances: &[f32],
+    areas: &[f64],
+    threshold: f64,
+) -> Vec<Region> {
+    let [width, height] = size.map(|side| side as usize);
+    let mut is_open: Vec<bool> =
+        luminances.iter().map(|luminance| f64::from(*luminance) > threshold).collect();
+    let mut regions = Vec::new();
+    for first in 0..is_open.len() {
+        if !std::mem::take(&mut is_open[first]) {
+            continue;
+        }
+        let mut region = Region::default();
+        let mut waiting = vec![first];
+        while let Some(texel) = waiting.pop() {
+            let (column, row) = (texel % width, texel / width);
+            let luminance = f64::from(luminances[texel]);
+            let share = 1.0 - threshold / luminance;
+            let irradiance = texels[texel].as_dvec3() * (share * areas[row]);
+            let weight = luminance * share * areas[row];
+            region.irradiance += irradiance;
+            region.weight += weight;
+            region.toward += direction_of(size, column as u32, row as u32) * weight;
+            region.solid_angle += areas[row] * weight;
+            region.texels.push(texel);
+            for row in row.saturating_sub(1)..=(row + 1).min(height - 1) {
+                for column in [column + width - 1, column, column + 1] {
+                    let next = row * width + column % width;
+                    if std::mem::take(&mut is_open[next]) {
+                        waiting.push(next);
+                    }
+                }
+            }
+        }
+        regions.push(region);
+    }
+    regions
+}
+
+/// Factors of [`EnvironmentMap::ambient`] for a map by patches.
+fn harmonics(patches: &[Patch]) -> [Vec3; 9] {
+    // For each product of the direction: the square of the harmonic's factor, times the factor of degree 0, 1 or 2 by
+    // which a cosine-weighted mean shrinks it, which is 1, 2/3 or 1/4.
+    let factors: [(f64, fn(DVec3) -> f64); 9] = [
+        (1.0 / (4.0 * PI), |_| 1.0),
+        (1.0 / TAU, |d| d.x),
+        (1.0 / TAU, |d| d.y),
+        (1.0 / TAU, |d| d.z),
+        (15.0 / (16.0 * PI), |d| d.x * d.y),
+        (15.0 / (16.0 * PI), |d| d.y * d.z),
+        (15.0 / (16.0 * PI), |d| d.x * d.z),
+        (5.0 / (64.0 * PI), |d| 3.0 * d.z * d.z - 1.0),
+        (15.0 / (64.0 * PI), |d| d.x * d.x - d.y * d.y),
+    ];
+    factors.map(|(factor, of)| {
+        let sum: DVec3 = patches.iter().map(|patch| patch.power * of(patch.direction)).sum();
+        (sum * factor).as_vec3()
+    })
+}
+
+/// The largest number of `rgb9e5ufloat`.
+const LARGEST: f32 = 65408.0;
+
+/// Nearest `rgb9e5ufloat` (OES_texture_shared_exponent), clamped to its largest number.
+fn encode(color: Vec3) -> u32 {
+    let color = color.clamp(Vec3::ZERO, Vec3::splat(LARGEST)).as_dvec3();
+    let largest = color.max_element();
+    if !(largest > 0.0) {
+        return 0;
+    }
+    let exponent = (largest.log2().floor() as i32).max(-16) + 16;
+    let mantissa = |exponent: i32, x: f64| (x * f64::from(24 - exponent).exp2() + 0.5).floor() as u32;
+    let exponent = if mantissa(exponent, largest) == 512 { exponent + 1 } else { exponent };
+    let [r, g, b] = color.to_array().map(|x| mantissa(exponent, x));
+    r | g << 9 | b << 18 | (exponent as u32) << 27
+}
+
+/// The colour of an `rgb9e5ufloat`.
+fn decode(word: u32) -> Vec3 {
+    // 2^(exponent − 24) as bits: from 2^−24 to 2^7.
+    let scale = f32::from_bits(((word >> 27) + 127 - 24) << 23);
+    let mantissa = |shift: u32| (word >> shift & 511) as f32;
+    Vec3::new(mantissa(0), mantissa(9), mantissa(18)) * scale
+}
+
+#[cfg(test)]
+mod tests;
