@@ -8,6 +8,12 @@
 //! - `moves`: effects that are switched off change some byte.
 //! - `cheap`: effects of `auto` that changed no byte cost at most 5% of the frame.
 //!
+//! # Texels that several triangles share
+//! Without rays, a texel of a sample is lit once for each of its triangles; with rays, once, at one of them. This changes
+//! texels where triangles meet, and is no effect's. So a sample without effects is judged by its rendering with rays that
+//! light nothing: with emitters, where the plan says that nothing emits. `path_bytes` is how far the two are apart. Views
+//! are lit at each sub-sample either way.
+//!
 //! # Noise
 //! Bounds are those of converged light. Light of the sky and of emitters is a mean over few rays. Shared rays are no
 //! noise here: two renderings cast the same rays for the effects that both have. What an effect of few rays adds is judged
@@ -134,7 +140,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         "changed_bytes, mean_bytes, flip: views with the usual rays, against those of auto. judged_bytes: views and sample \
         with {} rays to the sky and to emitters; noise_bytes: their largest difference from half as many rays, of which up to \
         {MOST_NOISE} are added to the bound. within: judged_bytes are within bound_bytes (– where the bound says nothing). \
-        moves: what is switched off changes a byte. cheap: what changes none costs at most {} of the frame.",
+        path_bytes: by how much more a sample's texels differ where one \
+        of the two has no rays at all, and so lights each triangle of a texel; it is not judged. moves: what is switched off \
+        changes a byte. cheap: what changes none costs at most {} of the frame.",
         options.many_rays, IDLE_SHARE
     ));
     report.notes.push(
@@ -151,12 +159,6 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 struct Images {
     views: Vec<RgbImage>,
     sample: Vec<RgbImage>,
-}
-
-impl Images {
-    fn all(&self) -> Vec<RgbImage> {
-        self.views.iter().chain(&self.sample).cloned().collect()
-    }
 }
 
 /// A set of effects, and what was measured of it.
@@ -215,7 +217,8 @@ impl<'a> Subject<'a> {
         views.truncate(options.views.max(1));
         let mut subject = Self { options, base, bench, views, renderings: Vec::new() };
         let plan = subject.plan(base, None);
-        for (_, effects) in subject.cases(&plan) {
+        let neutral = neutral(&plan);
+        for effects in subject.cases(&plan).into_iter().map(|(_, effects)| effects).chain(neutral) {
             if subject.renderings.iter().all(|rendering| rendering.effects != effects) {
                 subject.renderings.push(Rendering {
                     effects,
@@ -350,6 +353,7 @@ impl<'a> Subject<'a> {
         let of_auto = plan.light_effects();
         let auto = self.rendering(of_auto)?;
         plan.measured_in(&typical(&auto.views));
+        let neutral = neutral(&plan);
         let mut rows = Vec::new();
         for (name, effects) in self.cases(&plan) {
             let rendering = self.rendering(effects)?;
@@ -379,16 +383,29 @@ impl<'a> Subject<'a> {
                 }
             }
             let shown = Change::between(&auto.images.views, &rendering.images.views)?;
-            let judged = Change::between(&auto.judged.all(), &rendering.judged.all())?;
-            let noise = match changed.contains(&EffectKind::Emitters) {
+            let views = Change::between(&auto.judged.views, &rendering.judged.views)?;
+            let by_rays = |effects: LightEffects| match neutral {
+                Some(neutral) if !effects.any() => neutral,
+                _ => effects,
+            };
+            let [before, after] = [of_auto, effects]
+                .map(|effects| self.rendering(by_rays(effects)).map(|with| &with.judged.sample));
+            let sample = Change::between(before?, after?)?;
+            let judged = views.most.max(sample.most);
+            let whole = Change::between(&auto.judged.sample, &rendering.judged.sample)?;
+            let emits = plan.row(EffectKind::Emitters).is_some_and(|row| row.bound > 0.0);
+            let noise = match emits && changed.contains(&EffectKind::Emitters) {
                 true => {
                     let emits = if effects.emitters { rendering } else { auto };
-                    Change::between(&emits.halved.all(), &emits.judged.all())?.most
+                    let of = |images: &Images| {
+                        images.views.iter().chain(&images.sample).cloned().collect::<Vec<_>>()
+                    };
+                    Change::between(&of(&emits.halved), &of(&emits.judged))?.most
                 }
                 false => 0,
             };
             let bound = bound_bytes(&plan, &changed);
-            let found = Found { against, bound, changed: judged.most, noise, share };
+            let found = Found { against, bound, changed: judged, noise, share };
             let verdicts = Verdicts::of(&found);
             // Of a single effect, or of the one that brings another along.
             let row = match (name.starts_with("auto w"), changed.as_slice()) {
@@ -412,7 +429,8 @@ impl<'a> Subject<'a> {
                 "changed_bytes": shown.most,
                 "mean_bytes": shown.mean,
                 "flip": shown.flip,
-                "judged_bytes": judged.most,
+                "judged_bytes": judged,
+                "path_bytes": whole.most.saturating_sub(sample.most),
                 "noise_bytes": noise,
                 "within": verdicts.within,
                 "moves": verdicts.moves,
@@ -422,6 +440,12 @@ impl<'a> Subject<'a> {
         }
         Ok(rows)
     }
+}
+
+/// Effects that cast rays and light nothing; `None` if every effect may light something.
+fn neutral(plan: &EffectPlan) -> Option<LightEffects> {
+    let is_dark = plan.row(EffectKind::Emitters).is_some_and(|row| !row.on && row.bound == 0.0);
+    is_dark.then_some(LightEffects { emitters: true, ..LightEffects::NONE })
 }
 
 /// Whether some effects include one. Soft shadows have no effect without shadows.
