@@ -9,7 +9,7 @@ use super::texels::Texels;
 /// Reach of the filter in texels: a square of slots, whose outermost texels have half weight.
 const REACH: isize = SQUARE as isize / 2;
 
-/// Means over the 4×4 texels around each that show the same surface, rows and then columns. Every slot of a square has the
+/// Means over the 8×8 texels around each that show the same surface, rows and then columns. Every slot of a square has the
 /// same weight. Nothing changes without neighbours.
 pub(super) fn smoothed(values: Vec<Vec3>, texels: &Texels) -> Vec<Vec3> {
     if texels.first.is_none() {

@@ -9,10 +9,13 @@ use argus_scene::{Bounds, Light, Lighting, Stage};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::pattern::{Pattern, SLOTS};
+use super::pattern::{SLOTS, disc_points};
 use super::texels::{Effort, Texel, Texels};
 use crate::light_rays::LightRaysAbout;
 use crate::timing;
+
+/// Points of a light that a texel in a penumbra looks at; each texel of a square of 4×4 looks at another one first.
+const POINTS: usize = 16;
 
 /// Whether a light may reach any of the texels: it ends at its range and at its cone.
 pub(super) fn reaches(light: &Light, texels: &Texels, eye: DVec3) -> bool {
@@ -47,15 +50,14 @@ impl ShadowRays<'_> {
     /// for soft shadows `trace penumbras`.
     ///
     /// For a soft shadow each texel first looks at one point of the light. Where neighbours on the same surface do not agree
-    /// there is a penumbra, or the edge of a shadow: there each texel looks at a point for each slot.
+    /// there is a penumbra, or the edge of a shadow: there each texel looks at all of [`POINTS`] points.
     pub(super) fn seen_shares(&self, soft: bool, stages: &mut Vec<Stage>) -> Vec<f32> {
         let Self { light, texels, lit, .. } = *self;
         let is_soft = soft && light.is_extended();
         let begin = Instant::now();
-        let pattern = Pattern::of_disc(1);
-        let discs: Vec<DVec2> = pattern.all().iter().map(|point| point.as_dvec2()).collect();
+        let discs: Vec<DVec2> = disc_points(POINTS).iter().map(|point| point.as_dvec2()).collect();
         let of_all = |texel: &Texel| {
-            discs.iter().filter(|&&disc| self.sees(texel, disc)).count() as f32 / SLOTS as f32
+            discs.iter().filter(|&&disc| self.sees(texel, disc)).count() as f32 / POINTS as f32
         };
         let first = |index: usize| {
             let texel = &texels.all[index];
@@ -65,7 +67,7 @@ impl ShadowRays<'_> {
             if is_soft && texels.effort != Effort::Shared {
                 return of_all(texel);
             }
-            let disc = if is_soft { discs[texels.slot(index)] } else { DVec2::ZERO };
+            let disc = if is_soft { discs[texels.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
             f32::from(u8::from(self.sees(texel, disc)))
         };
         let count = texels.all.len();

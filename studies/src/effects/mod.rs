@@ -235,7 +235,7 @@ impl<'a> Subject<'a> {
     }
 
     fn plan(&self, effects: Effects, costs: Option<&EffectCosts>) -> EffectPlan {
-        let request = EffectRequest { effects, indirect: Indirect::Off.into(), ..EffectRequest::default() };
+        let request = EffectRequest { effects, indirect: Some(Indirect::Off), ..EffectRequest::default() };
         EffectPlan::of(&self.bench.scene, &request, costs)
     }
 

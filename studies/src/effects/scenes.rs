@@ -156,7 +156,7 @@ mod tests {
     fn auto(scene: &Scene) -> EffectPlan {
         let request = EffectRequest {
             effects: Effects::Auto,
-            indirect: Indirect::Off.into(),
+            indirect: Some(Indirect::Off),
             ..EffectRequest::default()
         };
         EffectPlan::of(scene, &request, None)

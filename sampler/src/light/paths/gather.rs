@@ -9,10 +9,9 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::super::filter::smoothed;
-use super::super::pattern::Pattern;
+use super::super::pattern::{Pattern, SLOTS, above};
 use super::super::texels::{Effort, Texel, Texels};
 use super::leaves::Leaves;
-use super::links::above;
 use crate::light_rays::LightRaysAbout;
 
 /// Slots whose rays are cast by a texel without neighbours in a list, and by one in an image.
@@ -63,7 +62,7 @@ impl Gatherer<'_> {
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for slot in 0..slots {
             // The points of consecutive slots are far from one another.
-            for disc in pattern.of_slot((first + slot) % super::super::pattern::SLOTS) {
+            for disc in pattern.of_slot((first + slot) % SLOTS) {
                 sum += self.along(texel, disc);
                 count += 1.0;
             }
