@@ -32,7 +32,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, Indirect, LightKnobs, RadianceFormat, SamplerKnobs};
-use argus_scene::effects::{EffectCosts, EffectKind, SHARED_STAGE};
+use argus_scene::effects::{EffectCosts, EffectKind, EffectRow, SHARED_STAGE};
 use argus_scene::metrics::flip_map;
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
@@ -407,10 +407,10 @@ impl<'a> Subject<'a> {
             let bound = bound_bytes(&plan, &changed);
             let found = Found { against, bound, changed: judged, noise, share };
             let verdicts = Verdicts::of(&found);
-            // Of a single effect, or of the one that brings another along.
-            let row = match (name.starts_with("auto w"), changed.as_slice()) {
-                (true, [effect] | [effect, EffectKind::SoftShadows]) => plan.row(*effect),
-                _ => None,
+            // Of rows in which one effect is switched, with those that it needs.
+            let of_plan = |cost: fn(&EffectRow) -> Option<f64>| match name.starts_with("auto w") {
+                true => changed.iter().filter_map(|&effect| cost(plan.row(effect)?)).reduce(|a, b| a + b),
+                false => None,
             };
             rows.push(report::row(json!({
                 "scene": self.bench.scene.name,
@@ -421,9 +421,9 @@ impl<'a> Subject<'a> {
                 "sample_ms": rendering.sample_ms(),
                 "sample_times_auto": rendering.sample_ms() / auto.sample_ms(),
                 "light_ms": ms_of(&typical(&rendering.views), SHARED_STAGE),
-                "predicted_ms": row.and_then(|row| row.predicted_ms),
-                "measured_ms": row.and_then(|row| row.measured_ms),
-                "saved_ms": row.and_then(|row| row.saved_ms),
+                "predicted_ms": of_plan(|row| row.predicted_ms),
+                "measured_ms": of_plan(|row| row.measured_ms),
+                "saved_ms": of_plan(|row| row.saved_ms),
                 "share": (against != Against::Itself).then_some(share),
                 "bound_bytes": bound.filter(|_| against != Against::Itself),
                 "changed_bytes": shown.most,
