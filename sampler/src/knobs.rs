@@ -27,7 +27,7 @@ pub struct LightKnobs {
 
 impl Default for LightKnobs {
     fn default() -> Self {
-        Self { sky_rays: 4, emitter_rays: 4, filter: true }
+        Self { sky_rays: 2, emitter_rays: 2, filter: true }
     }
 }
 
