@@ -1,6 +1,7 @@
 //! The passes that a scene needs, and why.
 
-use argus_scene::{Effect, LightEffects, Scene};
+use argus_scene::effects::SHARED_STAGE;
+use argus_scene::{Effect, Light, LightEffects, Scene, Sky};
 
 use crate::resident::{DrawClass, Resident};
 use crate::{Indirect, SamplerKnobs};
@@ -29,7 +30,7 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
     let textures = scene.textures.len();
     let features = resident.features;
     let said = |present, yes: &str, no: &str| if present { yes.to_owned() } else { no.to_owned() };
-    vec![
+    let mut plan = vec![
         row(
             "visibility",
             opaque + cutouts > 0,
@@ -59,7 +60,6 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
         ),
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
-        direct(knobs.effects),
         probes(scene, features.specular),
         indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
         row("store texels", true, "samples, as they are kept and sent".to_owned()),
@@ -79,16 +79,52 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
             has(Effect::Animation),
             said(has(Effect::Animation), "where an epoch is another than the last", "nothing moves"),
         ),
-    ]
+    ];
+    plan.extend(direct(scene, knobs.effects));
+    plan
 }
 
-/// Rays to lights, sky and emitters.
-fn direct(effects: LightEffects) -> PassPlan {
+/// Rays to lights, sky and emitters: a row for what they share, and one for each effect.
+fn direct(scene: &Scene, effects: LightEffects) -> [PassPlan; 5] {
+    let asked = |name, asked: bool, present: bool, yes: &str, no: &str| {
+        let why = match (asked, present) {
+            (false, _) => "it is off in the effect plan",
+            (true, true) => yes,
+            (true, false) => no,
+        };
+        PassPlan { name, on: asked && present, why: why.to_owned() }
+    };
+    let lights = &scene.lighting.lights;
+    let soft = effects.shadows && effects.soft_shadows;
     let why = match effects.any() {
-        true => format!("rays from each visible surface: {effects}"),
+        true => format!("visible surfaces are read back for rays: {effects}"),
         false => "lights and sky are added unblocked, while surfaces are shaded".to_owned(),
     };
-    PassPlan { name: "trace light", on: effects.any(), why }
+    [
+        PassPlan { name: SHARED_STAGE, on: effects.any(), why },
+        asked("trace shadows", effects.shadows, !lights.is_empty(), "a ray to each light", "no light"),
+        asked(
+            "trace penumbras",
+            soft,
+            lights.iter().any(Light::is_extended),
+            "rays over a light's disc where neighbours do not agree",
+            "no light has an extent",
+        ),
+        asked(
+            "trace sky",
+            effects.sky_visibility,
+            scene.lighting.sky != Sky::BLACK,
+            "rays to the sky",
+            "the sky is black",
+        ),
+        asked(
+            "trace emitters",
+            effects.emitters,
+            scene.effects().contains(&Effect::Emission),
+            "rays to emitting triangles",
+            "nothing emits",
+        ),
+    ]
 }
 
 /// Reflection probes.

@@ -35,7 +35,7 @@ use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::visibility::VisibilityBackends;
-use crate::{Indirect, SamplerKnobs, timing};
+use crate::{Indirect, LightKnobs, SamplerKnobs, timing};
 
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
@@ -437,6 +437,20 @@ impl GpuSampler {
         }
         if let Some(probes) = &mut self.surface_programs.probes {
             probes.forget_light();
+        }
+        Ok(())
+    }
+
+    /// Changes the rays of direct light.
+    ///
+    /// # Errors
+    /// A knob is out of range.
+    pub fn set_light(&mut self, light: LightKnobs) -> Result<(), RenderError> {
+        let knobs = SamplerKnobs { light, ..self.knobs };
+        knobs.validate()?;
+        self.knobs = knobs;
+        if let Some(direct) = &mut self.direct {
+            direct.set_knobs(light);
         }
         Ok(())
     }

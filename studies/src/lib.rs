@@ -17,6 +17,7 @@ pub mod cells;
 pub mod change;
 pub mod cluster;
 pub mod device;
+pub mod effects;
 mod effort;
 pub mod hard_cases;
 pub mod history;

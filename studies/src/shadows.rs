@@ -9,6 +9,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, LightKnobs, SamplerKnobs};
+use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
     Camera, Cancel, Frame, LightEffects, Outputs, Plan, RigKind, RigKnobs, SampleJob, Sampler as _, Scene,
@@ -208,7 +209,7 @@ impl Subject<'_> {
             frames = found.into_iter().collect::<Result<Vec<Frame>, _>>()?;
             if round > 0 {
                 view_ms.push(ms / jobs.len() as f64);
-                light_ms.push(mean(frames.iter().map(|frame| of_stage(&frame.stages, "trace light"))));
+                light_ms.push(mean(frames.iter().map(|frame| of_light(&frame.stages))));
             }
         }
         let (sample_ms, sample_light_ms) = self.sample(&mut sampler, effects)?;
@@ -250,17 +251,21 @@ impl Subject<'_> {
             let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
             if round > 0 {
                 times.push(ms);
-                light.push(found.iter().map(|sample| of_stage(&sample.stages, "trace light")).sum());
+                light.push(found.iter().map(|sample| of_light(&sample.stages)).sum());
             }
         }
         Ok((median(&times), median(&light)))
     }
 }
 
-/// Milliseconds of the stages of a name.
-fn of_stage(stages: &[Stage], name: &str) -> f64 {
+/// Milliseconds of direct light by rays.
+fn of_light(stages: &[Stage]) -> f64 {
+    let effects =
+        [EffectKind::Shadows, EffectKind::SoftShadows, EffectKind::SkyVisibility, EffectKind::Emitters];
+    let own = effects.into_iter().filter_map(|effect| effect.ms_of(stages));
+    let shared = stages.iter().filter(|stage| stage.name == SHARED_STAGE).map(|stage| stage.ms);
     // From 0.0, because the sum of no floats is -0.0.
-    stages.iter().filter(|stage| stage.name == name).fold(0.0, |sum, stage| sum + stage.ms)
+    own.chain(shared).fold(0.0, |sum, ms| sum + ms)
 }
 
 fn image_of(frame: &Frame) -> Result<RgbImage> {

@@ -556,3 +556,37 @@ fn the_shadows_study_judges_every_effect_against_the_reference_with_that_effect(
         assert!(number(of(name), "flip") < 0.06, "{name}: {:#}", of(name));
     }
 }
+
+#[test]
+fn the_effects_study_judges_changes_beside_their_bounds_and_prints_predicted_and_measured_costs() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "effects", "--quick", "--json", "--out", out]);
+    let of = |scene: &str, name: &str| {
+        let found = rows(&study).iter().find(|row| row["scene"] == scene && row["row"] == name);
+        found.unwrap_or_else(|| panic!("{scene} {name}: {study:#}"))
+    };
+    assert_eq!(rows(&study).len(), 3 * 7);
+    for row in rows(&study) {
+        assert!(number(row, "view_ms") > 0.0 && number(row, "sample_ms") > 0.0, "{row:#}");
+        assert_ne!(row["passed"], false, "{row:#}");
+        let is_auto = row["row"] == "auto";
+        assert!(!is_auto || (row["passed"].is_null() && row["changed_bytes"] == 0), "{row:#}");
+    }
+    // The ball calls for nothing: all effects are judged beyond `auto`.
+    for name in ["all", "auto with shadows", "auto with sky-visibility"] {
+        let row = of("matt", name);
+        assert_eq!(row["within"], true, "{row:#}");
+        assert!(number(row, "bound_bytes") >= 1.0 && number(row, "share") > 0.0, "{row:#}");
+    }
+    assert!(number(of("matt", "auto with sky-visibility"), "saved_ms") > 0.0);
+    // The room's lamp is on, and moves pixels.
+    let lamp = of("room", "auto without emitters");
+    assert_eq!((&lamp["moves"], &lamp["within"]), (&true.into(), &Value::Null), "{lamp:#}");
+    assert!(number(lamp, "measured_ms") > 0.0 && number(lamp, "predicted_ms") > 0.0, "{lamp:#}");
+    assert!(number(lamp, "changed_bytes") > 10.0 && number(lamp, "flip") > 0.0, "{lamp:#}");
+    assert_eq!(of("terrain:3000", "auto")["effects"], "shadows,soft-shadows,sky-visibility");
+    assert!(folder.path().join("effects-room-auto-0.png").is_file());
+    assert!(folder.path().join("effects-room-none-0-flip.png").is_file());
+    assert!(folder.path().join("effects.csv").is_file());
+}

@@ -27,6 +27,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
+use argus_scene::effects::SHARED_STAGE;
 use argus_scene::texture::mip_chains;
 use argus_scene::{LightEffects, Lighting, RenderError, Scene, Stage};
 use glam::{DVec3, Vec3};
@@ -107,6 +108,11 @@ impl DirectLight {
         self.rays.pose(tracer).ok_or_else(too_large)
     }
 
+    /// Changes the rays.
+    pub(crate) fn set_knobs(&mut self, knobs: LightKnobs) {
+        self.knobs = knobs;
+    }
+
     /// Changes lights and sky.
     pub(crate) fn relight(&mut self, lighting: &Lighting) {
         if self.lighting.sky != lighting.sky {
@@ -142,8 +148,12 @@ impl DirectLight {
         let eye = context.eye.position;
         let about = self.rays.about(eye);
         let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
-        let mut arriving = self.arriving(&texels, &about, eye);
-        timing::add_since(stages, "trace light", begin);
+        let mut traced = Vec::new();
+        let mut arriving = self.arriving(&texels, &about, eye, &mut traced);
+        // What no effect alone accounts for.
+        let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
+        timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);
+        timing::add(stages, traced);
         let begin = Instant::now();
         if let Some(indirect) = paths.and_then(|paths| paths.by_pi(&texels, &about, eye)) {
             arriving.par_iter_mut().zip(&indirect).for_each(|([r, g, b, _], indirect)| {
@@ -159,12 +169,13 @@ impl DirectLight {
     }
 
     /// Irradiance / π of the lights at texels, as far as they are seen. `each` takes over every light's number, its
-    /// irradiance / π if nothing blocked it, and the share that is seen.
+    /// irradiance / π if nothing blocked it, and the share that is seen. Times of shadow rays are added to `stages`.
     fn of_lights(
         &self,
         texels: &Texels,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
+        stages: &mut Vec<Stage>,
         mut each: impl FnMut(usize, &[Vec3], &[f32]),
     ) -> Vec<Vec3> {
         let effects = self.effects;
@@ -175,7 +186,10 @@ impl DirectLight {
             }
             let lit = shadows::incident_at(light, texels, eye);
             let shares = match effects.shadows {
-                true => shadows::seen_shares(light, texels, &lit, about, eye, effects.soft_shadows),
+                true => {
+                    let rays = shadows::ShadowRays { light, texels, lit: &lit, about, eye };
+                    rays.seen_shares(effects.soft_shadows, stages)
+                }
                 false => vec![1.0; texels.all.len()],
             };
             by_pi.par_iter_mut().zip(&lit).zip(&shares).for_each(|((sum, lit), share)| *sum += *lit * *share);
@@ -184,16 +198,31 @@ impl DirectLight {
         by_pi
     }
 
-    /// Light that arrives at texels about an eye.
-    fn arriving(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Arriving> {
+    /// Light that arrives at texels about an eye. A stage is added for each effect that casts rays.
+    fn arriving(
+        &self,
+        texels: &Texels,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+        stages: &mut Vec<Stage>,
+    ) -> Vec<Arriving> {
         let (effects, knobs) = (self.effects, self.knobs);
         let mut words = VisibilityWords::new(&self.lighting, texels.all.len());
-        let by_pi = self.of_lights(texels, about, eye, |index, lit, shares| words.add(index, lit, shares));
+        let add = |index: usize, lit: &[Vec3], shares: &[f32]| words.add(index, lit, shares);
+        let by_pi = self.of_lights(texels, about, eye, stages, add);
+        let begin = Instant::now();
         let sky = match effects.sky_visibility && !self.sky.is_black() {
             true => Some(sky::seen_share(&self.lighting.sky, texels, about, knobs)),
             false => None,
         };
+        if sky.is_some() {
+            timing::add_since(stages, "trace sky", begin);
+        }
+        let begin = Instant::now();
         let emitted = self.emitters.irradiance_by_pi(texels, about, eye, knobs);
+        if emitted.is_some() {
+            timing::add_since(stages, "trace emitters", begin);
+        }
         let texel = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {

@@ -1,27 +1,26 @@
 //! Shares of lights that texels see.
 
+use std::time::Instant;
+
 use argus_scene::light::SEPARATE_LIGHTS;
 use argus_scene::light_sampling::shadow_ray;
 use argus_scene::shading::incident;
-use argus_scene::{Light, Lighting};
+use argus_scene::{Bounds, Light, Lighting, Stage};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::pattern::{SLOTS, disc_points};
 use super::texels::{Effort, Texel, Texels};
 use crate::light_rays::LightRaysAbout;
+use crate::timing;
 
 /// Points of a light that a texel in a penumbra looks at; each texel of a square of 4×4 looks at another one first.
 const POINTS: usize = 16;
 
-/// Whether a light may reach any of the texels: it ends at its range.
+/// Whether a light may reach any of the texels: it ends at its range and at its cone.
 pub(super) fn reaches(light: &Light, texels: &Texels, eye: DVec3) -> bool {
-    let (position, range) = match *light {
-        Light::Directional { .. } => return true,
-        Light::Point { position, range, .. } | Light::Spot { position, range, .. } => (position - eye, range),
-    };
-    let nearest = position.clamp(texels.bounds.min, texels.bounds.max);
-    !texels.bounds.is_empty() && range.is_none_or(|range| nearest.distance(position) < range)
+    let Bounds { min, max } = texels.bounds;
+    light.reaches(&Bounds { min: min + eye, max: max + eye })
 }
 
 /// Irradiance / π of a light at each texel, as if nothing blocked it.
@@ -36,51 +35,62 @@ pub(super) fn incident_at(light: &Light, texels: &Texels, eye: DVec3) -> Vec<Vec
     texels.all.par_iter().with_min_len(1024).map(at).collect()
 }
 
-/// The share of a light that each texel sees; 0 where `lit` says that its light does not arrive.
-///
-/// For a soft shadow each texel first looks at one point of the light. Where neighbours on the same surface do not agree
-/// there is a penumbra, or the edge of a shadow: there each texel looks at all of [`POINTS`] points.
-pub(super) fn seen_shares(
-    light: &Light,
-    texels: &Texels,
-    lit: &[Vec3],
-    about: &LightRaysAbout<'_>,
-    eye: DVec3,
-    soft: bool,
-) -> Vec<f32> {
-    let is_soft = soft
-        && match *light {
-            Light::Directional { angular_radius, .. } => angular_radius > 0.0,
-            Light::Point { radius, .. } | Light::Spot { radius, .. } => radius > 0.0,
+/// Rays from texels to one light.
+pub(super) struct ShadowRays<'a> {
+    pub(super) light: &'a Light,
+    pub(super) texels: &'a Texels,
+    /// Irradiance of each texel if nothing blocks the light.
+    pub(super) lit: &'a [Vec3],
+    pub(super) about: &'a LightRaysAbout<'a>,
+    pub(super) eye: DVec3,
+}
+
+impl ShadowRays<'_> {
+    /// The share of the light that each texel sees; 0 where its light does not arrive. Adds the stage `trace shadows`, and
+    /// for soft shadows `trace penumbras`.
+    ///
+    /// For a soft shadow each texel first looks at one point of the light. Where neighbours on the same surface do not agree
+    /// there is a penumbra, or the edge of a shadow: there each texel looks at all of [`POINTS`] points.
+    pub(super) fn seen_shares(&self, soft: bool, stages: &mut Vec<Stage>) -> Vec<f32> {
+        let Self { light, texels, lit, .. } = *self;
+        let is_soft = soft && light.is_extended();
+        let begin = Instant::now();
+        let discs: Vec<DVec2> = disc_points(POINTS).iter().map(|point| point.as_dvec2()).collect();
+        let of_all = |texel: &Texel| {
+            discs.iter().filter(|&&disc| self.sees(texel, disc)).count() as f32 / POINTS as f32
         };
-    let discs: Vec<DVec2> = disc_points(POINTS).iter().map(|point| point.as_dvec2()).collect();
-    let sees = |texel: &Texel, disc: DVec2| {
-        let ray = shadow_ray(light, eye + texel.start.as_dvec3(), disc);
-        texel.sees(about, ray.direction.as_vec3(), ray.most as f32)
-    };
-    let of_all =
-        |texel: &Texel| discs.iter().filter(|&&disc| sees(texel, disc)).count() as f32 / POINTS as f32;
-    let first = |index: usize| {
-        let texel = &texels.all[index];
-        if lit[index] == Vec3::ZERO {
-            return 0.0;
+        let first = |index: usize| {
+            let texel = &texels.all[index];
+            if lit[index] == Vec3::ZERO {
+                return 0.0;
+            }
+            if is_soft && texels.effort != Effort::Shared {
+                return of_all(texel);
+            }
+            let disc = if is_soft { discs[texels.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
+            f32::from(u8::from(self.sees(texel, disc)))
+        };
+        let count = texels.all.len();
+        let first: Vec<f32> = (0..count).into_par_iter().with_min_len(256).map(first).collect();
+        timing::add_since(stages, "trace shadows", begin);
+        if !is_soft || texels.first.is_none() {
+            return first;
         }
-        if is_soft && texels.effort != Effort::Shared {
-            return of_all(texel);
-        }
-        let disc = if is_soft { discs[texels.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
-        f32::from(u8::from(sees(texel, disc)))
-    };
-    let count = texels.all.len();
-    let first: Vec<f32> = (0..count).into_par_iter().with_min_len(256).map(first).collect();
-    if !is_soft || texels.first.is_none() {
-        return first;
+        let begin = Instant::now();
+        let share = |index: usize| match lit[index] != Vec3::ZERO && is_mixed(texels, lit, &first, index) {
+            true => of_all(&texels.all[index]),
+            false => first[index],
+        };
+        let shares = (0..count).into_par_iter().with_min_len(256).map(share).collect();
+        timing::add_since(stages, "trace penumbras", begin);
+        shares
     }
-    let share = |index: usize| match lit[index] != Vec3::ZERO && is_mixed(texels, lit, &first, index) {
-        true => of_all(&texels.all[index]),
-        false => first[index],
-    };
-    (0..count).into_par_iter().with_min_len(256).map(share).collect()
+
+    /// Whether a texel sees a point of the light's disc.
+    fn sees(&self, texel: &Texel, disc: DVec2) -> bool {
+        let ray = shadow_ray(self.light, self.eye + texel.start.as_dvec3(), disc);
+        texel.sees(self.about, ray.direction.as_vec3(), ray.most as f32)
+    }
 }
 
 /// Whether lit texels around one on the same surface see different things.

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 
 use argus_sampler::SamplerKnobs;
+use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
-    Camera, Cancel, Light, LightEffects, Lighting, Material, PixelJob, PlaneKind, Sampler, Scene, Sky,
-    Visibility,
+    Camera, Cancel, EffectPlan, EffectRequest, Effects, Light, LightEffects, Lighting, Material, PixelJob,
+    PlaneKind, Sampler, Scene, Sky, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use image::RgbImage;
@@ -68,6 +69,87 @@ fn direct_views_have_the_references_light_whichever_effects_are_on() {
         let changed = flip("light-none", &dark, &truth);
         assert!(changed > found, "{name} changes FLIP by {changed} only");
     }
+}
+
+#[test]
+fn a_row_removed_from_the_effect_plan_takes_its_pass_and_its_milliseconds_along() {
+    let scene = Arc::new(scene_with_lights());
+    let request = EffectRequest {
+        effects: Effects::Auto,
+        indirect: Some(argus_scene::Indirect::Off),
+        ..EffectRequest::default()
+    };
+    let whole = EffectPlan::of(&scene, &request, None);
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let rig = omni_rig(CAMERA.0, 24);
+    let job = sample_job(&scene, rig, rig.nearest(&camera, 1)[0], true);
+    // Stages of a view and of a sample, and the passes that are on.
+    let render = |plan: &EffectPlan| {
+        let mut sampler = with(&scene, plan.light_effects());
+        let view = direct(&mut sampler, &view_job(camera, [48, 36], 1)).stages;
+        let sample = sample(&mut sampler, &job).stages;
+        let on: Vec<&str> = sampler.plan().into_iter().filter(|pass| pass.on).map(|pass| pass.name).collect();
+        (view, sample, on)
+    };
+    let stage_of = [
+        (EffectKind::Shadows, "trace shadows"),
+        (EffectKind::SoftShadows, "trace penumbras"),
+        (EffectKind::SkyVisibility, "trace sky"),
+        (EffectKind::Emitters, "trace emitters"),
+    ];
+    for removed in [None].into_iter().chain(stage_of.map(|(effect, _)| Some(effect))) {
+        let mut plan = whole.clone();
+        plan.rows.retain(|row| Some(row.effect) != removed);
+        let (view, sample, on) = render(&plan);
+        for (effect, stage) in stage_of {
+            let is_left = Some(effect) != removed
+                && (removed, effect) != (Some(EffectKind::Shadows), EffectKind::SoftShadows);
+            for stages in [&view, &sample] {
+                let has = stages.iter().any(|row| row.name == stage);
+                assert_eq!(has, is_left, "{stage} without {removed:?}: {stages:?}");
+                assert_eq!(effect.ms_of(stages).is_some_and(|ms| ms > 0.0), is_left, "{effect}");
+            }
+            assert_eq!(on.contains(&stage), is_left, "{stage} without {removed:?}: {on:?}");
+        }
+        plan.measured_in(&view);
+        assert_eq!(plan.row(EffectKind::Glow).unwrap().measured_ms, None, "it is a part of shading");
+        for row in plan.rows.iter().filter(|row| stage_of.iter().any(|(effect, _)| *effect == row.effect)) {
+            assert!(row.measured_ms.is_some() && row.saved_ms.is_none(), "{row:?}");
+        }
+    }
+    let (view, sample, on) = render(&EffectPlan::default());
+    let names: Vec<&str> = view.iter().chain(&sample).map(|stage| stage.name.as_str()).collect();
+    let light = |name: &&str| *name == SHARED_STAGE || stage_of.iter().any(|(_, stage)| stage == name);
+    assert!(!names.iter().any(light) && !on.iter().any(light), "nothing is read back: {names:?} {on:?}");
+}
+
+#[test]
+fn a_spot_light_casts_no_ray_where_its_cone_does_not_reach() {
+    let mut scene = empty_scene();
+    place(&mut scene, quad(Vec3::ZERO, Vec3::X * 20.0, Vec3::NEG_Z * 20.0, 1.0, 0), DAffine3::IDENTITY);
+    scene.lighting = Lighting {
+        lights: vec![Light::Spot {
+            position: DVec3::new(-8.0, 3.0, 0.0),
+            direction: DVec3::NEG_Y,
+            intensity: Vec3::splat(40.0),
+            range: None,
+            inner_cone: 0.2,
+            outer_cone: 0.4,
+            radius: 0.0,
+        }],
+        sky: Sky::BLACK,
+        exposure: 1.0,
+    };
+    let scene = Arc::new(scene);
+    let effects = LightEffects { shadows: true, ..LightEffects::NONE };
+    let view = |target: DVec3| {
+        let camera = Camera { fov_deg: 40.0, ..Camera::look_at(target + DVec3::new(0.0, 4.0, 3.0), target) };
+        let frame = direct(&mut with(&scene, effects), &view_job(camera, [48, 36], 1));
+        let cast = frame.stages.iter().any(|stage| stage.name == "trace shadows");
+        (cast, image_of(&frame).iter().any(|byte| *byte > 0))
+    };
+    assert_eq!(view(DVec3::new(-8.0, 0.0, 0.0)), (true, true), "in the cone");
+    assert_eq!(view(DVec3::new(8.0, 0.0, 0.0)), (false, false), "beside the cone");
 }
 
 #[test]

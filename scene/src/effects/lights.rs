@@ -10,12 +10,10 @@ pub(super) fn irradiance(light: &Light, at: &Bounds, moves: bool) -> Vec3 {
     match *light {
         Light::Directional { irradiance, .. } => irradiance,
         Light::Point { position, intensity, range, .. } => intensity * falloff(position, range, at, moves),
-        Light::Spot { position, direction, intensity, range, outer_cone, .. } => {
-            match !moves && is_outside(position, direction, outer_cone, at) {
-                true => Vec3::ZERO,
-                false => intensity * falloff(position, range, at, moves),
-            }
-        }
+        Light::Spot { position, intensity, range, .. } => match moves || light.reaches(at) {
+            true => intensity * falloff(position, range, at, moves),
+            false => Vec3::ZERO,
+        },
     }
 }
 
@@ -36,19 +34,6 @@ pub(super) fn distance_of_boxes(a: &Bounds, b: &Bounds) -> f64 {
     (a.min - b.max).max(b.min - a.max).max(DVec3::ZERO).length()
 }
 
-/// Whether the sphere around a box lies outside of a cone.
-fn is_outside(apex: DVec3, axis: DVec3, half_angle: f64, at: &Bounds) -> bool {
-    /// Radians: more than the rounding of the cone's cosines in single precision.
-    const SLACK: f64 = 2e-3;
-    let (to, radius) = (at.center() - apex, at.size().length() * 0.5);
-    let distance = to.length();
-    if !(distance > radius) {
-        return false;
-    }
-    let angle = to.cross(axis).length().atan2(to.dot(axis));
-    angle > half_angle + (radius / distance).asin() + SLACK
-}
-
 /// Half the angle that a light has at the nearest point of a box, radians.
 pub(super) fn half_angle(light: &Light, at: &Bounds, moves: bool) -> f64 {
     match *light {
@@ -57,14 +42,6 @@ pub(super) fn half_angle(light: &Light, at: &Bounds, moves: bool) -> f64 {
             let d = if moves { 0.0 } else { distance(position, at) };
             if radius > 0.0 { (radius / d.max(1e-9)).min(1.0).asin() } else { 0.0 }
         }
-    }
-}
-
-/// Whether a light has an extent, and so penumbras.
-pub(super) fn is_extended(light: &Light) -> bool {
-    match *light {
-        Light::Directional { angular_radius, .. } => angular_radius > 0.0,
-        Light::Point { radius, .. } | Light::Spot { radius, .. } => radius > 0.0,
     }
 }
 

@@ -31,6 +31,7 @@
 //! The bounds are those of converged light. Noise of a random estimate, such as that of an emitter close to a surface, is
 //! not in them. The sum of several rows' bounds bounds what they change together.
 
+mod costs;
 mod lights;
 mod request;
 mod rows;
@@ -40,6 +41,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+pub use costs::{SHARED_STAGE, STAGES};
 pub use request::{EffectCosts, EffectRequest, Effects};
 
 use crate::tone::srgb_from_linear;

@@ -5,8 +5,7 @@ use std::f32::consts::FRAC_1_PI;
 use glam::Vec3;
 
 use super::lights::{
-    OPEN_SKY, brightest, caster, contrast, distance_of_boxes, half_angle, irradiance, is_extended,
-    lost_to_itself,
+    OPEN_SKY, brightest, caster, contrast, distance_of_boxes, half_angle, irradiance, lost_to_itself,
 };
 use super::surfaces::{Body, bodies};
 use super::{Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, bytes};
@@ -93,12 +92,7 @@ impl<'a> Facts<'a> {
         let found = self.found(effect, request);
         let bound = displayed(&found, request.exposure);
         let (on, why) = decision(effect, request, &found, bound);
-        let each = match effect {
-            EffectKind::Shadows | EffectKind::SoftShadows | EffectKind::Highlights => {
-                found.causes.lights.len().max(1)
-            }
-            _ => 1,
-        };
+        let each = effect.lights_of(self.scene);
         let ms = costs.and_then(|costs| costs.ms.get(&effect));
         EffectRow {
             effect,
@@ -132,7 +126,7 @@ impl<'a> Facts<'a> {
             EffectKind::PointLights => self.lights("point", |light| matches!(light, Light::Point { .. })),
             EffectKind::SpotLights => self.lights("spot", |light| matches!(light, Light::Spot { .. })),
             EffectKind::Shadows => self.shadows(|_| true, "light"),
-            EffectKind::SoftShadows => self.shadows(is_extended, "light with an extent"),
+            EffectKind::SoftShadows => self.shadows(Light::is_extended, "light with an extent"),
             EffectKind::Emitters => self.emitters(),
             EffectKind::SkyVisibility => self.sky_visibility(),
             EffectKind::Highlights => self.highlights(),

@@ -1,11 +1,11 @@
 //! The effect plan: its bounds against the reference, and its decisions.
 use crate::common;
 
-use argus_scene::effects::{EffectCosts, EffectKind};
+use argus_scene::effects::{EffectCosts, EffectKind, SHARED_STAGE, STAGES};
 use argus_scene::reference::{DirectLight, Indirect, Reflecting, Tracer};
 use argus_scene::{
     Camera, EffectPlan, EffectRequest, Effects, Instance, Light, LightEffects, Lighting, Material, Mesh,
-    PointKnobs, Scene, Sky, VplKnobs,
+    PointKnobs, Scene, Sky, Stage, VplKnobs,
 };
 use common::{furnace, patch, scene, sphere, sun, texture, textured, tracer};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
@@ -381,6 +381,50 @@ fn costs_are_predicted_from_measurements_and_kept_apart_from_what_is_saved() {
     let [shadows, sky] = [EffectKind::Shadows, EffectKind::SkyVisibility].map(|kind| plan.row(kind).unwrap());
     assert_eq!((shadows.measured_ms, shadows.saved_ms), (Some(4.0), None));
     assert_eq!((sky.measured_ms, sky.saved_ms), (None, Some(6.0)));
+}
+
+#[test]
+fn stages_of_a_frame_are_the_costs_of_their_effects() {
+    let lights = [
+        Light::sun(),
+        Light::sun(),
+        Light::Point { position: DVec3::Y, intensity: Vec3::ONE, range: None, radius: 0.0 },
+    ];
+    let scene = matt(Lighting { lights: lights.to_vec(), ..Lighting::default() });
+    let stage = |name: &str, ms| Stage::new(name, ms);
+    let stages = [
+        stage("trace shadows", 6.0),
+        stage("trace penumbras", 3.0),
+        stage("trace penumbras", 1.0),
+        stage(SHARED_STAGE, 9.0),
+        stage("light leaves: links", 5.0),
+        stage("gather paths", 2.0),
+        stage("shade view", 7.0),
+    ];
+    let costs = EffectCosts::of_stages(&scene, &stages);
+    // By light: three cast shadows, two of them soft ones.
+    let expected =
+        [(EffectKind::Shadows, 2.0), (EffectKind::SoftShadows, 2.0), (EffectKind::Indirect, 7.0)].into();
+    assert_eq!(costs, EffectCosts { ms: expected });
+    let quarter = EffectCosts { ms: costs.ms.iter().map(|(effect, ms)| (*effect, ms / 4.0)).collect() };
+    assert_eq!(quarter.scaled(4.0), costs);
+    let request = EffectRequest { indirect: Some(argus_scene::Indirect::Off), ..EffectRequest::default() };
+    let mut plan = EffectPlan::of(&scene, &request, Some(&costs));
+    plan.measured_in(&stages);
+    let of = |effect| plan.row(effect).map(|row| (row.predicted_ms, row.measured_ms)).unwrap();
+    assert_eq!(of(EffectKind::Shadows), (Some(6.0), Some(6.0)));
+    assert_eq!(of(EffectKind::SoftShadows), (Some(4.0), Some(4.0)));
+    assert_eq!(of(EffectKind::SkyVisibility), (None, Some(0.0)), "it is on, and none of its stages ran");
+    assert_eq!(of(EffectKind::Emitters), (None, None), "it is off");
+    assert_eq!(of(EffectKind::Sun), (None, None), "it has no stage of its own");
+}
+
+#[test]
+fn every_stage_belongs_to_one_effect() {
+    for (index, (stage, _)) in STAGES.iter().enumerate() {
+        assert!(STAGES[..index].iter().all(|(other, _)| other != stage), "{stage}");
+        assert_ne!(*stage, SHARED_STAGE);
+    }
 }
 
 #[test]

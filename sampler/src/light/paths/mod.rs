@@ -206,7 +206,7 @@ impl Posed {
 impl DirectLight {
     /// Irradiance / π of lights and emitters at texels without neighbours.
     fn lights_by_pi(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
-        let mut by_pi = self.of_lights(texels, about, eye, |_, _, _| {});
+        let mut by_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
         if let Some(emitted) = self.emitters.irradiance_by_pi(texels, about, eye, self.knobs) {
             by_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);
         }
