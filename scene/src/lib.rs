@@ -12,6 +12,7 @@
 
 pub mod animation;
 pub mod camera;
+mod closest;
 pub mod effects;
 pub mod emitters;
 pub mod error;
@@ -54,6 +55,7 @@ pub mod reference;
 
 pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
+pub use closest::closest_on_triangle;
 pub use effects::{EffectPlan, EffectRequest, Effects};
 pub use error::{InvalidField, RenderError};
 pub use faces::{FaceMask, FaceMasks};
@@ -66,7 +68,7 @@ pub use light_effects::LightEffects;
 pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
-pub use open::{is_procedural, open};
+pub use open::{base_of, is_procedural, open, with_additions};
 pub use reflection::{ReflectionProbeSet, Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};

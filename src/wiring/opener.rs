@@ -108,16 +108,17 @@ impl SceneOpener for SceneFolder {
             // Procedural scenes are generated in `open_procedural`, by the coordinator's specification.
             return Ok(None);
         }
-        let name = Path::new(&reference.name);
+        // Balls are added to the file here.
+        let name = Path::new(argus_scene::base_of(&reference.name));
         let by_name = name.file_name().map(|file: &OsStr| self.folder.join(file));
         let places = [self.kept_root(reference), by_name, Some(name.to_path_buf())];
         for place in places.into_iter().flatten().filter(|place| place.is_file()) {
             // A file that cannot be opened, or that holds another scene of the same name, is skipped: the coordinator
             // has the right one.
-            match load::load_path(&place) {
-                Ok(scene) if scene.hash == reference.hash => {
-                    return Ok(Some(Arc::new(Scene { name: reference.name.clone(), ..scene })));
-                }
+            let opened =
+                load::load_path(&place).and_then(|scene| argus_scene::with_additions(scene, &reference.name));
+            match opened {
+                Ok(scene) if scene.hash == reference.hash => return Ok(Some(Arc::new(scene))),
                 Ok(_) => tracing::info!("{} is not the scene that is served", place.display()),
                 Err(error) => tracing::warn!("{error}"),
             }
@@ -139,7 +140,8 @@ impl SceneOpener for SceneFolder {
         }
         let root = files.first().ok_or("the scene's bundle has no files")?.name.clone();
         let files = files.into_iter().map(|file| (file.name, file.bytes)).collect();
-        let scene = load::load_bundle(&root, &files).map_err(|error| error.to_string())?;
-        Ok(Arc::new(Scene { name: reference.name.clone(), ..scene }))
+        let scene = load::load_bundle(&root, &files)
+            .and_then(|scene| argus_scene::with_additions(scene, &reference.name));
+        scene.map(Arc::new).map_err(|error| error.to_string())
     }
 }

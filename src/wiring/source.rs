@@ -51,7 +51,7 @@ impl SceneSource for OpenScene {
         if self.procedural().is_some() {
             return Ok(Vec::new());
         }
-        let path = Path::new(&self.scene.name);
+        let path = Path::new(argus_scene::base_of(&self.scene.name));
         let mut files = load::bundle_files(path).map_err(|error| error.to_string())?;
         // The file to open comes first; the rest keep their order.
         files.sort_by_key(|(name, _)| path.file_name() != Some(OsStr::new(name)));
