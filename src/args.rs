@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
 use argus_scene::{
-    Camera, Effects, Holes, Indirect, InvalidField, MapSource, Output, PathKnobs, PlanRequest, PointKnobs,
-    Preset, RigKind, RigKnobs, Scene, Search, Visibility, VplKnobs,
+    Camera, Effects, Exposure, Holes, Indirect, InvalidField, MapSource, Output, PathKnobs, PlanRequest,
+    PointKnobs, Preset, RigKind, RigKnobs, Scene, Search, Visibility, VplKnobs,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::parser::ValueSource;
@@ -228,11 +228,15 @@ pub(crate) struct Sampling {
     /// Sub-samples of each texel of a sample: 1, 4 or 16; more of them smooth edges and cost time in proportion
     #[arg(long, value_name = "N", default_value = "4", value_parser = sub_samples())]
     pub(crate) sub_samples: u32,
-    /// Effects of direct light: none (light passes through surfaces), auto (those that the scene calls for and that may change
-    /// a pixel by half a byte), all, or some of shadows, soft-shadows, sky-visibility, emitters, with commas between. They cost rays for each sample and
-    /// for each view from triangles. `argus scene S --plan` shows what auto chooses, and why. Without --indirect, what they shade is black
-    #[arg(long, value_name = "LIST", default_value = "none", value_parser = effects)]
+    /// Effects of light: auto (those that the scene calls for and that may change a pixel by half a byte), all, none (light
+    /// passes through surfaces), or some of shadows, soft-shadows, sky-visibility, emitters, with commas between. They cost
+    /// rays for each sample and for each view from triangles. `argus scene S --plan` shows what auto chooses, and why
+    #[arg(long, value_name = "LIST", default_value = "auto", value_parser = effects)]
     pub(crate) effects: Effects,
+    /// Brightness of all views: auto (by the light at visible surfaces), or stops: 0 is the scene's own exposure, and each
+    /// stop more doubles the light
+    #[arg(long, value_name = "EV", default_value = "auto", allow_negative_numbers = true, value_parser = exposure)]
+    pub(crate) exposure: Exposure,
     #[command(flatten)]
     pub(crate) indirect: IndirectLight,
 }
@@ -241,12 +245,11 @@ pub(crate) struct Sampling {
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
-    /// Indirect light: off, vpl (gathered from virtual point lights), points (gathered from small images of an octree of
-    /// the scene, rendered at some of the visible points) or paths (the scene's cells exchange light along rays, and some of
-    /// the visible points gather it). It is computed once a sample and costs warped views nothing. Paths cost
-    /// seconds before the first sample and whenever the scene moves, less for new lights, and about as much again a sample as
-    /// shadows and sky visibility, which they switch on together with light of emitters. `argus study light` compares them
-    #[arg(long, value_name = "METHOD", default_value = "off", value_parser = ["off", "vpl", "points", "paths"])]
+    /// Indirect light: auto (paths, where --effects is auto or all and the scene calls for it), off, vpl (gathered from virtual
+    /// point lights), points (gathered from small images of an octree of the scene, rendered at some of the visible points) or
+    /// paths (the scene's cells exchange light along rays, and some of the visible points gather it; switches on shadows, sky
+    /// visibility and emitters). It is computed once a sample and costs warped views nothing. `argus study light` compares them
+    #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
@@ -281,7 +284,7 @@ pub(crate) struct IndirectLight {
     /// Side, in sub-samples, of the blocks that share one or two of those images, 1 to 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) point_block: Option<u32>,
-    /// Cells on a side of the scene for --indirect paths, as a power of two, 1 to 10 [default: 8]. Light leaks by about a
+    /// Cells on a side of the scene for --indirect paths, as a power of two, 1 to 10 [default: 7]. Light leaks by about a
     /// cell along walls. One level more takes about four times the time and memory whenever the scene moves
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub(crate) path_level: Option<u32>,
@@ -301,10 +304,13 @@ impl IndirectLight {
     /// # Errors
     /// `--particles` together with `--indirect points` or `paths`, which cannot gather their light; or a knob out of the
     /// method's range.
-    pub(crate) fn knobs(&self) -> anyhow::Result<Indirect> {
-        let off = self.indirect == "off";
-        if off && self.particles.is_none() {
-            return Ok(Indirect::Off);
+    pub(crate) fn knobs(&self) -> anyhow::Result<Option<Indirect>> {
+        // Particles are gathered like virtual point lights, with which paths do not go.
+        let off = self.indirect == "off" || self.indirect == "auto" && self.particles.is_some();
+        match (self.indirect.as_str(), self.particles) {
+            ("off", None) => return Ok(Some(Indirect::Off)),
+            ("auto", None) => return Ok(None),
+            _ => {}
         }
         let knobs = match self.indirect.as_str() {
             "points" | "paths" => {
@@ -317,7 +323,7 @@ impl IndirectLight {
             _ => self.virtual_lights(off),
         };
         knobs.validate()?;
-        Ok(knobs)
+        Ok(Some(knobs))
     }
 
     fn points(&self) -> Indirect {
@@ -485,6 +491,11 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
         "cell" => RigKind::Cell,
         _ => RigKind::TileCorners,
     })
+}
+
+/// Parses `auto` or a number of stops.
+pub(crate) fn exposure(text: &str) -> Result<Exposure, InvalidField> {
+    text.parse()
 }
 
 /// Parses `auto`, `all`, `none`, or names of effects.

@@ -190,6 +190,7 @@ impl Service {
         config.core.refresh_views = self.refresh_views;
         config.sub_samples = sampling.sub_samples;
         config.effects = sampling.effects;
+        config.exposure = sampling.exposure;
         config.indirect = sampling.indirect.knobs()?;
         config.core.samples_per_view = rig.samples.unwrap_or(config.core.samples_per_view);
         let registry = tokio::select! {

@@ -1,11 +1,13 @@
 //! `argus scene`: the contents of a scene.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::Context;
+use argus_sampler::PacketSight;
 use argus_scene::effects::{Causes, EffectRow, Paid};
 use argus_scene::mitsuba::{self, Settings, SkyLight};
-use argus_scene::{Bounds, Effect, EffectPlan, EffectRequest, Effects, RigKind, Scene};
+use argus_scene::{Bounds, Effect, EffectPlan, EffectRequest, Effects, Exposure, RigKind, Scene};
 use serde::Serialize;
 
 use crate::{args, output};
@@ -35,7 +37,7 @@ pub(crate) struct Args {
     effects: Effects,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
     /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --plan: name, hash,
-    /// light_effects, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms, saved_ms. With --mitsuba:
+    /// light_effects, indirect, exposure, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms, saved_ms. With --mitsuba:
     /// shapes, triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
     json: bool,
@@ -146,7 +148,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         return export(scene, &args.export, folder, args.json);
     }
     if args.plan {
-        return plan(&scene, args);
+        return plan(&Arc::new(scene), args);
     }
     let report = Report::of(&scene);
     if args.json {
@@ -186,18 +188,26 @@ struct PlanReport<'a> {
     name: &'a str,
     hash: String,
     light_effects: String,
+    indirect: String,
+    exposure: f32,
     rows: &'a [EffectRow],
 }
 
 /// Prints the effect plan.
-fn plan(scene: &Scene, args: &Args) -> anyhow::Result<()> {
-    let request = EffectRequest { effects: args.effects, ..EffectRequest::default() };
+fn plan(scene: &Arc<Scene>, args: &Args) -> anyhow::Result<()> {
+    let mut request = EffectRequest { effects: args.effects, ..EffectRequest::default() };
+    let metered = PacketSight::new(scene).metered(request.metering());
+    let exposure = Exposure::Auto.factor(scene.lighting.exposure, metered);
+    request.exposure = Some(exposure);
     let plan = EffectPlan::of(scene, &request, None);
     let (hash, light_effects) = (scene.hash.to_string(), plan.light_effects().to_string());
+    let indirect = plan.indirect(&request).to_string();
     if args.json {
-        return output::json(&PlanReport { name: &scene.name, hash, light_effects, rows: &plan.rows });
+        let (name, rows) = (scene.name.as_str(), &plan.rows);
+        return output::json(&PlanReport { name, hash, light_effects, indirect, exposure, rows });
     }
-    println!("{}: effects {} give {light_effects}", scene.name, args.effects);
+    println!("{}: effects {} give {light_effects}; indirect light {indirect}", scene.name, args.effects);
+    println!("exposure {exposure:.4}, by the light at visible surfaces");
     println!("{:<15} {:<3} {:>11}  {:<12} {:<30} why", "effect", "", "bound", "paid", "causes");
     for row in &plan.rows {
         let paid: Vec<&str> = row.paid.iter().map(|paid| Paid::name(*paid)).collect();

@@ -9,10 +9,10 @@ use anyhow::Context;
 use argus_client::{Answer, RenderOptions};
 use argus_proto::Description;
 use argus_scene::frame::Decision;
-use argus_scene::reference::{DirectLight, Tracer, cache};
+use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer, cache};
 use argus_scene::{
-    Camera, Frame, Holes, LightEffects, Output, Outputs, Plan, PlanRequest, Prediction, Provenance, Served,
-    Specification, View,
+    Camera, Frame, Holes, Indirect, LightEffects, Output, Outputs, Plan, PlanRequest, Prediction, Provenance,
+    Served, Specification, View,
 };
 use argus_studies::calibration;
 use glam::DVec3;
@@ -22,6 +22,9 @@ use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output};
 
+/// Paths of the reference's indirect light at each of a pixel's samples, and their reflections.
+const LIGHT_PATHS: u32 = 4;
+const LIGHT_BOUNCES: u32 = 5;
 /// Rays of the reference to each light, at each of a pixel's samples.
 const LIGHT_RAYS: u32 = 8;
 /// Samples per pixel of the reference, the same as in the calibration.
@@ -246,13 +249,18 @@ fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyh
         scene.hash == description.scene_hash,
         "the scene file of that name on this machine differs from the served scene"
     );
-    let exposure = scene.lighting.exposure;
+    let specification = frame.provenance.specification;
+    let exposure = specification.map_or(scene.lighting.exposure, |set| set.exposure);
+    let indirect = specification.map_or(Indirect::Off, |set| set.indirect);
+    let indirect =
+        (indirect != Indirect::Off).then_some(Paths { paths: LIGHT_PATHS, bounces: LIGHT_BOUNCES });
     let time_secs = frame.provenance.epoch as f64 * description.epoch_secs;
-    let effects = frame.provenance.specification.map_or(LightEffects::NONE, |set| set.effects);
+    let effects = specification.map_or(LightEffects::NONE, |set| set.effects);
     let tracer = Tracer::new(Arc::new(scene)).at(time_secs);
     let tracer = tracer.with_direct_light(DirectLight { effects, rays: LIGHT_RAYS });
     let (folder, size) = (cache::directory(), [frame.width, frame.height]);
-    let reference = cache::render(folder.as_deref(), &tracer, camera, size, REFERENCE_SAMPLES, |_| ());
+    let folder = folder.as_deref();
+    let reference = cache::render_with(folder, &tracer, camera, size, REFERENCE_SAMPLES, indirect, |_| ());
     calibration::error(frame, &reference.display(exposure))
 }
 

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use argus_scene::rig::Sight;
-use argus_scene::{Compositor, RenderError, SampleSetInfo, Sampler, Scene, SceneHash};
+use argus_scene::{Compositor, Metering, RenderError, SampleSetInfo, Sampler, Scene, SceneHash};
 use bytes::Bytes;
 
 /// A reference to a scene, by name and content.
@@ -44,6 +44,13 @@ pub trait SceneSource: Send + Sync + 'static {
     /// Ray queries into the scene, by which views are planned. Called once, on a blocking thread, and may take long.
     /// `None`: views are planned by distance.
     fn sight(&self) -> Option<Arc<dyn Sight>> {
+        None
+    }
+
+    /// Mean light at visible surfaces, for [`argus_scene::Exposure::factor`]. Called once, on a blocking thread. `None`: no
+    /// light arrives, or the scene cannot be metered.
+    fn metered(&self, metering: Metering) -> Option<f64> {
+        let _ = metering;
         None
     }
 }

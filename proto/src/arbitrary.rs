@@ -140,6 +140,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
         )| {
             // Only omni cameras support every sampling.
             let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
+            let effects = indirect.effects_with(effects);
             SampleSetInfo {
                 scene,
                 bounds,

@@ -41,12 +41,14 @@ pub struct SamplerKnobs {
     pub range_bits: u32,
     /// How radiance is stored.
     pub radiance: RadianceFormat,
-    /// Effects of direct light. Indirect light by paths adds those that it needs.
+    /// Effects of direct light. They must go with the indirect light: [`Indirect::check_effects`].
     pub effects: LightEffects,
     /// Rays of direct light.
     pub light: LightKnobs,
     /// Indirect light.
     pub indirect: Indirect,
+    /// Factor from radiance to display values of views from triangles; `None`: the scene's.
+    pub exposure: Option<f32>,
 }
 
 impl Default for SamplerKnobs {
@@ -58,6 +60,7 @@ impl Default for SamplerKnobs {
             effects: LightEffects::NONE,
             light: LightKnobs::default(),
             indirect: Indirect::default(),
+            exposure: None,
         }
     }
 }
@@ -81,12 +84,23 @@ impl SamplerKnobs {
                 return Err(InvalidField::new(field, format!("must be 1 to 64, not {rays}")));
             }
         }
-        self.indirect.validate()
+        if self.exposure.is_some_and(|exposure| !(exposure > 0.0 && exposure.is_finite())) {
+            let reason = format!("must be above 0 and finite, not {:?}", self.exposure);
+            return Err(InvalidField::new("sampler.exposure", reason));
+        }
+        self.indirect.validate()?;
+        self.indirect.check_effects(self.effects)
     }
 
     /// Those of a sample set.
     pub fn of(set: &SampleSetInfo) -> Self {
-        Self { sub_samples: set.sub_samples, effects: set.effects, indirect: set.indirect, ..Self::default() }
+        Self {
+            sub_samples: set.sub_samples,
+            effects: set.effects,
+            indirect: set.indirect,
+            exposure: Some(set.lighting.exposure),
+            ..Self::default()
+        }
     }
 
     /// Rejects a sample set that was specified otherwise: its samples would not be what their set says.
@@ -108,11 +122,6 @@ impl SamplerKnobs {
             return differs("indirect", set.indirect.to_string(), self.indirect.to_string());
         }
         Ok(())
-    }
-
-    /// The effects of direct light, with those that indirect light needs.
-    pub(crate) fn light_effects(&self) -> LightEffects {
-        self.indirect.effects_with(self.effects)
     }
 
     /// Sub-samples along each side of a texel.

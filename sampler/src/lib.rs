@@ -14,6 +14,7 @@ mod eye;
 mod indirect;
 mod knobs;
 mod light;
+mod light_meter;
 mod light_rays;
 mod lit_octree;
 mod omni_maps;

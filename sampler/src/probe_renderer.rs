@@ -107,13 +107,7 @@ impl ProbeRenderer {
             views: None,
             shade: Shade::new(gpu, resident.features, guides, true),
             shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
-            resolve: ResolveSample::new(
-                gpu,
-                resident.features.specular,
-                1,
-                true,
-                sampler.light_effects().any(),
-            ),
+            resolve: ResolveSample::new(gpu, resident.features.specular, 1, true, sampler.effects.any()),
             made: None,
         })
     }

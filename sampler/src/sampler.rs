@@ -101,7 +101,7 @@ impl GpuSampler {
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
             animated: scene.is_animated(),
-            lighting: scene.at(0.0).lighting,
+            lighting: exposed(scene.at(0.0).lighting, &knobs),
             posed_secs: 0.0,
             gpu,
             scene,
@@ -279,7 +279,7 @@ impl GpuSampler {
             effects: self.knobs.effects,
             indirect: self.knobs.indirect,
             reflections: view.reflections,
-            exposure: scene.lighting.exposure,
+            exposure: self.lighting.exposure,
         };
         let made_by = (specification, self.gpu.kind());
         Ok(frame(view, &self.scene, made_by, ViewParts { color, range }, scene.into_stages()))
@@ -342,7 +342,7 @@ impl GpuSampler {
         if let Some(probes) = &mut self.surface_programs.probes {
             probes.forget_pose();
         }
-        self.lighting = pose.lighting;
+        self.lighting = exposed(pose.lighting, &self.knobs);
         self.posed_secs = time_secs;
         Ok(vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)])
     }
@@ -361,7 +361,7 @@ impl GpuSampler {
     /// Prepares direct light by rays and indirect light, as far as the knobs ask for them. Returns the cost.
     fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
-        let effects = self.knobs.light_effects();
+        let effects = self.knobs.effects;
         let mut stages = Vec::new();
         match &mut self.direct {
             Some(direct) => direct.relight(lighting),
@@ -427,9 +427,6 @@ impl GpuSampler {
         if GuideUse::of(&self.knobs) != GuideUse::of(&knobs) {
             let reason = "a sampler is made with direct light by rays, which paths need, or without";
             return Err(InvalidField::new("indirect", reason).into());
-        }
-        if knobs.light_effects() != self.knobs.light_effects() {
-            self.direct = None;
         }
         self.knobs = knobs;
         if !self.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
@@ -572,4 +569,9 @@ fn tiles_of_faces(camera: &SampleCamera, mask: FaceMask, side: u32) -> Result<Ve
     }
     let wanted = faces.into_iter().enumerate().filter(|(face, _)| mask.has(*face));
     Ok(tiles(&wanted.map(|(_, face)| face).collect::<Vec<Face>>(), side))
+}
+
+/// Lights and sky with the exposure that the sampler was made with.
+fn exposed(lighting: Lighting, knobs: &SamplerKnobs) -> Lighting {
+    Lighting { exposure: knobs.exposure.unwrap_or(lighting.exposure), ..lighting }
 }

@@ -43,8 +43,13 @@ impl PacketSight {
         Self { scene: scene.clone(), posed: RwLock::new(Posed { time_secs: 0.0, tracer }) }
     }
 
+    /// The scene whose triangles these are.
+    pub(crate) fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
     /// Calls a function with the triangles posed at a time, seconds.
-    fn at<T>(&self, time_secs: f64, ask: impl FnOnce(&PacketTracer) -> T) -> T {
+    pub(crate) fn at<T>(&self, time_secs: f64, ask: impl FnOnce(&PacketTracer) -> T) -> T {
         let time_secs = if self.scene.is_animated() { time_secs } else { 0.0 };
         let read =
             || -> RwLockReadGuard<'_, Posed> { self.posed.read().unwrap_or_else(PoisonError::into_inner) };

@@ -45,14 +45,33 @@ impl Indirect {
         }
     }
 
-    /// The effects of direct light in a set with this indirect light, where `asked` are asked for. Paths need shadows, sky
-    /// visibility and emitters: light that a surface reflects is light that reached it, and a ray that gathers counts
-    /// neither sky nor emission, which are direct light. Soft shadows stay as asked.
+    /// The effects of direct light in a set with this indirect light, where `asked` are asked for.
+    ///
+    /// Paths need shadows, sky visibility and emitters: light that a surface reflects is light that reached it, and a ray that
+    /// gathers counts neither sky nor emission, which are direct light. Soft shadows stay as asked. Virtual point lights and
+    /// points count emission themselves, so emitters are off.
     #[must_use]
     pub fn effects_with(&self, asked: LightEffects) -> LightEffects {
         match self {
+            Self::Off => asked,
+            Self::Vpl(knobs) if knobs.vpls == 0 => asked,
             Self::Paths(_) => LightEffects { shadows: true, sky_visibility: true, emitters: true, ..asked },
-            Self::Off | Self::Vpl(_) | Self::Points(_) => asked,
+            Self::Vpl(_) | Self::Points(_) => LightEffects { emitters: false, ..asked },
+        }
+    }
+
+    /// Checks that effects of direct light go with this indirect light.
+    ///
+    /// # Errors
+    /// `effects`, if they differ from [`Self::effects_with`].
+    pub fn check_effects(&self, effects: LightEffects) -> Result<(), InvalidField> {
+        let with = self.effects_with(effects);
+        match with == effects {
+            true => Ok(()),
+            false => Err(InvalidField::new(
+                "effects",
+                format!("must be {with} with indirect light {self}, not {effects}"),
+            )),
         }
     }
 

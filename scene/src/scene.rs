@@ -224,33 +224,35 @@ impl Scene {
         Camera::look_at(center + DVec3::new(0.9, 0.6, 1.6).normalize() * radius * 2.7, center)
     }
 
-    /// Whether a surface lies in each of eight level directions and below a point, as in a room or a courtyard. Tests
-    /// every triangle: called once, for a scene whose file recommends no viewpoint.
+    /// Whether the front of a surface lies in each of eight level directions and below a point, as in a room or a courtyard;
+    /// within a closed solid it would be a back. Tests every triangle: called once, for a scene whose file recommends no viewpoint.
     fn surrounds(&self, point: DVec3) -> bool {
         let turn = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_4 + 0.1;
         let level = (0..8).map(|i| DVec3::new(turn(i).cos(), 0.0, turn(i).sin()));
         let mut open: Vec<DVec3> = level.chain([DVec3::new(0.01, -1.0, 0.02)]).collect();
         for instance in &self.instances {
             let mesh = &self.meshes[instance.mesh as usize];
+            let is_mirrored = instance.world_from_mesh.matrix3.determinant() < 0.0;
             let at = |i: u32| {
                 instance.world_from_mesh.transform_point3(mesh.origin + mesh.positions[i as usize].as_dvec3())
             };
             for triangle in mesh.indices.chunks_exact(3) {
                 let [a, b, c] = [at(triangle[0]) - point, at(triangle[1]) - point, at(triangle[2]) - point];
-                open.retain(|&direction| !meets(direction, a, b, c));
+                let (b, c) = if is_mirrored { (c, b) } else { (b, c) };
+                open.retain(|&direction| !meets_front(direction, a, b, c));
             }
         }
         open.is_empty()
     }
 }
 
-/// Whether a ray from the origin meets a triangle: the signed volumes of its edges with the direction agree, and its
-/// plane lies ahead.
-fn meets(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> bool {
+/// Whether a ray from the origin meets a triangle's front: the signed volumes of its edges with the direction are positive,
+/// and its plane lies ahead.
+fn meets_front(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> bool {
     let [u, v, w] = [direction.dot(b.cross(a)), direction.dot(c.cross(b)), direction.dot(a.cross(c))];
     let volume = u + v + w;
-    let one_side = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
-    one_side && volume != 0.0 && (direction.dot(a * v + b * w + c * u) / volume) > 0.0
+    let inside = u >= 0.0 && v >= 0.0 && w >= 0.0;
+    inside && volume > 0.0 && (direction.dot(a * v + b * w + c * u) / volume) > 0.0
 }
 
 /// A shared scene, since scenes are large.
@@ -265,7 +267,7 @@ mod tests {
     /// A box seen from within, its top open, scaled to `size`.
     fn courtyard(size: DVec3) -> Scene {
         let corner = |i: u32| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
-        let quads = [[0, 2, 6, 4], [1, 3, 7, 5], [0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4]];
+        let quads = [[0, 2, 6, 4], [1, 5, 7, 3], [0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1]];
         let mesh = Mesh {
             positions: (0..8).map(corner).collect(),
             normals: vec![Vec3::Y; 8],
@@ -294,6 +296,23 @@ mod tests {
         camera.validate().unwrap();
         assert_eq!(camera.eye, DVec3::new(2.0, 1.5, 4.0));
         assert_eq!(camera.target, DVec3::new(2.0, 1.5, 10.0));
+    }
+
+    #[test]
+    fn the_default_view_of_a_closed_solid_is_from_outside() {
+        let mut scene = courtyard(DVec3::ONE);
+        for triangle in scene.meshes[0].indices.chunks_exact_mut(3) {
+            triangle.swap(1, 2);
+        }
+        let mut within = courtyard(DVec3::ONE);
+        // A mirroring transform leaves fronts where they are.
+        for scale in [DVec3::ONE, DVec3::new(-1.0, 1.0, 1.0)] {
+            for scene in [&mut scene, &mut within] {
+                scene.instances[0].world_from_mesh = DAffine3::from_scale(scale);
+            }
+            assert!(!scene.bounds().contains(scene.default_camera().eye), "{scale}");
+            assert!(within.bounds().contains(within.default_camera().eye), "{scale}");
+        }
     }
 
     #[test]

@@ -64,6 +64,7 @@ impl Specification {
     pub fn validate(&self) -> Result<(), InvalidField> {
         check_sub_samples(self.sub_samples)?;
         self.indirect.validate()?;
+        self.indirect.check_effects(self.effects)?;
         self.reflections.map_or(Ok(()), |maps| maps.validate())?;
         // Written so that NaN is refused.
         if !(self.exposure > 0.0 && self.exposure.is_finite()) {

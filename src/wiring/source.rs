@@ -2,27 +2,33 @@
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use argus_cluster::SceneSource;
 use argus_sampler::PacketSight;
 use argus_scene::rig::Sight;
-use argus_scene::{LoadError, Scene, load};
+use argus_scene::{LoadError, Metering, Scene, load};
 
 /// An open scene.
 pub(crate) struct OpenScene {
     scene: Arc<Scene>,
+    /// Built when it is first needed.
+    sight: OnceLock<Arc<PacketSight>>,
 }
 
 impl OpenScene {
     /// Opens a file or generates a scene, which may take long.
     pub(crate) fn open(spec: &str) -> Result<Self, LoadError> {
-        Ok(Self { scene: Arc::new(argus_scene::open(spec)?) })
+        Ok(Self { scene: Arc::new(argus_scene::open(spec)?), sight: OnceLock::new() })
     }
 
     /// The name given by the user.
     pub(crate) fn name(&self) -> &str {
         &self.scene.name
+    }
+
+    fn packets(&self) -> &Arc<PacketSight> {
+        self.sight.get_or_init(|| Arc::new(PacketSight::new(&self.scene)))
     }
 
     /// Logs the scene's size and the loader's warnings.
@@ -40,7 +46,11 @@ impl SceneSource for OpenScene {
     }
 
     fn sight(&self) -> Option<Arc<dyn Sight>> {
-        Some(Arc::new(PacketSight::new(&self.scene)))
+        Some(self.packets().clone())
+    }
+
+    fn metered(&self, metering: Metering) -> Option<f64> {
+        self.packets().metered(metering)
     }
 
     fn procedural(&self) -> Option<String> {

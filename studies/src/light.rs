@@ -56,8 +56,8 @@ impl Default for Options {
             rounds: 3,
             methods: vec![
                 Indirect::Off,
-                Indirect::Paths(PathKnobs { level: 7, ..paths }),
                 Indirect::Paths(paths),
+                Indirect::Paths(PathKnobs { level: 8, ..paths }),
                 Indirect::Paths(PathKnobs { gather: 16, ..paths }),
                 Indirect::Paths(PathKnobs { rays: 16, gather: 64, ..paths }),
                 Indirect::Vpl(vpl),
@@ -116,6 +116,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut rows = Vec::new();
     for (number, &method) in options.methods.iter().enumerate() {
         progress.set_message(method.to_string());
+        let effects = method.effects_with(LightEffects::ALL);
         let knobs = SamplerKnobs { effects, indirect: method, ..SamplerKnobs::default() };
         let mut sampler = GpuSampler::with_knobs(Arc::clone(&gpu), Arc::clone(&scene), knobs)?;
         let job = job(camera, options.size);

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::{Effects, Indirect, InvalidField, Reflections, RigKnobs, Sampling, Specification};
+use argus_scene::{
+    Effects, Exposure, Indirect, InvalidField, Reflections, RigKnobs, Sampling, Specification,
+};
 use serde::Serialize;
 
 use crate::core;
@@ -23,8 +25,11 @@ pub struct Config {
     pub sub_samples: u32,
     /// Effects of direct light that samples have, as far as the scene calls for them.
     pub effects: Effects,
-    /// Indirect light, and particles that emit light.
-    pub indirect: Indirect,
+    /// Indirect light, and particles that emit light; `None`: by paths, if `effects` are automatic or all and the scene
+    /// calls for it.
+    pub indirect: Option<Indirect>,
+    /// Exposure of all views.
+    pub exposure: Exposure,
     /// Reflection probes of glossy and transparent surfaces, if the scene has such surfaces; `None`: no probes.
     pub reflections: Option<Reflections>,
     /// Scene seconds per second of an animated scene; 0 holds it still.
@@ -62,7 +67,8 @@ impl Default for Config {
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
             effects: Effects::None,
-            indirect: Indirect::Off,
+            indirect: Some(Indirect::Off),
+            exposure: Exposure::Stops(0.0),
             reflections: None,
             time_scale: 1.0,
             models: Vec::new(),

@@ -41,8 +41,8 @@ use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::rig::Sight;
 use argus_scene::{
-    EffectPlan, EffectRequest, InvalidField, ReflectionProbeSet, Rig, SampleSetInfo, Sampling, Version,
-    Visibility, check_sub_samples,
+    EffectPlan, EffectRequest, Exposure, InvalidField, Lighting, Metering, ReflectionProbeSet, Rig,
+    SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
 };
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
@@ -82,14 +82,22 @@ pub async fn serve(
     let rig = Rig::for_scene(scene, &config.rig)?;
     config.sampling.validate(&rig).map_err(ServeError::Sampling)?;
     check_sub_samples(config.sub_samples).map_err(ServeError::Sampling)?;
-    config.indirect.validate().map_err(ServeError::Sampling)?;
-    let request =
-        EffectRequest { effects: config.effects, indirect: config.indirect, reflections: config.reflections };
+    config.indirect.map_or(Ok(()), |indirect| indirect.validate()).map_err(ServeError::Sampling)?;
+    let mut request = EffectRequest {
+        effects: config.effects,
+        indirect: config.indirect,
+        reflections: config.reflections,
+        exposure: None,
+    };
+    let (sight, exposure) = look(&source, config.exposure, request.metering()).await;
+    request.exposure = Some(exposure);
     // Once for the sample set: its light passes are built from this plan alone.
     let effect_plan = EffectPlan::of(scene, &request, None);
+    let (effects, indirect) = (effect_plan.light_effects(), effect_plan.indirect(&request));
+    indirect.check_effects(effects).map_err(ServeError::Sampling)?;
     // A scene that stands still has epochs, too, if its lights drift or if it is sampled anew for every so many
     // views.
-    let moves = scene.is_animated() || config.indirect.drifts() || config.core.refresh_views > 0;
+    let moves = scene.is_animated() || indirect.drifts() || config.core.refresh_views > 0;
     let set = Arc::new(SampleSetInfo {
         scene: scene.hash,
         bounds: scene.bounds(),
@@ -99,13 +107,13 @@ pub async fn serve(
             true => epoch_secs(&config).map_err(ServeError::Time)?,
             false => 0.0,
         },
-        lighting: scene.lighting.clone(),
+        lighting: Lighting { exposure, ..scene.lighting.clone() },
         // The configuration's backend; the core replaces it if it is measured.
         visibility: Visibility::default(),
         sampling: config.sampling,
         sub_samples: config.sub_samples,
-        effects: effect_plan.light_effects(),
-        indirect: config.indirect,
+        effects,
+        indirect,
         reflections: match config.reflections {
             Some(_) if config.sampling != Sampling::Triangles => {
                 let reason = "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
@@ -121,10 +129,8 @@ pub async fn serve(
         report_interval: config.core.report_interval,
     };
     let address = listener.local_addr()?;
-    let effects = effect_plan.light_effects();
-    info!(%address, scene = scene.name, %effects, "coordinator serves");
+    info!(%address, scene = scene.name, %effects, %indirect, exposure, "coordinator serves");
     let (core, models) = (config.core.clone(), config.models.clone());
-    let sight = sight(&source).await;
     // Tile cameras see everything from above. In an animated scene, occluders move.
     let chooses = matches!(rig, Rig::Cell { .. }) && !scene.is_animated();
     let chosen_by = sight.clone().filter(|_| chooses);
@@ -200,11 +206,19 @@ pub(crate) fn learn(header: &argus_proto::v1::FrameHeader) -> (u64, f64) {
     (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
-/// Opens the scene's ray queries on a blocking thread.
-async fn sight(source: &Arc<dyn SceneSource>) -> Option<Arc<dyn Sight>> {
+/// Ray queries into the scene, without which views are planned by distance, and the exposure of all views.
+async fn look(
+    source: &Arc<dyn SceneSource>,
+    exposure: Exposure,
+    metering: Metering,
+) -> (Option<Arc<dyn Sight>>, f32) {
+    let own = source.scene().lighting.exposure;
     let source = source.clone();
-    // Without ray queries, views are planned by distance.
-    tokio::task::spawn_blocking(move || source.sight()).await.ok().flatten()
+    let looked = tokio::task::spawn_blocking(move || {
+        let metered = if exposure == Exposure::Auto { source.metered(metering) } else { None };
+        (source.sight(), exposure.factor(own, metered))
+    });
+    looked.await.unwrap_or((None, own))
 }
 
 /// Sends the core its ticks, ten times a tick and at least ten times a second.

@@ -14,7 +14,7 @@ const POINTS: Indirect =
     Indirect::Points(PointKnobs { levels: 6, map_side: 16, block: 8, bounces: 1, sharing: true });
 
 fn lit_by(indirect: Indirect) -> argus_cluster::coordinator::Config {
-    argus_cluster::coordinator::Config { indirect, ..quick() }
+    argus_cluster::coordinator::Config { indirect: Some(indirect), ..quick() }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

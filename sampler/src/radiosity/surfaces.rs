@@ -62,6 +62,11 @@ impl Surfaces {
         self.placements.get(instance as usize)?.as_ref()
     }
 
+    /// The textures, with all levels.
+    pub(crate) fn textures(&self) -> &[MipChain] {
+        &self.textures
+    }
+
     pub(crate) fn scene(&self) -> &Scene {
         &self.scene
     }

@@ -88,7 +88,7 @@ pub(crate) enum GuideUse {
 impl GuideUse {
     /// The use of a sampler with these knobs.
     pub(crate) fn of(knobs: &SamplerKnobs) -> Self {
-        match (knobs.light_effects().any(), knobs.indirect) {
+        match (knobs.effects.any(), knobs.indirect) {
             (true, _) => Self::AllLight,
             (false, Indirect::Off) => Self::None,
             (false, _) => Self::IndirectLight,

@@ -35,7 +35,7 @@ impl SurfacePrograms {
         Self {
             shade: Shade::new(gpu, features, guides, false),
             shade_sample: ShadeSample::new(gpu, features, guides, false, knobs.side()),
-            resolve: ResolveSample::new(gpu, features.specular, 1, false, knobs.light_effects().any()),
+            resolve: ResolveSample::new(gpu, features.specular, 1, false, knobs.effects.any()),
             nothing: ProbeBindings::none(gpu),
             probes: None,
         }

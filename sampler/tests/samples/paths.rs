@@ -17,7 +17,9 @@ fn coarse() -> PathKnobs {
 }
 
 fn knobs(paths: PathKnobs) -> SamplerKnobs {
-    SamplerKnobs { sub_samples: 1, indirect: Indirect::Paths(paths), ..SamplerKnobs::default() }
+    let indirect = Indirect::Paths(paths);
+    let effects = indirect.effects_with(LightEffects::NONE);
+    SamplerKnobs { sub_samples: 1, effects, indirect, ..SamplerKnobs::default() }
 }
 
 fn lit(scene: &Arc<Scene>, paths: PathKnobs) -> GpuSampler {

@@ -43,7 +43,7 @@ use serde::Serialize;
 pub use request::{EffectCosts, EffectRequest, Effects};
 
 use crate::tone::srgb_from_linear;
-use crate::{LightEffects, Scene};
+use crate::{Indirect, LightEffects, PathKnobs, Scene};
 
 /// Something that light does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
@@ -246,6 +246,15 @@ impl EffectPlan {
             soft_shadows: self.is_on(EffectKind::SoftShadows),
             sky_visibility: self.is_on(EffectKind::SkyVisibility),
             emitters: self.is_on(EffectKind::Emitters),
+        }
+    }
+
+    /// The indirect light that a sample set is made with, where `request` was made of this plan.
+    pub fn indirect(&self, request: &EffectRequest) -> Indirect {
+        match request.indirect {
+            Some(indirect) => indirect,
+            None if self.is_on(EffectKind::Indirect) => Indirect::Paths(PathKnobs::default()),
+            None => Indirect::Off,
         }
     }
 

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use serde::Serialize;
 
 use super::EffectKind;
-use crate::{Indirect, InvalidField, LightEffects, Reflections};
+use crate::{Indirect, InvalidField, LightEffects, Metering, Reflections};
 
 /// Which of the effects that can be switched a sample set has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize)]
@@ -59,10 +59,32 @@ impl FromStr for Effects {
 pub struct EffectRequest {
     /// Effects that can be switched.
     pub effects: Effects,
-    /// Method of indirect light.
-    pub indirect: Indirect,
+    /// Method of indirect light; `None`: paths, if `effects` are automatic or all and the scene calls for them.
+    pub indirect: Option<Indirect>,
     /// Reflection probes; `None`: surfaces reflect only lights and the sky.
     pub reflections: Option<Reflections>,
+    /// Factor from radiance to display values, by which bounds are scaled; `None`: the scene's.
+    pub exposure: Option<f32>,
+}
+
+impl EffectRequest {
+    /// The light by which exposure is metered: all that may be rendered.
+    pub fn metering(&self) -> Metering {
+        let is_open = matches!(self.effects, Effects::Auto | Effects::All);
+        let asked = match self.effects {
+            Effects::Auto | Effects::All => LightEffects::ALL,
+            Effects::None => LightEffects::NONE,
+            Effects::List(effects) => effects,
+        };
+        match self.indirect {
+            Some(Indirect::Off) => Metering { effects: asked, indirect: false },
+            Some(indirect) => {
+                // However it is found, light from surfaces is light that reached them.
+                Metering { effects: indirect.effects_with(asked), indirect: true }
+            }
+            None => Metering { effects: asked, indirect: is_open },
+        }
+    }
 }
 
 /// Milliseconds that effects cost on a device, by earlier measurements. An effect of lights has the cost of one light.

@@ -10,7 +10,7 @@ use super::lights::{
 };
 use super::surfaces::{Body, bodies};
 use super::{Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, bytes};
-use crate::{Indirect, Light, LightEffects, Material, Scene};
+use crate::{Indirect, Light, LightEffects, Material, PathKnobs, Reflections, Scene};
 
 /// Bytes below which `auto` leaves an effect out.
 const LEAST_BYTES: f64 = 0.5;
@@ -20,6 +20,13 @@ const ENVIRONMENT: f32 = 1.05;
 /// All rows for a scene.
 pub(super) fn rows(scene: &Scene, request: &EffectRequest, costs: Option<&EffectCosts>) -> Vec<EffectRow> {
     let facts = Facts::of(scene);
+    let exposure = request.exposure.unwrap_or(scene.lighting.exposure);
+    let request = &Settled {
+        effects: request.effects,
+        indirect: facts.method(request, exposure),
+        reflections: request.reflections,
+        exposure,
+    };
     let mut rows: Vec<EffectRow> =
         EffectKind::ALL.into_iter().map(|effect| facts.row(effect, request, costs)).collect();
     let has_shadows = rows.iter().any(|row| row.effect == EffectKind::Shadows && row.on);
@@ -27,6 +34,14 @@ pub(super) fn rows(scene: &Scene, request: &EffectRequest, costs: Option<&Effect
         (row.on, row.why) = (false, "shadows are off".to_owned());
     }
     rows
+}
+
+/// A request without open choices.
+struct Settled {
+    effects: Effects,
+    indirect: Indirect,
+    reflections: Option<Reflections>,
+    exposure: f32,
 }
 
 /// What is known of a scene without rendering it.
@@ -74,11 +89,9 @@ impl<'a> Facts<'a> {
         }
     }
 
-    fn row(&self, effect: EffectKind, request: &EffectRequest, costs: Option<&EffectCosts>) -> EffectRow {
+    fn row(&self, effect: EffectKind, request: &Settled, costs: Option<&EffectCosts>) -> EffectRow {
         let found = self.found(effect, request);
-        let bound = f64::from((found.bound * self.scene.lighting.exposure).max_element());
-        // NaN and what is too large are 1.
-        let bound = if bound < 1.0 { bound.max(0.0) } else { 1.0 };
+        let bound = displayed(&found, request.exposure);
         let (on, why) = decision(effect, request, &found, bound);
         let each = match effect {
             EffectKind::Shadows | EffectKind::SoftShadows | EffectKind::Highlights => {
@@ -100,7 +113,20 @@ impl<'a> Facts<'a> {
         }
     }
 
-    fn found(&self, effect: EffectKind, request: &EffectRequest) -> Found {
+    /// The method of indirect light. Moving scenes have none unless it is asked for: every pose would trace its links anew.
+    fn method(&self, request: &EffectRequest, exposure: f32) -> Indirect {
+        let paths = Indirect::Paths(PathKnobs::default());
+        let found = self.indirect();
+        match (request.indirect, request.effects) {
+            (Some(indirect), _) => indirect,
+            (None, Effects::All) => paths,
+            (None, Effects::Auto) if self.moves || found.causes.is_empty() => Indirect::Off,
+            (None, Effects::Auto) if bytes(displayed(&found, exposure)) >= LEAST_BYTES => paths,
+            (None, _) => Indirect::Off,
+        }
+    }
+
+    fn found(&self, effect: EffectKind, request: &Settled) -> Found {
         match effect {
             EffectKind::Sun => self.lights("directional", |light| matches!(light, Light::Directional { .. })),
             EffectKind::PointLights => self.lights("point", |light| matches!(light, Light::Point { .. })),
@@ -263,7 +289,7 @@ impl<'a> Facts<'a> {
             .max(self.sky)
     }
 
-    fn reflection(&self, request: &EffectRequest) -> Found {
+    fn reflection(&self, request: &Settled) -> Found {
         let most = request.reflections.unwrap_or_default().most;
         let reflectors = self.scene.reflectors(most);
         let peak =
@@ -304,7 +330,7 @@ impl<'a> Facts<'a> {
         }
     }
 
-    fn particles(&self, request: &EffectRequest) -> Found {
+    fn particles(&self, request: &Settled) -> Found {
         // Their power is the square of the diagonal, and 1.7 times that in a channel: see `particles::glowing`.
         let (count, clamp) = match request.indirect {
             Indirect::Vpl(knobs) => (knobs.particles, knobs.clamp as f32),
@@ -340,6 +366,13 @@ impl<'a> Facts<'a> {
         let bound = if materials.is_empty() { Vec3::ZERO } else { bound };
         Found { causes: Causes { materials, ..Causes::default() }, bound, because }
     }
+}
+
+/// A bound in display-linear values, at most 1.
+fn displayed(found: &Found, exposure: f32) -> f64 {
+    let bound = f64::from((found.bound * exposure).max_element());
+    // NaN and what is too large are 1.
+    if bound < 1.0 { bound.max(0.0) } else { 1.0 }
 }
 
 /// Radiance after all reflections, if every surface has this albedo.
@@ -385,7 +418,7 @@ fn paid(effect: EffectKind) -> &'static [Paid] {
 }
 
 /// Whether an effect is on, and why.
-fn decision(effect: EffectKind, request: &EffectRequest, found: &Found, bound: f64) -> (bool, String) {
+fn decision(effect: EffectKind, request: &Settled, found: &Found, bound: f64) -> (bool, String) {
     let because = &found.because;
     match effect {
         EffectKind::Shadows | EffectKind::SoftShadows | EffectKind::Emitters | EffectKind::SkyVisibility => {
@@ -416,9 +449,13 @@ fn decision(effect: EffectKind, request: &EffectRequest, found: &Found, bound: f
 }
 
 /// The decision on an effect that a request can switch.
-fn switched(effect: EffectKind, request: &EffectRequest, found: &Found, bound: f64) -> (bool, String) {
+fn switched(effect: EffectKind, request: &Settled, found: &Found, bound: f64) -> (bool, String) {
     let because = &found.because;
-    if effect == EffectKind::Emitters && counts_emission(&request.indirect) {
+    // Whether the method of indirect light leaves a choice.
+    if named(effect, request.indirect.effects_with(LightEffects::NONE)) {
+        return (true, format!("indirect light by paths needs it; {because}"));
+    }
+    if !named(effect, request.indirect.effects_with(LightEffects::ALL)) {
         return (false, "indirect light counts emission".to_owned());
     }
     match request.effects {
@@ -441,15 +478,5 @@ fn named(effect: EffectKind, effects: LightEffects) -> bool {
         EffectKind::Emitters => effects.emitters,
         EffectKind::SkyVisibility => effects.sky_visibility,
         _ => false,
-    }
-}
-
-/// Whether light of emitting surfaces is part of indirect light. Particles alone leave it out.
-fn counts_emission(indirect: &Indirect) -> bool {
-    match indirect {
-        // Paths leave emission to direct light.
-        Indirect::Off | Indirect::Paths(_) => false,
-        Indirect::Vpl(knobs) => knobs.vpls > 0,
-        Indirect::Points(_) => true,
     }
 }

@@ -5,7 +5,7 @@ use argus_scene::effects::{EffectCosts, EffectKind};
 use argus_scene::reference::{DirectLight, Indirect, Reflecting, Tracer};
 use argus_scene::{
     Camera, EffectPlan, EffectRequest, Effects, Instance, Light, LightEffects, Lighting, Material, Mesh,
-    PointKnobs, Reflections, Scene, Sky, VplKnobs,
+    PointKnobs, Scene, Sky, VplKnobs,
 };
 use common::{furnace, patch, scene, sphere, sun, texture, textured, tracer};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
@@ -65,7 +65,8 @@ fn spot(position: DVec3) -> Lighting {
 }
 
 fn plan(scene: &Scene, effects: Effects) -> EffectPlan {
-    EffectPlan::of(scene, &EffectRequest { effects, ..EffectRequest::default() }, None)
+    let indirect = Some(argus_scene::Indirect::Off);
+    EffectPlan::of(scene, &EffectRequest { effects, indirect, ..EffectRequest::default() }, None)
 }
 
 fn auto(scene: &Scene) -> EffectPlan {
@@ -313,11 +314,35 @@ fn emitters_are_no_lights_where_indirect_light_counts_emission() {
     let points = argus_scene::Indirect::Points(PointKnobs::default());
     for indirect in [argus_scene::Indirect::Vpl(VplKnobs::default()), points] {
         for effects in [Effects::Auto, Effects::All] {
-            let request = EffectRequest { effects, indirect, reflections: Some(Reflections::default()) };
+            let indirect = Some(indirect);
+            let request = EffectRequest { effects, indirect, ..EffectRequest::default() };
             let plan = EffectPlan::of(&scene, &request, None);
             assert!(!plan.light_effects().emitters && plan.is_on(EffectKind::Indirect));
         }
     }
+}
+
+#[test]
+fn lit_surfaces_that_face_one_another_are_lit_by_paths() {
+    let scene = roofed(sun(DVec3::NEG_Y), grey(0.4), grey(0.2));
+    let open = EffectRequest::default();
+    let plan = EffectPlan::of(&scene, &open, None);
+    assert!(matches!(plan.indirect(&open), argus_scene::Indirect::Paths(_)), "{plan:#?}");
+    assert!(plan.light_effects().shadows && plan.light_effects().sky_visibility);
+    plan.indirect(&open).check_effects(plan.light_effects()).unwrap();
+    // Neither what cannot be seen, nor what was not asked for.
+    let asked = [
+        EffectRequest { exposure: Some(1e-6), ..open },
+        EffectRequest { effects: Effects::None, ..open },
+        EffectRequest { effects: "shadows".parse().unwrap(), ..open },
+        EffectRequest { indirect: Some(argus_scene::Indirect::Off), ..open },
+    ];
+    for request in asked {
+        let plan = EffectPlan::of(&scene, &request, None);
+        assert_eq!(plan.indirect(&request), argus_scene::Indirect::Off, "{plan:#?}");
+    }
+    let alone = matt(sun(DVec3::NEG_Y));
+    assert_eq!(EffectPlan::of(&alone, &open, None).indirect(&open), argus_scene::Indirect::Off);
 }
 
 #[test]
