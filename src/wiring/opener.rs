@@ -145,3 +145,43 @@ impl SceneOpener for SceneFolder {
         scene.map(Arc::new).map_err(|error| error.to_string())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use argus_cluster::SceneSource as _;
+
+    use super::*;
+    use crate::wiring::source::OpenScene;
+
+    #[test]
+    fn balls_are_added_to_a_file_wherever_a_worker_has_it() {
+        let [there, here] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let file = there.path().join("floor.obj");
+        std::fs::write(&file, "v -5 0 -5\nv 5 0 -5\nv 5 0 5\nv -5 0 5\nf 4 3 2 1\n").unwrap();
+        let served = OpenScene::open(&format!("{}+balls:3", file.display())).unwrap();
+        assert_eq!(served.procedural(), None);
+        let files: Vec<BundleFile> = served
+            .files()
+            .unwrap()
+            .into_iter()
+            .map(|(name, path)| BundleFile { name, bytes: std::fs::read(path).unwrap().into() })
+            .collect();
+        let reference = SceneRef { name: served.name().to_owned(), hash: served.scene().hash };
+        let folder = SceneFolder::new(Some(here.path().to_owned()));
+        let is_served = |scene: Option<Arc<Scene>>| scene.is_some_and(|scene| scene == *served.scene());
+        assert!(is_served(folder.open_local(&reference).unwrap()), "under its own name");
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(folder.open_local(&reference), Ok(None));
+        assert!(is_served(folder.open_bundle(&reference, files).ok()), "from files that were sent");
+        assert!(is_served(folder.open_local(&reference).unwrap()), "from files that were kept");
+    }
+
+    #[test]
+    fn balls_in_a_generated_scene_are_generated() {
+        let served = OpenScene::open("rooms+balls:4").unwrap();
+        let spec = served.procedural().unwrap();
+        let folder = SceneFolder::new(Some(std::env::temp_dir()));
+        assert_eq!(folder.open_procedural(&spec).as_ref(), Ok(served.scene()));
+        assert_eq!(served.files(), Ok(Vec::new()));
+    }
+}
