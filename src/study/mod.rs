@@ -11,6 +11,7 @@ mod cells;
 mod change;
 mod cluster;
 mod device;
+mod epr;
 mod hard_cases;
 mod history;
 mod light;
@@ -90,6 +91,7 @@ enum Study {
     Service(service::Service),
     Shadows(shadows::ShadowStudy),
     Device(device::Device),
+    Epr(epr::EprStudy),
     Throughput(throughput::Throughput),
     Campaign(campaign::Campaign),
 }
@@ -140,6 +142,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
         Study::Shadows(study) => ("shadows", study.run(form.quick, &progress).await?),
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
+        Study::Epr(study) => ("epr", study.run(form.quick, form.out.clone(), &progress).await?),
         Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
         // A campaign writes its own folder.

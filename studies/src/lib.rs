@@ -18,6 +18,7 @@ pub mod change;
 pub mod cluster;
 pub mod device;
 mod effort;
+pub mod epr;
 pub mod hard_cases;
 pub mod history;
 pub mod light;

@@ -22,8 +22,7 @@ const EXAMINED: usize = 30_000;
 pub(super) struct Truth {
     /// Where the central ray of each reflective pixel ends; `None` for the sky.
     met: Vec<Option<DVec3>>,
-    /// Mean radiance of each pixel's taps.
-    pub(super) arriving: Vec<Vec3>,
+    /// With the mean radiance of each pixel's taps.
     image: RgbImage,
 }
 
@@ -80,7 +79,7 @@ impl Stage {
         let arriving: Vec<Vec3> = seen.pixels.par_iter().map(arriving).collect();
         let met = seen.pixels.par_iter().map(central).collect();
         let image = seen.image(&arriving, self.scene.lighting.exposure);
-        Truth { met, arriving, image }
+        Truth { met, image }
     }
 
     /// Shares of texels that see nothing where a ray meets a surface, and that see another triangle than a ray. `facet_of` gives
