@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use argus_scene::mitsuba::matt;
-use argus_scene::reference::{Indirect, ReferenceImage, SurfaceImage, Tracer};
+use argus_scene::reference::{DirectLight, Indirect, ReferenceImage, SurfaceImage, Tracer};
+use argus_scene::{Effects, LightEffects};
 use serde::Serialize;
 
 use crate::{args, output};
@@ -32,6 +33,13 @@ pub(crate) struct Args {
     /// Rays per pixel, rounded up to a square number; the time grows in proportion
     #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=4096))]
     samples_per_pixel: u32,
+    /// Effects of direct light: all, none (light passes through surfaces), or some of shadows, soft-shadows, sky-visibility,
+    /// emitters, with commas between
+    #[arg(long, value_name = "LIST", default_value = "all", value_parser = args::effects)]
+    effects: Effects,
+    /// Rays to each light at each of a pixel's samples, and ten times as many to the sky and to emitters
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    light_rays: u32,
     /// Paths of indirect light per ray; the noise falls with the root of their number. 0: no indirect light
     #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=65536))]
     paths: u32,
@@ -65,7 +73,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let scene = if args.matt { matt(scene) } else { scene };
     let camera = args.viewpoint.camera(&scene)?;
     let [width, height] = args.viewpoint.size;
+    // Whatever the scene has no cause for adds nothing.
+    let effects = match args.effects {
+        Effects::Auto | Effects::All => LightEffects::ALL,
+        Effects::None => LightEffects::NONE,
+        Effects::List(effects) => effects,
+    };
     let tracer = Tracer::new(Arc::new(scene)).at(args.time);
+    let tracer = tracer.with_direct_light(DirectLight { effects, rays: args.light_rays });
     let indirect = (args.paths > 0).then_some(Indirect { paths: args.paths, bounces: args.bounces });
     let start = std::time::Instant::now();
     let image = tracer.render_with(&camera, [width, height], args.samples_per_pixel, indirect, |_| ());

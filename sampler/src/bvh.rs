@@ -37,6 +37,8 @@ pub(crate) mod flags {
     pub(crate) const CUTOUT: u32 = 2;
     /// The second and third corner are exchanged, because the instance's transform mirrors.
     pub(crate) const MIRRORED: u32 = 4;
+    /// Rays of light pass ([`argus_scene::Material::passes_light`]); rays of sight do not.
+    pub(crate) const GLASS: u32 = 8;
 }
 
 /// [`Triangle::instance`] of a triangle whose instance is [`PlacedObject::instance`].
@@ -426,6 +428,7 @@ fn triangles(
     flags |= if placement.class.cull == Cull::None { 0 } else { flags::ONE_SIDED };
     flags |= if placement.class.cutout { flags::CUTOUT } else { 0 };
     flags |= if mirrored { flags::MIRRORED } else { 0 };
+    flags |= if scene.materials[mesh.material as usize].passes_light() { flags::GLASS } else { 0 };
     let corner = |index: u32| mesh.positions.get(index as usize).map(|&p| place(p)).filter(|p| p.is_finite());
     let place = |(primitive, corners): (u32, &[u32; 3])| {
         let [a, b, c] = [corner(corners[0])?, corner(corners[1])?, corner(corners[2])?];

@@ -53,8 +53,8 @@ impl LightSharing {
     pub(crate) fn neighbours(self, tile: &crate::tile::Tile) -> Neighbours {
         match self {
             Self::Image | Self::Texels { .. } => Neighbours::Image(tile.begin.map(|texel| texel * tile.side)),
-            Self::Pixels => Neighbours::None { per_slot: 4 },
-            Self::Leaves | Self::Each => Neighbours::None { per_slot: 1 },
+            Self::Pixels => Neighbours::None { rays: 64 },
+            Self::Leaves | Self::Each => Neighbours::None { rays: 16 },
         }
     }
 

@@ -17,7 +17,7 @@ pub enum RadianceFormat {
 /// Rays of direct light. Samples of one set have the same: the service uses the defaults, studies compare others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LightKnobs {
-    /// Rays of a texel to the sky, 1 to 64. Sixteen neighbours cast different ones and share what they find.
+    /// Rays of a texel to the sky, 1 to 64. Neighbours in a square of 8×8 cast different ones and share what they find.
     pub sky_rays: u32,
     /// Rays of a texel to emitting triangles, 1 to 64.
     pub emitter_rays: u32,
@@ -27,7 +27,7 @@ pub struct LightKnobs {
 
 impl Default for LightKnobs {
     fn default() -> Self {
-        Self { sky_rays: 4, emitter_rays: 4, filter: true }
+        Self { sky_rays: 2, emitter_rays: 2, filter: true }
     }
 }
 

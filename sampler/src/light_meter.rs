@@ -8,12 +8,12 @@ use argus_scene::emitters::{Emitter, emitters};
 use argus_scene::exposure::{Metering, metered};
 use argus_scene::light_sampling::{cosine_direction, disc_point, r2, shadow_ray};
 use argus_scene::shading::{incident, sky_ambient, sky_radiance};
-use argus_scene::{Camera, Lighting, Scene};
+use argus_scene::{Camera, Lighting, Material, Scene};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::PacketSight;
-use crate::packets::PacketTracer;
+use crate::packets::{Hit, PacketTracer};
 use crate::radiosity::surfaces::Surfaces;
 use crate::resident::placed;
 
@@ -28,6 +28,8 @@ const DIRECTIONS: u32 = 12;
 const BOUNCES: u32 = 4;
 /// Distance off a surface, as a share of coordinates and distance.
 const OFF_SURFACE: f64 = 1e-9;
+/// Panes of glass that a ray passes, at most.
+const MOST_PANES: u32 = 16;
 /// Share of the way to an emitter that is looked at.
 const ALMOST: f64 = 1.0 - 1e-6;
 
@@ -103,11 +105,25 @@ impl Meter<'_> {
     }
 
     fn hit(&self, from: DVec3, way: DVec3) -> Option<Lit> {
-        let hit = self.tracer.nearest(from, way, f64::INFINITY)?;
+        let (hit, position) = self.nearest(from, way, f64::INFINITY)?;
         let point = self.surfaces.hit(&hit, way)?;
-        let position = from + way * hit.t;
-        let off = OFF_SURFACE * (position.abs().max_element() + way.length() * hit.t);
+        let off = OFF_SURFACE * (position.abs().max_element() + from.distance(position));
         Some(Lit { position: position + point.side * off, normal: point.normal, albedo: point.albedo })
+    }
+
+    /// The nearest hit behind glass, up to `most` times the direction, and its position.
+    fn nearest(&self, from: DVec3, way: DVec3, most: f64) -> Option<(Hit, DVec3)> {
+        let mut passed = 0.0;
+        for _ in 0..MOST_PANES {
+            let hit = self.tracer.nearest(from + way * passed, way, most - passed)?;
+            let t = passed + hit.t;
+            if !self.surfaces.material(&hit).is_some_and(Material::passes_light) {
+                return Some((hit, from + way * t));
+            }
+            let at = from + way * t;
+            passed = t + OFF_SURFACE * (at.abs().max_element() + from.distance(at)) / way.length();
+        }
+        None
     }
 
     /// An estimate of irradiance / π, with some reflections.
@@ -166,7 +182,7 @@ impl Meter<'_> {
     }
 
     fn sees(&self, point: &Lit, way: DVec3, most: f64) -> bool {
-        self.tracer.nearest(point.position, way, most).is_none()
+        self.nearest(point.position, way, most).is_none()
     }
 }
 

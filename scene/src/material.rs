@@ -104,6 +104,12 @@ impl Material {
         self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0)
     }
 
+    /// Whether light from lights, sky, emitters and other surfaces passes straight through, as through a pane or a lamp's
+    /// glass: at least half of it is transmitted. Otherwise the surface blocks all of it.
+    pub fn passes_light(&self) -> bool {
+        self.transmission >= 0.5
+    }
+
     /// The alpha below which a surface point does not exist; `None` if alpha is ignored.
     pub fn alpha_cutoff(&self) -> Option<f32> {
         match self.alpha {

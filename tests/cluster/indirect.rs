@@ -17,7 +17,7 @@ async fn light_from_surface_to_surface_is_in_samples_and_in_direct_views() {
         (&["--indirect=vpl", "--vpls=256"], Some("256 VPLs of 1 bounces")),
         (&["--indirect=points", "--point-levels=5", "--point-block=16"], Some("points of 5 levels")),
     ] {
-        let flags = ["--rig=cell", "--face=64", "--refining-share=0"];
+        let flags = ["--rig=cell", "--face=64", "--refining-share=0", "--effects=none", "--exposure=0"];
         let cluster = Coordinator::start(SMALL, &[&flags[..], light].concat());
         let _worker = cluster.worker(&[]);
         cluster.wait_for_workers(1);

@@ -206,7 +206,7 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
 #[test]
 fn a_view_of_a_given_time_equals_the_reference() {
     let folder = tempfile::tempdir().unwrap();
-    let coordinator = start(folder.path(), &[]);
+    let coordinator = start(folder.path(), &["--effects", "none", "--exposure", "0"]);
     let _worker = coordinator.worker(&[]);
     coordinator.wait_for_workers(1);
     let out = folder.path().join("moment.png");

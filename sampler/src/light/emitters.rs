@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::{Pattern, SLOTS};
+use super::pattern::{Pattern, SLOTS, square_points};
 use super::texels::{Effort, Texel, Texels};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
@@ -40,11 +40,11 @@ impl Emitters {
         let whole = *self.up_to.last()?;
         let near = Near::new(self, eye);
         let rays = texels.rays(knobs.emitter_rays as usize);
-        let (alone, per_slot) = match texels.effort {
-            Effort::Whole { per_slot } => (true, per_slot),
-            Effort::Shared => (false, rays),
+        let alone = match texels.effort {
+            Effort::Whole { rays } => Some(square_points(rays)),
+            Effort::Shared => None,
         };
-        let pattern = Pattern::of_square(per_slot);
+        let pattern = Pattern::of_square(rays);
         let at = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {
@@ -58,9 +58,9 @@ impl Emitters {
                 let which = self.up_to.partition_point(|&up_to| up_to <= pick).min(self.all.len() - 1);
                 sum += near.contribution(which, texel, square, about);
             };
-            match alone {
-                true => pattern.all().iter().enumerate().for_each(|(ray, &square)| cast(ray, square)),
-                false => pattern.of_slot(slot).enumerate().for_each(|(ray, square)| cast(ray, square)),
+            match &alone {
+                Some(all) => all.iter().enumerate().for_each(|(ray, &square)| cast(ray, square)),
+                None => pattern.of_slot(slot).enumerate().for_each(|(ray, square)| cast(ray, square)),
             }
             sum / rays as f32
         };

@@ -6,25 +6,28 @@ use rayon::prelude::*;
 use super::pattern::SQUARE;
 use super::texels::Texels;
 
-/// Reach of the filter in texels: a square of slots, whose outermost texels have half weight.
-const REACH: isize = SQUARE as isize / 2;
+/// Reaches of the filter's two boxes in texels, whose outermost texels have half weight. The first covers a square of slots,
+/// so that every slot has the same weight. The second takes off the edges that a few bright rays leave.
+const REACHES: [isize; 2] = [SQUARE as isize / 2, SQUARE as isize / 4];
 
-/// Means over the 4×4 texels around each that show the same surface, rows and then columns. Every slot of a square has the
-/// same weight. Nothing changes without neighbours.
+/// Means over the texels around each that show the same surface, rows and then columns. Nothing changes without
+/// neighbours.
 pub(super) fn smoothed(values: Vec<Vec3>, texels: &Texels) -> Vec<Vec3> {
     if texels.first.is_none() {
         return values;
     }
     let [width, height] = texels.size;
-    let rows = along(&values, texels, 1, |index| (index % width, width));
-    along(&rows, texels, width, |index| (index / width, height))
+    REACHES.into_iter().fold(values, |values, reach| {
+        let rows = along(&values, texels, (1, reach), |index| (index % width, width));
+        along(&rows, texels, (width, reach), |index| (index / width, height))
+    })
 }
 
-/// Means along a line of texels `step` apart; `line` says which place a texel has on its line, and the line's length.
+/// Means over a reach along a line of texels `step` apart; `line` says which place a texel has on its line, and the line's length.
 fn along(
     values: &[Vec3],
     texels: &Texels,
-    step: usize,
+    (step, reach): (usize, isize),
     line: impl Fn(usize) -> (usize, usize) + Sync,
 ) -> Vec<Vec3> {
     let mean = |index: usize| {
@@ -34,14 +37,14 @@ fn along(
         }
         let (place, length) = line(index);
         let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-        for by in -REACH..=REACH {
+        for by in -reach..=reach {
             let there = place as isize + by;
             if there < 0 || there >= length as isize {
                 continue;
             }
             let other = index.wrapping_add_signed(by * step as isize);
             if by == 0 || texel.agrees(&texels.all[other]) {
-                let weight = if by.abs() == REACH { 0.5 } else { 1.0 };
+                let weight = if by.abs() == reach { 0.5 } else { 1.0 };
                 sum += values[other] * weight;
                 weights += weight;
             }

@@ -62,8 +62,8 @@ pub(crate) struct DirectLight {
 pub(crate) enum Neighbours {
     /// An image, whose first texel has these coordinates in the whole image.
     Image([u32; 2]),
-    /// Texels that have nothing to do with one another: each casts so many rays for each slot of the pattern.
-    None { per_slot: usize },
+    /// Texels that have nothing to do with one another: each casts so many rays to the sky, and to emitters.
+    None { rays: usize },
 }
 
 /// Bits of an `array<vec4f>`: irradiance / π, and the shares of lights and sky that are seen, a byte each.

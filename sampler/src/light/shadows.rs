@@ -7,9 +7,12 @@ use argus_scene::{Light, Lighting};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::pattern::{Pattern, SLOTS};
+use super::pattern::{SLOTS, disc_points};
 use super::texels::{Effort, Texel, Texels};
 use crate::light_rays::LightRaysAbout;
+
+/// Points of a light that a texel in a penumbra looks at; each texel of a square of 4×4 looks at another one first.
+const POINTS: usize = 16;
 
 /// Whether a light may reach any of the texels: it ends at its range.
 pub(super) fn reaches(light: &Light, texels: &Texels, eye: DVec3) -> bool {
@@ -36,7 +39,7 @@ pub(super) fn incident_at(light: &Light, texels: &Texels, eye: DVec3) -> Vec<Vec
 /// The share of a light that each texel sees; 0 where `lit` says that its light does not arrive.
 ///
 /// For a soft shadow each texel first looks at one point of the light. Where neighbours on the same surface do not agree
-/// there is a penumbra, or the edge of a shadow: there each texel looks at a point for each slot.
+/// there is a penumbra, or the edge of a shadow: there each texel looks at all of [`POINTS`] points.
 pub(super) fn seen_shares(
     light: &Light,
     texels: &Texels,
@@ -50,14 +53,13 @@ pub(super) fn seen_shares(
             Light::Directional { angular_radius, .. } => angular_radius > 0.0,
             Light::Point { radius, .. } | Light::Spot { radius, .. } => radius > 0.0,
         };
-    let pattern = Pattern::of_disc(1);
-    let discs: Vec<DVec2> = pattern.all().iter().map(|point| point.as_dvec2()).collect();
+    let discs: Vec<DVec2> = disc_points(POINTS).iter().map(|point| point.as_dvec2()).collect();
     let sees = |texel: &Texel, disc: DVec2| {
         let ray = shadow_ray(light, eye + texel.start.as_dvec3(), disc);
         texel.sees(about, ray.direction.as_vec3(), ray.most as f32)
     };
     let of_all =
-        |texel: &Texel| discs.iter().filter(|&&disc| sees(texel, disc)).count() as f32 / SLOTS as f32;
+        |texel: &Texel| discs.iter().filter(|&&disc| sees(texel, disc)).count() as f32 / POINTS as f32;
     let first = |index: usize| {
         let texel = &texels.all[index];
         if lit[index] == Vec3::ZERO {
@@ -66,7 +68,7 @@ pub(super) fn seen_shares(
         if is_soft && texels.effort != Effort::Shared {
             return of_all(texel);
         }
-        let disc = if is_soft { discs[texels.slot(index)] } else { DVec2::ZERO };
+        let disc = if is_soft { discs[texels.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
         f32::from(u8::from(sees(texel, disc)))
     };
     let count = texels.all.len();

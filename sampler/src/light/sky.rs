@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::filter::smoothed;
-use super::pattern::Pattern;
+use super::pattern::{Pattern, above, disc_points};
 use super::texels::{Effort, Texels};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
@@ -63,30 +63,28 @@ pub(super) fn seen_share(
     about: &LightRaysAbout<'_>,
     knobs: LightKnobs,
 ) -> Vec<Vec3> {
-    let (alone, per_slot) = match texels.effort {
-        Effort::Whole { per_slot } => (true, per_slot),
-        Effort::Shared => (false, knobs.sky_rays as usize),
+    let alone = match texels.effort {
+        Effort::Whole { rays } => Some(disc_points(rays)),
+        Effort::Shared => None,
     };
-    let pattern = Pattern::of_disc(per_slot);
+    let pattern = Pattern::of_disc(knobs.sky_rays as usize);
     let cast = |index: usize| {
         let texel = &texels.all[index];
         let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
         if !texel.exists {
             return (seen, whole);
         }
-        let (tangent, bitangent) = texel.normal.any_orthonormal_pair();
         let mut cast = |disc: Vec2| {
-            let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
-            let direction = tangent * disc.x + bitangent * disc.y + texel.normal * up;
+            let direction = above(texel.normal, disc);
             let radiance = sky_radiance(sky, direction);
             whole += radiance;
             if texel.sees(about, direction, f32::MAX) {
                 seen += radiance;
             }
         };
-        match alone {
-            true => pattern.all().iter().for_each(|&disc| cast(disc)),
-            false => pattern.of_slot(texels.slot(index)).for_each(cast),
+        match &alone {
+            Some(all) => all.iter().for_each(|&disc| cast(disc)),
+            None => pattern.of_slot(texels.slot(index)).for_each(cast),
         }
         (seen, whole)
     };

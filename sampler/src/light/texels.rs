@@ -28,8 +28,8 @@ pub(super) struct Texel {
 pub(super) enum Effort {
     /// Those of its slot: others complete them.
     Shared,
-    /// Those of all slots: so many to the sky and to emitters for each.
-    Whole { per_slot: usize },
+    /// So many to the sky, and to emitters.
+    Whole { rays: usize },
 }
 
 /// The texels of a tile, row by row; or points of leaf sides, a leaf side in each row.
@@ -64,7 +64,7 @@ impl Texels {
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
         let (first, effort) = match neighbours {
             Neighbours::Image(first) => (Some(first), Effort::Shared),
-            Neighbours::None { per_slot } => (None, Effort::Whole { per_slot }),
+            Neighbours::None { rays } => (None, Effort::Whole { rays }),
         };
         Self { size: size.map(|n| n as usize), first, effort, all, bounds }
     }
@@ -89,11 +89,10 @@ impl Texels {
         }
     }
 
-    /// Rays of a texel, where one of an image casts `of_image` and one that casts those of all slots `whole`. A point of a
-    /// leaf side casts one.
+    /// Rays of a texel, where one of an image casts `of_image`. A point of a leaf side casts one.
     pub(super) fn rays(&self, of_image: usize) -> usize {
         match (self.effort, self.first) {
-            (Effort::Whole { per_slot }, _) => per_slot * SLOTS,
+            (Effort::Whole { rays }, _) => rays,
             (Effort::Shared, Some(_)) => of_image,
             (Effort::Shared, None) => 1,
         }

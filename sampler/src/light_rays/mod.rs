@@ -34,7 +34,7 @@ const OFF_SURFACE: f32 = 5e-7;
 /// Which faces of single-sided triangles rays hit. Rays hit both faces of all other triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Faces {
-    /// Both: a wall keeps light out from either side.
+    /// Both: a wall keeps light out from either side. Glass lets light pass and is not hit.
     Both,
     /// Only front faces, as views see them.
     #[allow(dead_code, reason = "makes results comparable with those of the tracers for views")]

@@ -152,7 +152,10 @@ fn push(
 fn block(triangles: &[Triangle], faces: Faces) -> (Block, Ids) {
     let mut block = Block { corners: [[[0.0; LANES]; 3]; 3], back: 0, cutout: 0, mirrored: 0 };
     let mut ids = [[0; 2]; LANES];
-    for (lane, triangle) in triangles.iter().take(LANES).enumerate() {
+    // Glass lets light pass: its places stay unused.
+    let is_met = |triangle: &Triangle| faces == Faces::Seen || triangle.flags & flags::GLASS == 0;
+    for (lane, triangle) in triangles.iter().take(LANES).enumerate().filter(|(_, triangle)| is_met(triangle))
+    {
         for (corner, position) in [triangle.a, triangle.b, triangle.c].into_iter().enumerate() {
             for (axis, coordinate) in position.into_iter().enumerate() {
                 block.corners[corner][axis][lane] = coordinate;

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use argus_scene::texture::{MipChain, mip_chains, transform_uv};
-use argus_scene::{Mesh, Scene, TextureRef};
+use argus_scene::{Material, Mesh, Scene, TextureRef};
 use glam::{DMat3, DVec3, Vec2, Vec3, Vec4};
 
 use crate::packets::Hit;
@@ -75,6 +75,12 @@ impl Surfaces {
     pub(crate) fn triangles(&self) -> impl Iterator<Item = [DVec3; 3]> + '_ {
         self.placements()
             .flat_map(|placement| placement.triangles(&self.scene.meshes[placement.mesh as usize]))
+    }
+
+    /// The material of a hit.
+    pub(crate) fn material(&self, hit: &Hit) -> Option<&Material> {
+        let placement = self.placement(hit.instance)?;
+        Some(&self.scene.materials[self.scene.meshes[placement.mesh as usize].material as usize])
     }
 
     /// The surface of a hit of a ray along `direction`. `None` for a degenerate triangle.

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
-    Camera, Cancel, Light, LightEffects, Lighting, PixelJob, PlaneKind, Sampler, Scene, Sky, Visibility,
+    Camera, Cancel, Light, LightEffects, Lighting, Material, PixelJob, PlaneKind, Sampler, Scene, Sky,
+    Visibility,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use image::RgbImage;
@@ -152,6 +153,30 @@ fn shadows_stand_still_far_from_zero_and_on_small_scenes() {
         let share = wrong as f64 / f64::from(size[0] * size[1]);
         assert!(share < 0.005, "{:.3}% wrong at scale {scale}, offset {offset}", share * 100.0);
     }
+}
+
+#[test]
+fn a_ball_of_glass_casts_no_shadow_and_one_of_stone_does() {
+    let shade = |transmission: f32| {
+        let mut scene = empty_scene();
+        scene.materials = vec![Material { transmission, ..Material::default() }, Material::default()];
+        let sun =
+            Light::Directional { direction: DVec3::NEG_Y, irradiance: Vec3::splat(2.0), angular_radius: 0.0 };
+        scene.lighting = Lighting { lights: vec![sun], sky: Sky::BLACK, exposure: 1.0 };
+        place(&mut scene, quad(Vec3::ZERO, Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 1.0, 1), DAffine3::IDENTITY);
+        place(&mut scene, ball(0, 24), DAffine3::from_translation(DVec3::Y * 3.0));
+        let scene = Arc::new(scene);
+        let effects = LightEffects { shadows: true, ..LightEffects::NONE };
+        // The ground under the ball, from the side.
+        let camera = Camera { fov_deg: 10.0, ..Camera::look_at(DVec3::new(3.0, 1.5, 0.0), DVec3::ZERO) };
+        let image = image_of(&direct(&mut with(&scene, effects), &view_job(camera, [16, 16], 1)));
+        let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 1 });
+        let truth = tracer.render(&camera, 16, 16, 1, |_| {}).display(1.0);
+        [image, truth].map(|image| image.get_pixel(8, 8).0[0])
+    };
+    let ([glass, true_glass], [stone, true_stone]) = (shade(1.0), shade(0.0));
+    assert!(glass > 100 && glass.abs_diff(true_glass) <= 1, "{glass} {true_glass}");
+    assert_eq!((stone, true_stone), (0, 0));
 }
 
 #[test]

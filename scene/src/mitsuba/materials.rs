@@ -58,6 +58,11 @@ pub(super) fn write(
         Some(id) => xml.open("bsdf", &[("type", kind), ("id", id)]),
         None => xml.open("bsdf", &[("type", kind)]),
     };
+    if material.passes_light() {
+        open(xml, "null");
+        xml.close();
+        return Ok(());
+    }
     let mut depth = 1;
     if let (Some(cutoff), Some(texture)) = (material.alpha_cutoff(), material.base_color_texture) {
         open(xml, "mask");

@@ -201,7 +201,9 @@ fn note_differences(material: &Material, mesh: &Mesh, bitmaps: &mut Bitmaps) {
     if !material.double_sided {
         note("seen from behind it is black and casts shadows; Argus culls it");
     }
-    if material.transmission > 0.0 {
+    if material.passes_light() {
+        note("it is invisible glass; Argus shows its surface, and lets light pass as well");
+    } else if material.transmission > 0.0 {
         note("its transmission is left out");
     }
     if material.is_glossy() {

@@ -75,7 +75,7 @@ impl Tracer {
             if !(direction.dot(from.side) > 0.0) {
                 break;
             }
-            let Some(hit) = self.trace(from.position, direction) else {
+            let Some(hit) = self.trace_light(from.position, direction) else {
                 // What the sky sends to the visible point itself is direct light.
                 if bounce > 0 && self.blocks_sky() {
                     radiance += throughput * sky_radiance(&self.pose.lighting.sky, direction.as_vec3());
@@ -115,8 +115,7 @@ impl Tracer {
                     (position - start.position, (position - start.position).length())
                 }
             };
-            let lit = towards.dot(start.side) > 0.0
-                && !self.trace(start.position, towards).is_some_and(|hit| hit.range < distance);
+            let lit = towards.dot(start.side) > 0.0 && self.is_unblocked(start.position, towards, distance);
             if lit {
                 sum += irradiance * (cosine * std::f32::consts::FRAC_1_PI);
             }

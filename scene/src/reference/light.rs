@@ -6,8 +6,8 @@
 //! - the sky's radiance over all directions that no surface blocks, weighted by their cosine;
 //! - the radiance of each emitting triangle that no surface blocks ([`crate::emitters`]).
 //!
-//! Rays begin a little above the surface ([`terminator_lift`]). Every triangle blocks both ways; cut-outs let light
-//! through where they let rays of sight through.
+//! Rays begin a little above the surface ([`terminator_lift`]). Every triangle blocks both ways, but those of
+//! glass ([`crate::Material::passes_light`]); cut-outs let light through where they let rays of sight through.
 
 use glam::{DVec2, DVec3, Vec3};
 

@@ -37,4 +37,4 @@ pub use tracer::{Hit, Tracer};
 
 /// Version of the tracer's images. Raise it when the same scene and camera give another image: stored images of an
 /// older version are not used.
-pub const REFERENCE_VERSION: u32 = 2;
+pub const REFERENCE_VERSION: u32 = 3;

@@ -66,8 +66,8 @@ struct Search {
     reach: f64,
     /// A hit nearer than this ends the search.
     enough: f64,
-    /// Whether single-sided triangles are there from behind, too: they block light.
-    both_sides: bool,
+    /// Whether the ray is one of light: single-sided triangles block it both ways, and glass lets it pass.
+    of_light: bool,
 }
 
 impl Search {
@@ -90,6 +90,7 @@ struct Placed {
     translation: DVec3,
     origin: DVec3,
     culled: bool,
+    passes_light: bool,
     cutoff: Option<f32>,
 }
 
@@ -167,7 +168,15 @@ impl Tracer {
     /// The nearest surface at a range above 0 along a ray, whose direction need not be a unit vector. Cut-outs are open
     /// where their alpha is below the cutoff, and single-sided triangles from behind.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
-        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0, both_sides: false };
+        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0, of_light: false };
+        let unit = self.search(origin, direction, &mut search)?;
+        search.nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
+    }
+
+    /// The nearest surface at a range above 0 that reflects light along a ray, whose direction need not be a unit vector.
+    /// Single-sided triangles do from both sides, and glass does not.
+    pub(super) fn trace_light(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0, of_light: true };
         let unit = self.search(origin, direction, &mut search)?;
         search.nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
     }
@@ -175,13 +184,13 @@ impl Tracer {
     /// Whether a ray meets nothing.
     pub(super) fn is_clear(&self, origin: DVec3, direction: DVec3) -> bool {
         let mut search =
-            Search { nearest: None, reach: f64::INFINITY, enough: f64::INFINITY, both_sides: false };
+            Search { nearest: None, reach: f64::INFINITY, enough: f64::INFINITY, of_light: false };
         self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
     }
 
-    /// Whether light passes along a ray up to a range. Single-sided triangles block it both ways.
+    /// Whether light passes along a ray up to a range. Single-sided triangles block it both ways, and glass does not.
     pub(super) fn is_unblocked(&self, origin: DVec3, direction: DVec3, reach: f64) -> bool {
-        let mut search = Search { nearest: None, reach, enough: f64::INFINITY, both_sides: true };
+        let mut search = Search { nearest: None, reach, enough: f64::INFINITY, of_light: true };
         self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
     }
 
@@ -194,7 +203,7 @@ impl Tracer {
             nearest: None,
             reach: (1.0 + slack) * length,
             enough: (1.0 - slack) * length,
-            both_sides: false,
+            of_light: false,
         };
         self.search(from, way, &mut search)?;
         search.nearest.map(|hit| hit.range)
@@ -215,6 +224,9 @@ impl Tracer {
     }
 
     fn search_instance(&self, placed: &Placed, origin: DVec3, unit: DVec3, search: &mut Search) {
+        if search.of_light && placed.passes_light {
+            return;
+        }
         let mesh = &self.meshes[placed.mesh as usize];
         let origin = placed.mesh_from_world * (origin - placed.translation) - placed.origin;
         let direction = placed.mesh_from_world * unit;
@@ -234,7 +246,7 @@ impl Tracer {
                 };
                 let closer =
                     hit.range <= search.reach && search.nearest.is_none_or(|best| precedes(&hit, &best));
-                if closer && self.exists(placed, hit.triangle, &crossing, search.both_sides) {
+                if closer && self.exists(placed, hit.triangle, &crossing, search.of_light) {
                     search.nearest = Some(hit);
                 }
             }
@@ -243,8 +255,8 @@ impl Tracer {
     }
 
     /// Whether there is a surface where a ray crosses a triangle.
-    fn exists(&self, placed: &Placed, triangle: u32, crossing: &Crossing, both_sides: bool) -> bool {
-        if placed.culled && !crossing.front && !both_sides {
+    fn exists(&self, placed: &Placed, triangle: u32, crossing: &Crossing, of_light: bool) -> bool {
+        if placed.culled && !crossing.front && !of_light {
             return false;
         }
         let Some(cutoff) = placed.cutoff else { return true };
@@ -372,6 +384,7 @@ impl Placed {
             translation,
             origin: mesh.origin,
             culled: !material.double_sided,
+            passes_light: material.passes_light(),
             cutoff: material.alpha_cutoff(),
         })
     }

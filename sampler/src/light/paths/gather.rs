@@ -9,17 +9,16 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::super::filter::smoothed;
-use super::super::pattern::Pattern;
+use super::super::pattern::{Pattern, SLOTS, above};
 use super::super::texels::{Effort, Texel, Texels};
 use super::leaves::Leaves;
-use super::links::above;
 use crate::light_rays::LightRaysAbout;
 
 /// Slots whose rays are cast by a texel without neighbours in a list, and by one in an image.
 const SLOTS_IN_LIST: usize = 8;
-const SLOTS_ALONE: usize = 4;
-/// Blocks on each side of a texel's own whose light it takes.
-const REACH: i64 = 1;
+const SLOTS_ALONE: usize = 2;
+/// Blocks on each side of a texel's own whose light it takes; and if none of them shows its surface.
+const REACHES: [i64; 2] = [1, 3];
 
 /// Casts rays from texels about an eye.
 pub(super) struct Gatherer<'a> {
@@ -49,7 +48,9 @@ impl Gatherer<'_> {
             if !texel.exists {
                 return Vec3::ZERO;
             }
-            mean_around(texels.place(index), texel, &half, &found)
+            REACHES
+                .into_iter()
+                .find_map(|reach| mean_around(texels.place(index), texel, &half, &found, reach))
                 .unwrap_or_else(|| self.of_slots(texel, &pattern, texels.slot(index), SLOTS_ALONE))
         };
         (0..count).into_par_iter().with_min_len(256).map(spread).collect()
@@ -63,7 +64,7 @@ impl Gatherer<'_> {
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for slot in 0..slots {
             // The points of consecutive slots are far from one another.
-            for disc in pattern.of_slot((first + slot) % super::super::pattern::SLOTS) {
+            for disc in pattern.of_slot((first + slot) % SLOTS) {
                 sum += self.along(texel, disc);
                 count += 1.0;
             }
@@ -105,21 +106,21 @@ fn halved(texels: &Texels, first: [u32; 2]) -> Texels {
 }
 
 /// Mean of what blocks around a place found on the surface of its texel, weighted by nearness; `None` if none shows it.
-fn mean_around(place: [u32; 2], texel: &Texel, half: &Texels, found: &[Vec3]) -> Option<Vec3> {
+fn mean_around(place: [u32; 2], texel: &Texel, half: &Texels, found: &[Vec3], reach: i64) -> Option<Vec3> {
     let begin = half.first?;
     let [own_x, own_y] = [0, 1].map(|axis| i64::from(place[axis] / 2) - i64::from(begin[axis]));
     // A block's middle is between its texels.
     let aside = place.map(|at| if at % 2 == 0 { -0.25 } else { 0.25 });
     let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-    for y in -REACH..=REACH {
-        for x in -REACH..=REACH {
+    for y in -reach..=reach {
+        for x in -reach..=reach {
             let (column, row) = (own_x + x, own_y + y);
             if column < 0 || row < 0 || column >= half.size[0] as i64 || row >= half.size[1] as i64 {
                 continue;
             }
             let index = row as usize * half.size[0] + column as usize;
             if texel.agrees(&half.all[index]) {
-                let near = |by: i64, aside: f32| (1.5 - (by as f32 - aside).abs()).max(0.0);
+                let near = |by: i64, aside: f32| (reach as f32 + 0.5 - (by as f32 - aside).abs()).max(0.0);
                 let weight = near(x, aside[0]) * near(y, aside[1]);
                 sum += found[index] * weight;
                 weights += weight;

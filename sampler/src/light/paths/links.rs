@@ -6,6 +6,7 @@ use argus_scene::shading::sky_radiance;
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
+use super::super::pattern::above;
 use super::super::texels::Texel;
 use super::leaves::Leaves;
 use crate::light_rays::LightRaysAbout;
@@ -78,13 +79,6 @@ impl Links {
         }
         all
     }
-}
-
-/// The unit vector over a point of the unit disc around a unit normal.
-pub(super) fn above(normal: Vec3, disc: glam::Vec2) -> Vec3 {
-    let (tangent, bitangent) = normal.any_orthonormal_pair();
-    let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
-    tangent * disc.x + bitangent * disc.y + normal * up
 }
 
 /// Two numbers in 0..1 by an index (lowbias32, Wellons).
