@@ -35,7 +35,8 @@ Example: a cluster over machines that trust their network; `argus certs` shows t
   host-b$ argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --advertise http://host-b:7401 --insecure
   host-c$ argus view --server http://host-a:7400 --eye 3,2,5 --target 0,1,0 --out view.png")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
+    /// after it for mirroring balls
     #[arg(long, value_name = "S")]
     scene: Option<String>,
     #[command(flatten)]

@@ -65,7 +65,8 @@ Examples:
   argus status                                the workers' roles and costs
   argus config                                the settings in effect, and where they come from
 
-A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`.
+A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or
+`rooms[:WALL_MM]`, and `+balls:N` after it for mirroring balls.
 Exit codes: 0 done, 1 failed, 2 bad arguments.";
 
 #[derive(Subcommand)]

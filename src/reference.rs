@@ -24,7 +24,8 @@ Examples:
   argus reference model.glb --eye 3,2,5 --target 0,1,0 --size 640x480 --paths 16 --out model.exr"
 )]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
+    /// after it for mirroring balls
     #[arg(value_name = "S")]
     scene: String,
     #[command(flatten)]

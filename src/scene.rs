@@ -24,7 +24,8 @@ Examples:
   argus scene model.glb --mitsuba exported --eye 3,2,5 --target 0,1,0 --fov-deg 45 --size 640x480"
 )]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
+    /// after it for mirroring balls
     #[arg(value_name = "S")]
     scene: String,
     #[command(flatten)]

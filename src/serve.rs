@@ -17,7 +17,8 @@ Examples:
   argus serve --scene model.glb --environment sky.hdr --effects auto
   argus serve --scene room.glb --rig cell --cell 0.5 --listen 127.0.0.1:7500")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]` [default: terrain]
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
+    /// after it for mirroring balls [default: terrain]
     #[arg(long, value_name = "S")]
     scene: Option<String>,
     /// Number of worker processes [default: one a core, at least 2 and at most 4]

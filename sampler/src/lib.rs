@@ -11,6 +11,7 @@ mod backend_timing;
 mod bvh;
 mod draws;
 mod eye;
+pub mod eye_points;
 mod indirect;
 mod knobs;
 mod light;

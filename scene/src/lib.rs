@@ -12,6 +12,7 @@
 
 pub mod animation;
 pub mod camera;
+mod closest;
 pub mod effects;
 pub mod emitters;
 pub mod environment;
@@ -56,6 +57,7 @@ pub mod reference;
 
 pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
+pub use closest::closest_on_triangle;
 pub use effects::{EffectPlan, EffectRequest, Effects};
 pub use environment::{Environment, EnvironmentMap};
 pub use error::{InvalidField, RenderError};
@@ -70,7 +72,7 @@ pub use light_effects::LightEffects;
 pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
-pub use open::{in_environment, is_procedural, open, split_environment};
+pub use open::{base_of, in_environment, is_procedural, open, split_environment, with_additions};
 pub use reflection::{ReflectionProbeSet, Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};

@@ -8,20 +8,21 @@ use std::str::FromStr;
 use crate::Scene;
 use crate::load::{LoadError, load_environment, load_path};
 use crate::procedural::{
-    DEFAULT_MIRRORS, DEFAULT_ROOMS_WALL_MM, DEFAULT_TERRAIN_TRIANGLES, MIRRORS, ROOMS_WALL_MM,
-    TERRAIN_TRIANGLES, mirrors, rooms, terrain,
+    BALLS, DEFAULT_MIRRORS, DEFAULT_ROOMS_WALL_MM, DEFAULT_TERRAIN_TRIANGLES, MIRRORS, ROOMS_WALL_MM,
+    TERRAIN_TRIANGLES, mirrors, rooms, terrain, with_balls,
 };
 
 /// Stands between a scene and the file of its environment map.
 const ENVIRONMENT: &str = "?environment=";
 
 /// `terrain`, `terrain:TRIANGLES`, `mirrors`, `mirrors:BALLS`, `rooms`, `rooms:WALL_MM`, or the path of a scene file. Each
-/// may be followed by an environment map: see [`in_environment`].
+/// may be followed by `+balls:N`, which adds N mirroring balls ([`with_balls`]), and then by an environment map: see
+/// [`in_environment`].
 ///
 /// # Errors
-/// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`], [`MIRRORS`] or
-/// [`ROOMS_WALL_MM`],
-/// or the error of [`load_path`] or [`load_environment`].
+/// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`], [`MIRRORS`],
+/// [`ROOMS_WALL_MM`] or [`BALLS`], an unknown addition, no room for the balls, or the error of [`load_path`] or
+/// [`load_environment`].
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
     let (alone, environment) = split_environment(spec);
     let Some(file) = environment else { return open_alone(spec) };
@@ -42,7 +43,65 @@ pub fn split_environment(spec: &str) -> (&str, Option<&str>) {
     spec.split_once(ENVIRONMENT).map_or((spec, None), |(alone, file)| (alone, Some(file)))
 }
 
+/// Opens a scene without an environment.
 fn open_alone(spec: &str) -> Result<Scene, LoadError> {
+    // A wrong number is found before a large file is read.
+    added_balls(spec)?;
+    with_additions(open_base(base_of(spec))?, spec)
+}
+
+/// A scene's name without its additions: `sponza.glb` of `sponza.glb+balls:50`.
+pub fn base_of(spec: &str) -> &str {
+    split(spec).0
+}
+
+/// Adds what a name says to the scene that [`base_of`] the name stands for, and gives the scene that name. Other processes
+/// open a scene file wherever they have it, and then add the same.
+///
+/// # Errors
+/// An invalid number of balls, or no room for them.
+pub fn with_additions(base: Scene, spec: &str) -> Result<Scene, LoadError> {
+    let scene = match added_balls(spec)? {
+        None => base,
+        Some(balls) => with_balls(base, balls).ok_or_else(|| {
+            LoadError::new(spec, format!("there is no room for {balls} balls among its triangles"))
+        })?,
+    };
+    // `terrain` is named with its number of triangles.
+    Ok(if is_procedural(spec) { scene } else { Scene { name: spec.to_owned(), ..scene } })
+}
+
+/// A scene's name without its additions, and the number of balls as it is written.
+fn split(spec: &str) -> (&str, Option<&str>) {
+    match spec.rsplit_once('+') {
+        Some((base, "balls")) => (base, Some("")),
+        Some((base, addition)) => match addition.strip_prefix("balls:") {
+            Some(balls) => (base, Some(balls)),
+            None => (spec, None),
+        },
+        None => (spec, None),
+    }
+}
+
+/// The number of balls that a name adds.
+fn added_balls(spec: &str) -> Result<Option<u32>, LoadError> {
+    match split(spec) {
+        (base, Some(_)) if split(base).1.is_some() => {
+            Err(LoadError::new(spec, "balls can be added once: write their number in one `+balls:N`"))
+        }
+        (_, balls) => balls.map(|balls| number(spec, Some(balls), 0, &BALLS, "added balls")).transpose(),
+    }
+}
+
+/// Opens a scene without additions.
+fn open_base(spec: &str) -> Result<Scene, LoadError> {
+    if let Some((base, addition)) = spec.rsplit_once('+') {
+        let is_file = |path: &str| Path::new(path).exists();
+        if !is_file(spec) && (is_procedural(base) || is_file(base)) {
+            let reason = format!("`+{addition}` is no addition to a scene; known is +balls:N");
+            return Err(LoadError::new(spec, reason));
+        }
+    }
     let (name, count) = spec.split_once(':').map_or((spec, None), |(name, count)| (name, Some(count)));
     match name {
         "terrain" => {
@@ -55,8 +114,8 @@ fn open_alone(spec: &str) -> Result<Scene, LoadError> {
             Ok(rooms(number(spec, count, DEFAULT_ROOMS_WALL_MM, &ROOMS_WALL_MM, what)?))
         }
         _ if !Path::new(spec).exists() => {
-            let reason =
-                "no such file, nor a built-in scene: terrain[:TRIANGLES], mirrors[:BALLS] or rooms[:WALL_MM]";
+            let reason = "no such file, nor a built-in scene: terrain[:TRIANGLES], mirrors[:BALLS] or rooms[:WALL_MM]; \
+                          each may be followed by +balls:N";
             Err(LoadError::new(spec, reason))
         }
         _ => load_path(spec),
@@ -83,7 +142,8 @@ pub fn is_procedural(spec: &str) -> bool {
     if split_environment(spec).1.is_some() {
         return false;
     }
-    let name = spec.split_once(':').map_or(spec, |(name, _)| name);
+    let base = base_of(spec);
+    let name = base.split_once(':').map_or(base, |(name, _)| name);
     ["terrain", "mirrors", "rooms"].contains(&name)
 }
 
@@ -135,5 +195,43 @@ mod tests {
     fn the_error_of_a_missing_file_names_the_built_in_scenes() {
         assert!(open("no/such.glb").unwrap_err().reason.contains("no such file"));
         assert!(open("terrains").unwrap_err().reason.contains("no such file"));
+    }
+
+    #[test]
+    fn balls_are_added_to_built_in_scenes_and_to_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("floor+roof.obj");
+        let quad = "v -5 0 -5\nv 5 0 -5\nv 5 0 5\nv -5 0 5\nf 4 3 2 1\n";
+        std::fs::write(&file, quad).unwrap();
+        let file = file.display().to_string();
+        for base in ["rooms", "terrain:2000", &file] {
+            let plain = open(base).unwrap();
+            let spec = format!("{base}+balls:3");
+            let with = open(&spec).unwrap();
+            assert_eq!(with.name, format!("{}+balls:3", plain.name));
+            assert_eq!(with.triangles(), plain.triangles() + 3 * 3072);
+            assert_eq!(with.default_camera(), plain.default_camera());
+            assert_eq!(base_of(&with.name), plain.name);
+            assert_eq!(is_procedural(&spec), is_procedural(base));
+            assert_eq!(open(&with.name).unwrap(), with, "a process that hears the name makes the same scene");
+            assert_eq!(with_additions(open(base).unwrap(), &with.name).unwrap(), with);
+            let none = open(&format!("{base}+balls:0")).unwrap();
+            assert_eq!(none.triangles(), plain.triangles());
+        }
+    }
+
+    #[test]
+    fn a_wrong_number_of_balls_and_an_unknown_addition_are_refused_with_the_reason() {
+        for number in ["", ":", ":2049", ":-1", ":many", ":1.5"] {
+            let error = open(&format!("rooms+balls{number}")).expect_err(number).to_string();
+            assert!(error.contains("added balls must be 0 to 2048"), "{error}");
+        }
+        for spec in ["rooms+cubes:3", "terrain:2000+ball:3", "rooms+balls:3+fog"] {
+            let error = open(spec).expect_err(spec).to_string();
+            assert!(error.contains("is no addition to a scene; known is +balls:N"), "{error}");
+        }
+        let twice = open("rooms+balls:3+balls:4").unwrap_err().to_string();
+        assert!(twice.contains("added once"), "{twice}");
+        assert!(open("no/such.glb+balls:3").unwrap_err().reason.contains("no such file"));
     }
 }

@@ -29,7 +29,8 @@ Examples:
   argus demo --scene model.glb --views 8 --size 320x240 --out pictures
   argus demo --scene mirrors --reflections maps")]
 pub(crate) struct Args {
-    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
+    /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
+    /// after it for mirroring balls
     #[arg(long, value_name = "S", default_value = "terrain")]
     scene: String,
     #[command(flatten)]

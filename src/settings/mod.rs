@@ -54,7 +54,8 @@ impl Default for Client {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct Coordinator {
-    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`. Set here or by a flag, never by a request.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
+    /// balls. Set here or by a flag, never by a request.
     pub(crate) scene: Option<String>,
     /// File of an environment map in place of the scene's sky.
     pub(crate) environment: Option<String>,

@@ -9,7 +9,8 @@ use crate::args;
 /// One scene.
 #[derive(clap::Args)]
 pub(super) struct Scene {
-    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
+    /// balls
     #[arg(long = "scene", value_name = "S")]
     name: Option<String>,
     #[command(flatten)]
@@ -28,7 +29,8 @@ impl Scene {
 /// Scenes, each measured separately.
 #[derive(clap::Args)]
 pub(super) struct Scenes {
-    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; may be given more than once
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
+    /// balls; may be given more than once
     #[arg(long = "scene", value_name = "S")]
     names: Vec<String>,
     #[command(flatten)]

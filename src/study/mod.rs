@@ -12,6 +12,7 @@ mod change;
 mod cluster;
 mod device;
 mod effects;
+mod epr;
 mod hard_cases;
 mod history;
 mod light;
@@ -92,6 +93,7 @@ enum Study {
     Shadows(shadows::ShadowStudy),
     Device(device::Device),
     Effects(effects::EffectStudy),
+    Epr(epr::EprStudy),
     Throughput(throughput::Throughput),
     Campaign(campaign::Campaign),
 }
@@ -143,6 +145,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Shadows(study) => ("shadows", study.run(form.quick, &progress).await?),
         Study::Effects(study) => ("effects", study.run(form.quick, form.out.clone(), &progress).await?),
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
+        Study::Epr(study) => ("epr", study.run(form.quick, form.out.clone(), &progress).await?),
         Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
         // A campaign writes its own folder.

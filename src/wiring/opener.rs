@@ -128,13 +128,15 @@ impl SceneOpener for SceneFolder {
             let scene = scene.map_err(|error| error.to_string())?;
             return Ok(scene.and_then(|scene| served(reference, scene, environments.as_deref())));
         }
-        let name = Path::new(alone);
+        // Balls are added to the file here.
+        let name = Path::new(argus_scene::base_of(alone));
         let by_name = name.file_name().map(|file: &OsStr| self.folder.join(file));
         let places = [self.kept_root(reference), by_name, Some(name.to_path_buf())];
         for place in places.into_iter().flatten().filter(|place| place.is_file()) {
             // A file that cannot be opened, or that holds another scene of the same name, is skipped: the coordinator
             // has the right one.
-            match load::load_path(&place) {
+            let opened = load::load_path(&place).and_then(|scene| argus_scene::with_additions(scene, alone));
+            match opened {
                 Ok(scene) => match served(reference, scene, environments.as_deref()) {
                     Some(scene) => return Ok(Some(scene)),
                     None => tracing::info!("{} is not the scene that is served", place.display()),
@@ -163,7 +165,9 @@ impl SceneOpener for SceneFolder {
         let environment = environment.and_then(environment_name).and_then(|name| files.remove_entry(&name));
         let scene = match argus_scene::is_procedural(alone) {
             true => argus_scene::open(alone),
-            false => load::load_bundle(&root, &files),
+            false => {
+                load::load_bundle(&root, &files).and_then(|scene| argus_scene::with_additions(scene, alone))
+            }
         };
         let mut scene = scene.map_err(|error| error.to_string())?;
         if let Some((name, bytes)) = environment {
@@ -260,5 +264,37 @@ mod tests {
         std::fs::write(&map, [MAP, b"\n"].concat()).unwrap();
         let worker = SceneFolder::new(Some(here.path().join("scenes")));
         assert!(worker.open_local(&reference).unwrap().is_none());
+    }
+
+    #[test]
+    fn balls_are_added_to_a_file_wherever_a_worker_has_it() {
+        let [there, here] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let file = there.path().join("floor.obj");
+        std::fs::write(&file, "v -5 0 -5\nv 5 0 -5\nv 5 0 5\nv -5 0 5\nf 4 3 2 1\n").unwrap();
+        let served = OpenScene::open(&format!("{}+balls:3", file.display())).unwrap();
+        assert_eq!(served.procedural(), None);
+        let files: Vec<BundleFile> = served
+            .files()
+            .unwrap()
+            .into_iter()
+            .map(|(name, path)| BundleFile { name, bytes: std::fs::read(path).unwrap().into() })
+            .collect();
+        let reference = SceneRef { name: served.name().to_owned(), hash: served.scene().hash };
+        let folder = SceneFolder::new(Some(here.path().to_owned()));
+        let is_served = |scene: Option<Arc<Scene>>| scene.is_some_and(|scene| scene == *served.scene());
+        assert!(is_served(folder.open_local(&reference).unwrap()), "under its own name");
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(folder.open_local(&reference), Ok(None));
+        assert!(is_served(folder.open_bundle(&reference, files).ok()), "from files that were sent");
+        assert!(is_served(folder.open_local(&reference).unwrap()), "from files that were kept");
+    }
+
+    #[test]
+    fn balls_in_a_generated_scene_are_generated() {
+        let served = OpenScene::open("rooms+balls:4").unwrap();
+        let spec = served.procedural().unwrap();
+        let folder = SceneFolder::new(Some(std::env::temp_dir()));
+        assert_eq!(folder.open_procedural(&spec).as_ref(), Ok(served.scene()));
+        assert_eq!(served.files(), Ok(Vec::new()));
     }
 }

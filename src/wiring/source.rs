@@ -73,7 +73,7 @@ impl SceneSource for OpenScene {
         let (alone, environment) = argus_scene::split_environment(&self.scene.name);
         let mut files = Vec::new();
         if !argus_scene::is_procedural(alone) {
-            let path = Path::new(alone);
+            let path = Path::new(argus_scene::base_of(alone));
             files = load::bundle_files(path).map_err(|error| error.to_string())?;
             // The file to open comes first; the rest keep their order.
             files.sort_by_key(|(name, _)| path.file_name() != Some(OsStr::new(name)));

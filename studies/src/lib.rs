@@ -19,6 +19,7 @@ pub mod cluster;
 pub mod device;
 pub mod effects;
 mod effort;
+pub mod epr;
 pub mod hard_cases;
 pub mod history;
 pub mod light;

@@ -142,6 +142,35 @@ fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
 }
 
 #[test]
+fn the_epr_study_compares_points_with_maps_and_rays_and_leaves_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = json(&["study", "epr", "--quick", "--json", "--out", out]);
+    for pose in ["distant", "close"] {
+        let of = |way: &str| {
+            let is = |row: &&Value| row["way"] == way && row["pose"] == pose;
+            rows(&study).iter().find(is).unwrap_or_else(|| panic!("{pose} {way}: {study:#}"))
+        };
+        let (points, planar, ivir) = (of("points"), of("points, planar"), of("iVIR"));
+        assert!(number(points, "points") <= number(planar, "points"));
+        assert!(number(points, "points") < number(ivir, "points"));
+        assert!(number(points, "shades") < number(ivir, "shades"), "only what the eye sees is shaded");
+        assert!(number(points, "shades") < number(of("MVR, adaptive"), "shades"));
+        for row in [points, planar, ivir, of("MVR, adaptive"), of("traced maps")] {
+            assert_eq!(number(row, "holes"), 0.0, "{row:#}");
+            assert!(number(row, "other_triangle") < 2e-3, "{row:#}");
+            assert!(number(row, "right") > 0.3 && number(row, "flip") < 0.2, "{row:#}");
+        }
+        let rays = of("rays");
+        assert!(number(rays, "right") > 0.98 && number(rays, "flip") < 0.01, "{rays:#}");
+        assert!(number(rays, "flip") < number(points, "flip"));
+    }
+    for file in ["epr-3-distant-truth.png", "epr-3-close-points-0.5.png", "epr.md", "epr-flip.svg"] {
+        assert!(folder.path().join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
 fn the_break_even_study_gives_the_number_of_views_from_which_samples_are_cheaper() {
     let study = json(&["study", "break-even", "--quick", "--json"]);
     for row in rows(&study) {

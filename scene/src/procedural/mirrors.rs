@@ -40,8 +40,10 @@ pub fn mirrors(balls: u32) -> Scene {
         .map(|mesh| Instance { mesh, node: None, world_from_mesh: DAffine3::IDENTITY })
         .collect();
     let first_ball = meshes.len() as u32;
-    meshes
-        .extend([("chrome", CHROME), ("brushed", BRUSHED), ("glass", GLASS)].map(|(name, m)| ball(name, m)));
+    meshes.extend(
+        [("chrome", CHROME), ("brushed", BRUSHED), ("glass", GLASS)]
+            .map(|(name, m)| ball(name, m, FACE_CELLS)),
+    );
 
     // A lattice with at least as many cells as balls, in the middle of the room.
     let side = (1u32..).find(|side| side.pow(3) >= balls).unwrap_or(10);
@@ -183,21 +185,21 @@ fn pillars() -> Vec<Mesh> {
     vec![mesh]
 }
 
-/// A ball of radius 1: the faces of a cube, projected onto the sphere.
-fn ball(name: &str, material: u32) -> Mesh {
+/// A ball of radius 1: the faces of a cube of `face_cells` squares on an edge, projected onto the sphere.
+pub(super) fn ball(name: &str, material: u32, face_cells: u32) -> Mesh {
     let mut mesh = Mesh { name: name.to_owned(), material, ..Mesh::default() };
     for normal in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z] {
         let right = if normal.x == 0.0 { DVec3::X } else { DVec3::Y };
         let up = normal.cross(right);
         let first = mesh.positions.len() as u32;
-        let row = FACE_CELLS + 1;
+        let row = face_cells + 1;
         for i in 0..row * row {
-            let [u, v] = [i % row, i / row].map(|k| f64::from(k) / f64::from(FACE_CELLS) * 2.0 - 1.0);
+            let [u, v] = [i % row, i / row].map(|k| f64::from(k) / f64::from(face_cells) * 2.0 - 1.0);
             let at = (normal + right * u + up * v).normalize().as_vec3();
             mesh.positions.push(at);
             mesh.normals.push(at);
         }
-        for (i, j) in (0..FACE_CELLS * FACE_CELLS).map(|k| (k % FACE_CELLS, k / FACE_CELLS)) {
+        for (i, j) in (0..face_cells * face_cells).map(|k| (k % face_cells, k / face_cells)) {
             let [a, b, c, d] =
                 [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(di, dj)| first + (j + dj) * row + i + di);
             mesh.indices.extend([a, b, d, a, d, c]);

@@ -1,8 +1,11 @@
 //! Generated scenes, the same triangles on every machine.
 //!
 //! [`terrain`], [`mirrors`] and [`rooms`] need no file. The first follows the cluster paper (section 5): one highly tessellated
-//! tree over a height-field terrain, with a lake whose look depends on the viewer.
+//! tree over a height-field terrain, with a lake whose look depends on the viewer. [`with_balls`] adds mirroring balls to
+//! any scene.
 
+mod balls;
+mod clearance;
 mod ground;
 mod lake;
 mod mirrors;
@@ -17,6 +20,7 @@ use glam::{DAffine3, DVec3, Vec4};
 
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash, TextureRef};
+pub use balls::{BALLS, with_balls};
 pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
 pub use rooms::{DEFAULT_ROOMS_WALL_MM, ROOMS_WALL_MM, rooms};

@@ -51,8 +51,12 @@ pub(super) fn room() -> Scene {
         irradiance: Vec3::splat(1e-4),
         angular_radius: Light::SUN_RADIUS,
     };
-    let night =
-        Sky { zenith: Vec3::new(1e-5, 1.5e-5, 3e-5), horizon: Vec3::splat(3e-5), ground: Vec3::splat(1e-5) };
+    let night = Sky {
+        zenith: Vec3::new(1e-5, 1.5e-5, 3e-5),
+        horizon: Vec3::splat(3e-5),
+        ground: Vec3::splat(1e-5),
+        map: None,
+    };
     let lighting = Lighting { lights: vec![moon], sky: night, exposure: 1.0 };
     let camera = |name: &str, eye: DVec3, target: DVec3| NamedCamera {
         name: name.to_owned(),

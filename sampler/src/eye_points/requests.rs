@@ -1,0 +1,240 @@
+//! Deferred shading: what the eye sees in reflections is requested, and shaded once (sections 4.1.2 and 4.1.3).
+
+use std::f64::consts::PI;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use argus_scene::Sky;
+use argus_scene::shading::sky_radiance;
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::PointReflector;
+use super::lookup::lookup;
+use super::maps::Maps;
+
+/// A pixel of the eye in which a reflector is seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReflectivePixel {
+    /// Index into the list of reflectors.
+    pub reflector: u32,
+    /// What the pixel's central ray meets, metres, world space.
+    pub position: DVec3,
+    /// Unit shading normal there, on the visible side.
+    pub normal: DVec3,
+    /// Change of the position to the next pixel on the right and below, metres.
+    pub position_steps: [DVec3; 2],
+    /// Change of the normal to the next pixel on the right and below.
+    pub normal_steps: [DVec3; 2],
+}
+
+impl ReflectivePixel {
+    /// Origin and unit direction of the reflected ray at an offset from the pixel's middle, in pixels.
+    pub fn ray(&self, eye: DVec3, offset: DVec2) -> (DVec3, DVec3) {
+        let [right, down] = self.position_steps;
+        let position = self.position + right * offset.x + down * offset.y;
+        let [right, down] = self.normal_steps;
+        let normal = (self.normal + right * offset.x + down * offset.y).normalize_or(self.normal);
+        let direction = (position - eye).normalize_or(-normal);
+        (position, direction - 2.0 * direction.dot(normal) * normal)
+    }
+}
+
+/// Offsets of `count` taps from a pixel's middle, in pixels: evenly in a disc of a pixel's area (Vogel, 1979). One tap is in
+/// the middle. The paper takes 25.
+pub fn taps(count: u32) -> Vec<DVec2> {
+    if count <= 1 {
+        return vec![DVec2::ZERO];
+    }
+    let turn = PI * (3.0 - 5f64.sqrt());
+    let radius = PI.sqrt().recip();
+    let tap = |k: u32| {
+        let from_middle = radius * ((f64::from(k) + 0.5) / f64::from(count)).sqrt();
+        DVec2::from_angle(turn * f64::from(k)) * from_middle
+    };
+    (0..count).map(tap).collect()
+}
+
+/// Requested ids: a bit for each.
+pub struct Requests {
+    bits: Vec<AtomicU64>,
+    /// Requested ids before each word.
+    before: Vec<u32>,
+}
+
+/// What the taps of the eye look up.
+pub struct Lookups<'a> {
+    /// The maps.
+    pub maps: &'a Maps,
+    /// Their reflectors.
+    pub reflectors: &'a [PointReflector],
+    /// The eye, metres, world space.
+    pub eye: DVec3,
+    /// The reflective pixels.
+    pub pixels: &'a [ReflectivePixel],
+    /// Offsets of taps, in pixels.
+    pub taps: &'a [DVec2],
+    /// Impostor steps of a lookup.
+    pub steps: u32,
+}
+
+impl Lookups<'_> {
+    /// The texel of a tap, and the tap's direction.
+    #[inline]
+    fn texel(&self, pixel: &ReflectivePixel, tap: DVec2) -> (usize, DVec3) {
+        let map = pixel.reflector as usize;
+        let (origin, direction) = pixel.ray(self.eye, tap);
+        let about = origin - self.reflectors[map].center;
+        (lookup(self.maps, map, about, direction, self.steps), direction)
+    }
+
+    /// Marks what all taps meet. `count` is the number of ids, and `id_of` gives that of a texel: the point that it sees, or
+    /// the texel itself.
+    pub fn request(&self, count: usize, id_of: impl Fn(usize, u32) -> u32 + Sync) -> Requests {
+        let bits: Vec<AtomicU64> = (0..count.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        self.pixels.par_iter().with_min_len(64).for_each(|pixel| {
+            for &tap in self.taps {
+                let (texel, _) = self.texel(pixel, tap);
+                if let Some((seen, _)) = self.maps.get(texel) {
+                    let id = id_of(texel, seen);
+                    let (word, bit) = (&bits[id as usize / 64], 1u64 << (id % 64));
+                    // Most have been requested before: reading alone leaves the word shared.
+                    if word.load(Ordering::Relaxed) & bit == 0 {
+                        word.fetch_or(bit, Ordering::Relaxed);
+                    }
+                }
+            }
+        });
+        Requests::of(bits)
+    }
+
+    /// The mean radiance that each pixel's taps meet. `shaded` has that of all requested ids, ascending.
+    pub fn mirror(
+        &self,
+        requests: &Requests,
+        shaded: &[Vec3],
+        sky: &Sky,
+        id_of: impl Fn(usize, u32) -> u32 + Sync,
+    ) -> Vec<Vec3> {
+        let radiance = |pixel: &ReflectivePixel| {
+            let mut sum = Vec3::ZERO;
+            for &tap in self.taps {
+                let (texel, direction) = self.texel(pixel, tap);
+                sum += match self.maps.get(texel) {
+                    Some((seen, _)) => shaded[requests.slot(id_of(texel, seen))],
+                    None => sky_radiance(sky, direction.as_vec3()),
+                };
+            }
+            sum / self.taps.len().max(1) as f32
+        };
+        self.pixels.par_iter().with_min_len(64).map(radiance).collect()
+    }
+
+    /// Where each pixel's central tap says that its ray ends, metres, world space; `None` for the sky.
+    pub fn met(&self) -> Vec<Option<DVec3>> {
+        let met = |pixel: &ReflectivePixel| {
+            let (texel, _) = self.texel(pixel, DVec2::ZERO);
+            let (_, range) = self.maps.get(texel)?;
+            let (map, direction) = self.maps.direction_of(texel);
+            Some(self.reflectors[map].center + direction.normalize() * range)
+        };
+        self.pixels.par_iter().map(met).collect()
+    }
+}
+
+impl Requests {
+    fn of(bits: Vec<AtomicU64>) -> Self {
+        let mut sum = 0;
+        let before = bits.iter().map(|word| {
+            let here = sum;
+            sum += word.load(Ordering::Relaxed).count_ones();
+            here
+        });
+        let before = before.collect();
+        Self { bits, before }
+    }
+
+    /// Every id that a texel sees, as if all of them were looked up. Arguments are those of [`Lookups::request`].
+    pub fn all(maps: &Maps, count: usize, id_of: impl Fn(usize, u32) -> u32 + Sync) -> Self {
+        let bits: Vec<AtomicU64> = (0..count.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        (0..maps.texels()).into_par_iter().with_min_len(4096).for_each(|texel| {
+            if let Some((seen, _)) = maps.get(texel) {
+                let id = id_of(texel, seen);
+                bits[id as usize / 64].fetch_or(1 << (id % 64), Ordering::Relaxed);
+            }
+        });
+        Self::of(bits)
+    }
+
+    /// All requested ids, ascending.
+    pub fn ids(&self) -> Vec<u32> {
+        let of_word = |(word, bits): (usize, &AtomicU64)| {
+            let bits = bits.load(Ordering::Relaxed);
+            let set = (0..64u32).filter(move |bit| bits >> bit & 1 == 1);
+            set.map(move |bit| word as u32 * 64 + bit)
+        };
+        self.bits.iter().enumerate().flat_map(of_word).collect()
+    }
+
+    /// Place of a requested id among all.
+    #[inline]
+    fn slot(&self, id: u32) -> usize {
+        let word = id as usize / 64;
+        let lower = (1u64 << (id % 64)) - 1;
+        let before = (self.bits[word].load(Ordering::Relaxed) & lower).count_ones();
+        (self.before[word] + before) as usize
+    }
+
+    /// Bytes of bits and sums.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.bits[..]) + size_of_val(&self.before[..])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn taps_lie_evenly_in_a_disc_of_a_pixels_area() {
+        assert_eq!(taps(1), [DVec2::ZERO]);
+        for count in [4, 25, 100] {
+            let found = taps(count);
+            assert_eq!(found.len(), count as usize);
+            let mean = found.iter().sum::<DVec2>() / f64::from(count);
+            assert!(mean.length() < 0.12, "{mean}");
+            assert!(found.iter().all(|tap| PI * tap.length_squared() <= 1.0));
+            // The mean square of the distance in a disc is half of the square of its radius.
+            let square = found.iter().map(|tap| tap.length_squared()).sum::<f64>() / f64::from(count);
+            assert!((square * 2.0 * PI - 1.0).abs() < 1e-9, "{square}");
+        }
+    }
+
+    #[test]
+    fn a_ray_is_reflected_about_the_normal_at_the_tap() {
+        let pixel = ReflectivePixel {
+            reflector: 0,
+            position: DVec3::ZERO,
+            normal: DVec3::Y,
+            position_steps: [DVec3::X * 0.1, DVec3::Z * 0.1],
+            normal_steps: [DVec3::X * 0.2, DVec3::ZERO],
+        };
+        let eye = DVec3::new(-3.0, 4.0, 0.0);
+        let (origin, direction) = pixel.ray(eye, DVec2::ZERO);
+        assert_eq!(origin, DVec3::ZERO);
+        assert!((direction - DVec3::new(0.6, 0.8, 0.0)).length() < 1e-12);
+        let (origin, direction) = pixel.ray(eye, DVec2::new(2.0, 0.0));
+        assert_eq!(origin, DVec3::X * 0.2);
+        let (to_eye, normal) = ((eye - origin).normalize(), DVec3::new(0.4, 1.0, 0.0).normalize());
+        assert!((direction.angle_between(normal) - to_eye.angle_between(normal)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn requested_ids_are_listed_once_and_in_order() {
+        let bits = [1u64 << 3 | 1 << 63, 0, 1, u64::MAX].map(AtomicU64::new).into();
+        let requests = Requests { bits, before: vec![0, 2, 2, 3] };
+        let ids = requests.ids();
+        assert_eq!(ids[..4], [3, 63, 128, 192]);
+        assert_eq!(ids.len(), 67);
+        assert!(ids.iter().enumerate().all(|(slot, &id)| requests.slot(id) == slot));
+    }
+}

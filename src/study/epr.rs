@@ -1,0 +1,79 @@
+//! Arguments of `argus study epr`.
+
+use std::path::PathBuf;
+
+use argus_studies::epr::{Options, Pose, run};
+use argus_studies::{Effort as _, Report};
+use indicatif::ProgressBar;
+
+use super::arguments::{Scene, Size, blocking};
+
+/// Measures eye-based point rendering (reflections by points as dense as the eye's pixels) beside its alternatives: points,
+/// shades, memory, time and error
+///
+/// All on the CPU; needs no GPU. Without --scene: rooms; without --size: 640x360. With --out, also pictures of all rows.
+#[derive(clap::Args)]
+#[command(after_help = "\
+Example:
+  argus study epr --scene sponza.glb --reflectors 1,10,50 --size 1920x1080 --out figures")]
+pub(super) struct EprStudy {
+    #[command(flatten)]
+    scene: Scene,
+    #[command(flatten)]
+    size: Size,
+    /// Numbers of mirroring balls that are added to the scene; 0 for the scene's own reflective objects [default: 1,10,50]
+    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=2048))]
+    reflectors: Vec<u32>,
+    /// Where the eye is: `distant`, at the scene's first viewpoint, or `close` to a ball [default: distant,close]
+    #[arg(long, value_name = "P", value_delimiter = ',', value_parser = pose)]
+    poses: Vec<Pose>,
+    /// Points for each pixel of the view, by area (the paper's rho_scale), 0.01 to 16 [default: 0.25,0.5,1]
+    #[arg(long, value_name = "D", value_delimiter = ',', value_parser = density)]
+    density: Vec<f64>,
+    /// Lookups of each reflective pixel; 25 in the paper [default: 25]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    taps: Option<u32>,
+    /// Most points, 8 bytes each. A smaller number lowers the density where needed [default: 33554432]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 30))]
+    budget: Option<u32>,
+    /// Number of measured rounds; times are their median [default: 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rounds: Option<u16>,
+}
+
+fn pose(text: &str) -> Result<Pose, String> {
+    let found = Pose::ALL.into_iter().find(|pose| pose.to_string() == text);
+    found.ok_or_else(|| "must be distant or close".to_owned())
+}
+
+fn density(text: &str) -> Result<f64, String> {
+    let within = |density: &f64| (0.01..=16.0).contains(density);
+    text.parse().ok().filter(within).ok_or_else(|| "must be a number from 0.01 to 16".to_owned())
+}
+
+impl EprStudy {
+    pub(super) async fn run(
+        self,
+        quick: bool,
+        out: Option<PathBuf>,
+        progress: &ProgressBar,
+    ) -> anyhow::Result<Report> {
+        let mut options = Options::of(quick);
+        self.scene.replace(&mut options.scene);
+        self.size.replace(&mut options.size);
+        if !self.reflectors.is_empty() {
+            options.reflectors = self.reflectors;
+        }
+        if !self.poses.is_empty() {
+            options.poses = self.poses;
+        }
+        if !self.density.is_empty() {
+            options.densities = self.density;
+        }
+        options.taps = self.taps.unwrap_or(options.taps);
+        options.budget = self.budget.unwrap_or(options.budget);
+        options.rounds = self.rounds.map_or(options.rounds, usize::from);
+        options.images = out;
+        blocking(options, progress, run).await
+    }
+}

@@ -1,0 +1,142 @@
+//! What reflected rays of the f64 reference find, and how far a way is from it.
+
+use anyhow::Result;
+use argus_sampler::eye_points::{Maps, ReflectivePixel};
+use argus_scene::metrics;
+use argus_scene::reference::Hit;
+use argus_scene::shading::{diffuse_radiance, sky_radiance};
+use glam::{DVec2, DVec3, Vec3};
+use image::RgbImage;
+use rayon::prelude::*;
+
+use super::stage::{Seen, Stage};
+
+/// Distance off a surface at which a ray starts, as a share of the distances around it.
+const OFF_SURFACE: f64 = 1e-7;
+/// Most surfaces of its own reflector that a ray passes.
+const MOST_PASSED: u32 = 64;
+/// Most texels that are examined for holes.
+const EXAMINED: usize = 30_000;
+
+/// What reflected rays meet.
+pub(super) struct Truth {
+    /// Where the central ray of each reflective pixel ends; `None` for the sky.
+    met: Vec<Option<DVec3>>,
+    /// With the mean radiance of each pixel's taps.
+    image: RgbImage,
+}
+
+/// Errors of a way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Errors {
+    /// Share of reflective pixels whose lookup is within 1° and 5% of the range.
+    pub(super) right: f64,
+    /// Mean FLIP of the image, and of its reflective pixels.
+    pub(super) flip: f64,
+    pub(super) flip_reflective: f64,
+    /// Root of the mean square error of a channel over the image, of 255, as in the paper.
+    pub(super) rmse: f64,
+}
+
+impl Stage {
+    /// The nearest surface along a ray, past those of one instance.
+    fn past(&self, origin: DVec3, direction: DVec3, own: u32) -> Option<Hit> {
+        let mut from = origin;
+        for _ in 0..MOST_PASSED {
+            let hit = self.tracer.trace(from, direction)?;
+            if hit.instance != own {
+                return Some(hit);
+            }
+            from = hit.position + direction * (OFF_SURFACE * hit.range.max(1e-6));
+        }
+        None
+    }
+
+    /// The truth for what an eye sees.
+    pub(super) fn truth(&self, seen: &Seen, taps: &[DVec2]) -> Truth {
+        let eye = seen.eye.position;
+        let ray = |pixel: &ReflectivePixel, tap: DVec2| {
+            let (origin, direction) = pixel.ray(eye, tap);
+            let origin = origin + pixel.normal * (OFF_SURFACE * (origin - eye).length());
+            let own = seen.reflectors[pixel.reflector as usize].instance;
+            (self.past(origin, direction, own), direction)
+        };
+        let arriving = |pixel: &ReflectivePixel| {
+            let mut sum = Vec3::ZERO;
+            for &tap in taps {
+                let (hit, direction) = ray(pixel, tap);
+                sum += match hit {
+                    Some(hit) => {
+                        let surface = self.tracer.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
+                        diffuse_radiance(&surface, &self.scene.lighting)
+                    }
+                    None => sky_radiance(&self.scene.lighting.sky, direction.as_vec3()),
+                };
+            }
+            sum / taps.len().max(1) as f32
+        };
+        let central = |pixel: &ReflectivePixel| ray(pixel, DVec2::ZERO).0.map(|hit| hit.position);
+        let arriving: Vec<Vec3> = seen.pixels.par_iter().map(arriving).collect();
+        let met = seen.pixels.par_iter().map(central).collect();
+        let image = seen.image(&arriving, self.scene.lighting.exposure);
+        Truth { met, image }
+    }
+
+    /// Shares of texels that see nothing where a ray meets a surface, and that see another triangle than a ray. `facet_of` gives
+    /// instance and triangle of an id. Texels are examined at even steps.
+    pub(super) fn holes(
+        &self,
+        seen: &Seen,
+        maps: &Maps,
+        facet_of: impl Fn(u32) -> (u32, u32) + Sync,
+    ) -> [f64; 2] {
+        let step = maps.texels().div_ceil(EXAMINED).max(1) | 1;
+        let examined: Vec<usize> = (0..maps.texels()).step_by(step).collect();
+        let judge = |&texel: &usize| {
+            let (map, direction) = maps.direction_of(texel);
+            let reflector = &seen.reflectors[map];
+            let met = self.past(reflector.center, direction, reflector.instance);
+            match (met, maps.get(texel)) {
+                (Some(_), None) => [1, 0],
+                (Some(hit), Some((id, _))) => [0, u32::from(facet_of(id) != (hit.instance, hit.triangle))],
+                _ => [0, 0],
+            }
+        };
+        let sums = examined.par_iter().map(judge).reduce(|| [0, 0], |a, b| [a[0] + b[0], a[1] + b[1]]);
+        sums.map(|sum| f64::from(sum) / examined.len().max(1) as f64)
+    }
+}
+
+impl Truth {
+    /// Errors of a way's image, and of where it says that central rays end.
+    pub(super) fn errors(&self, seen: &Seen, image: &RgbImage, met: &[Option<DVec3>]) -> Result<Errors> {
+        let compared = metrics::compare(&self.image, image)?;
+        let pixels = f64::from(image.width()) * f64::from(image.height());
+        let reflective = seen.pixels.len().max(1) as f64;
+        Ok(Errors {
+            right: self.right(seen, met),
+            flip: compared.flip_mean,
+            flip_reflective: (compared.flip_mean * pixels / reflective).min(1.0),
+            rmse: 255.0 * 10f64.powf(-compared.psnr_db / 20.0),
+        })
+    }
+
+    /// Share of reflective pixels whose central ray ends within 1° and 5% of the range of the truth.
+    pub(super) fn right(&self, seen: &Seen, met: &[Option<DVec3>]) -> f64 {
+        let is_right = |((pixel, truth), found): &((&ReflectivePixel, &Option<DVec3>), &Option<DVec3>)| {
+            let (Some(truth), Some(found)) = (truth, found) else {
+                return truth.is_none() == found.is_none();
+            };
+            let (truth, found) = (*truth - pixel.position, *found - pixel.position);
+            let cosine = truth.normalize_or_zero().dot(found.normalize_or_zero());
+            cosine >= 1f64.to_radians().cos() && (found.length() / truth.length() - 1.0).abs() <= 0.05
+        };
+        let right = seen.pixels.iter().zip(&self.met).zip(met).filter(is_right).count();
+        right as f64 / seen.pixels.len().max(1) as f64
+    }
+
+    /// The true image.
+    pub(super) fn image(&self) -> &RgbImage {
+        &self.image
+    }
+}

@@ -1,0 +1,266 @@
+//! Eye-based point rendering, beside its alternatives: points, shades, memory, time and error of reflections.
+//!
+//! The definition on the CPU is measured ([`argus_sampler::eye_points`]), with the f64 reference's shading. All ways share the
+//! eye's pixels, the taps, the lookup and the shading; they differ in how maps around the reflectors come to show the
+//! scene. The truth is reflected rays of the f64 reference.
+
+mod judge;
+mod paper;
+mod stage;
+mod ways;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use anyhow::{Context as _, Result};
+use argus_sampler::eye_points::{PointScene, ReflectionRays, taps};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::median::median;
+use crate::plot::{Axis, Plot, Series};
+use crate::{Effort, Machine, Report, report};
+use judge::Truth;
+use paper::{Published, published};
+pub use stage::Pose;
+use stage::{Seen, Stage};
+use ways::{Outcome, USUAL_DENSITY, Way, Ways};
+
+/// What the study measures.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// A scene, as [`argus_scene::open`] takes it.
+    pub scene: String,
+    /// Numbers of balls that are added to it; 0 leaves the scene's own reflectors.
+    pub reflectors: Vec<u32>,
+    /// Where the eye is.
+    pub poses: Vec<Pose>,
+    /// Points for each pixel, by area: the paper's ρ_scale.
+    pub densities: Vec<f64>,
+    /// View size in pixels.
+    pub size: [u32; 2],
+    /// Lookups of each reflective pixel.
+    pub taps: u32,
+    /// Most points.
+    pub budget: u32,
+    /// Measured rounds; each time is their median.
+    pub rounds: usize,
+    /// Folder for the images of all rows.
+    pub images: Option<PathBuf>,
+}
+
+impl Default for Options {
+    /// Takes some minutes on two cores.
+    fn default() -> Self {
+        Self {
+            scene: "rooms".to_owned(),
+            reflectors: vec![1, 10, 50],
+            poses: Pose::ALL.to_vec(),
+            densities: vec![0.25, 0.5, 1.0],
+            size: [640, 360],
+            taps: 25,
+            budget: 1 << 25,
+            rounds: 1,
+            images: None,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self { reflectors: vec![3], densities: vec![0.5], size: [96, 72], taps: 4, ..Self::default() }
+    }
+}
+
+/// The paper's fixed side of maps.
+const FIXED_SIDE: u32 = 512;
+/// Most reflectors for which maps of the fixed side are filled: each takes 30 MiB.
+const MOST_FIXED: usize = 12;
+
+/// Runs the study; `progress` counts rows.
+///
+/// # Errors
+/// A scene that cannot be opened or has no reflector, or a folder that cannot be written to.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    progress.set_length((options.reflectors.len() * options.poses.len() * ways_of(options).len()) as u64);
+    if let Some(folder) = &options.images {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    let mut rows = Vec::new();
+    let mut notes = Vec::new();
+    for &balls in &options.reflectors {
+        progress.set_message(format!("{balls} reflectors"));
+        let stage = Stage::open(&options.scene, balls)?;
+        let points = PointScene::new(&stage.scene, 0.0);
+        let rays = ReflectionRays::new(&stage.scene, 0.0)?;
+        for &pose in &options.poses {
+            let seen = stage.see(&stage.camera(pose)?, options.size);
+            if seen.pixels.is_empty() {
+                notes.push(format!("{balls} reflectors, {pose}: none is in sight"));
+                continue;
+            }
+            let taps = taps(options.taps);
+            let subject = Subject {
+                options,
+                balls,
+                pose,
+                truth: stage.truth(&seen, &taps),
+                ways: Ways {
+                    stage: &stage,
+                    points: &points,
+                    rays: &rays,
+                    seen: &seen,
+                    taps: &taps,
+                    budget: options.budget,
+                },
+            };
+            subject.save("truth", subject.truth.image())?;
+            for way in ways_of(options) {
+                let too_large = matches!(way, Way::MultiView(Some(_))) && seen.reflectors.len() > MOST_FIXED;
+                if too_large {
+                    notes.push(format!(
+                        "{balls} reflectors, {pose}: {way} is left out: its maps take too much memory"
+                    ));
+                } else {
+                    rows.push(subject.row(way)?);
+                }
+                progress.inc(1);
+            }
+        }
+    }
+    let [width, height] = options.size;
+    let mut report = Report::new(&options.scene, Machine::here("not used"), rows);
+    report.notes.push(format!(
+        "{width}×{height} pixels, {} taps a reflective pixel; all on the CPU, shaded by the f64 reference's definition. in_sight: \
+         reflectors of which a pixel is seen; only those have maps. splat_ms: points into maps, or rasterising, or rays to fill \
+         maps. right: reflective pixels whose central lookup is within 1° and 5% of the range of the reflected ray; right_plain: \
+         without impostor steps. flip, flip_reflective, rmse: against reflected rays of the f64 reference, whole image, \
+         reflective pixels, and of 255. holes, other_triangle: shares of texels, by rays. paper_…: on a GTX 1080 Ti at \
+         1920×1080, for Sponza.",
+        options.taps,
+    ));
+    report.notes.extend(notes);
+    report.plots = vec![plot(options, &report.rows)];
+    Ok(report)
+}
+
+/// The ways, in the order of rows.
+fn ways_of(options: &Options) -> Vec<Way> {
+    let points = options.densities.iter().map(|&density| Way::Points(density));
+    let others = [
+        Way::PlanarPoints,
+        Way::CulledPoints,
+        Way::MapPoints,
+        Way::MultiView(None),
+        Way::MultiView(Some(FIXED_SIDE)),
+        Way::TracedMaps,
+        Way::Rays,
+    ];
+    points.chain(others).collect()
+}
+
+/// A number of reflectors and a pose.
+struct Subject<'a> {
+    options: &'a Options,
+    balls: u32,
+    pose: Pose,
+    truth: Truth,
+    ways: Ways<'a>,
+}
+
+impl Subject<'_> {
+    fn row(&self, way: Way) -> Result<Map<String, Value>> {
+        let mut outcome = self.ways.go(way);
+        let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        for round in 0..self.options.rounds.max(1) {
+            if round > 0 {
+                outcome = self.ways.go(way);
+            }
+            for stage in &outcome.stages {
+                times.entry(stage.name.clone()).or_default().push(stage.ms);
+            }
+        }
+        let ms = |stage: &str| times.get(stage).map(|times| median(times));
+        let total: f64 = times.values().map(|times| median(times)).sum();
+        let seen: &Seen = self.ways.seen;
+        let scene = &self.ways.stage.scene;
+        let image = seen.image(&outcome.arriving, scene.lighting.exposure);
+        let name = match way.density() {
+            Some(density) => format!("{way} {density}"),
+            None => way.to_string(),
+        };
+        self.save(&name, &image)?;
+        let errors = self.truth.errors(seen, &image, &outcome.met)?;
+        let plain = outcome.met_plain.as_ref().map(|met| self.truth.right(seen, met));
+        let paper = way
+            .method()
+            .map_or(Published::default(), |method| published(&self.options.scene, self.balls, method));
+        let Outcome { points, wanted, shades, bytes, holes, .. } = outcome;
+        Ok(report::row(json!({
+            "reflectors": self.balls,
+            "pose": self.pose.to_string(),
+            "way": way.to_string(),
+            "density": way.density(),
+            "in_sight": seen.reflectors.len(),
+            "mean_side": seen.mean_side(),
+            "reflective_pixels": seen.pixels.len(),
+            "lookups": seen.pixels.len() * self.ways.taps.len(),
+            "points": points,
+            "wanted_points": wanted,
+            "shades": shades,
+            "mib": bytes as f64 / f64::from(1 << 20),
+            "density_ms": ms("density"),
+            "points_ms": ms("points"),
+            "splat_ms": ms("splat"),
+            "request_ms": ms("request"),
+            "shade_ms": ms("shade"),
+            "mirror_ms": ms("mirror"),
+            "total_ms": total,
+            "holes": holes.map(|holes| holes[0]),
+            "other_triangle": holes.map(|holes| holes[1]),
+            "right": errors.right,
+            "right_plain": plain,
+            "flip": errors.flip,
+            "flip_reflective": errors.flip_reflective,
+            "rmse": errors.rmse,
+            "paper_points": paper.points,
+            "paper_shades": paper.shades,
+            "paper_ms": paper.ms,
+        })))
+    }
+
+    /// Writes an image of a row, if images are wanted.
+    fn save(&self, name: &str, image: &image::RgbImage) -> Result<()> {
+        let Some(folder) = &self.options.images else { return Ok(()) };
+        let name = name.replace([' ', ','], "-").replace("--", "-").replace('²', "");
+        let path = folder.join(format!("epr-{}-{}-{name}.png", self.balls, self.pose));
+        image.save(&path).with_context(|| format!("cannot write {}", path.display()))
+    }
+}
+
+/// A plot of error against time, a series for each way.
+fn plot(options: &Options, rows: &[Map<String, Value>]) -> Plot {
+    let number =
+        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let mut series: Vec<Series> = Vec::new();
+    for row in rows {
+        let usual = row.get("density").and_then(Value::as_f64).is_none_or(|density| density == USUAL_DENSITY);
+        let way = row.get("way").and_then(Value::as_str).unwrap_or_default();
+        if !usual {
+            continue;
+        }
+        let point = (number(row, "total_ms"), number(row, "flip_reflective"));
+        match series.iter_mut().find(|series| series.name == way) {
+            Some(series) => series.points.push(point),
+            None => series.push(Series { name: way.to_owned(), points: vec![point], line: false }),
+        }
+    }
+    Plot {
+        name: "flip".to_owned(),
+        title: format!("{}: reflections", options.scene),
+        x: Axis::log("milliseconds of all reflections of a view"),
+        y: Axis::linear("mean FLIP of reflective pixels against rays"),
+        series,
+        ..Plot::default()
+    }
+}

@@ -1,0 +1,55 @@
+//! The paper's own figures for Sponza (tables 1 and 2), on an NVIDIA GTX 1080 Ti at 1920×1080.
+
+/// Points, shades and milliseconds of a frame; `None` where the paper has none.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Published {
+    pub(super) points: Option<u64>,
+    pub(super) shades: Option<u64>,
+    pub(super) ms: Option<f64>,
+}
+
+/// A row of the paper: number of reflectors; points, shades and milliseconds of EPR; points and milliseconds of iVIR; shades
+/// and milliseconds of multi-view rendering.
+type Row = (u32, [u64; 2], f64, u64, f64, u64, f64);
+
+const SPONZA: [Row; 4] = [
+    (1, [603_000, 44_000], 2.43, 2_790_000, 3.93, 1_510_000, 4.51),
+    (10, [1_280_000, 146_000], 7.31, 5_730_000, 18.06, 15_240_000, 43.22),
+    (20, [1_470_000, 335_000], 14.62, 6_390_000, 50.25, 30_600_000, 90.27),
+    (50, [1_750_000, 812_000], 45.46, 7_690_000, 331.39, 76_570_000, 232.07),
+];
+
+/// The paper's name of a way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Method {
+    Epr,
+    Ivir,
+    Mvr,
+}
+
+/// What the paper found for a scene and a number of reflectors.
+pub(super) fn published(scene: &str, reflectors: u32, method: Method) -> Published {
+    let is_sponza = scene.to_ascii_lowercase().contains("sponza");
+    let Some(row) = SPONZA.iter().find(|row| is_sponza && row.0 == reflectors) else {
+        return Published::default();
+    };
+    let &(_, [points, shades], ms, ivir_points, ivir_ms, mvr_shades, mvr_ms) = row;
+    match method {
+        Method::Epr => Published { points: Some(points), shades: Some(shades), ms: Some(ms) },
+        Method::Ivir => Published { points: Some(ivir_points), shades: None, ms: Some(ivir_ms) },
+        Method::Mvr => Published { points: None, shades: Some(mvr_shades), ms: Some(mvr_ms) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_paper_has_figures_for_its_own_scene_and_numbers_alone() {
+        assert_eq!(published("scenes/Sponza.glb", 50, Method::Epr).points, Some(1_750_000));
+        assert_eq!(published("sponza.glb", 50, Method::Mvr).ms, Some(232.07));
+        assert_eq!(published("sponza.glb", 7, Method::Epr), Published::default());
+        assert_eq!(published("rooms", 50, Method::Epr), Published::default());
+    }
+}
