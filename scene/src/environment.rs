@@ -418,7 +418,8 @@ fn regions(
 fn harmonics(patches: &[Patch]) -> [Vec3; 9] {
     // For each product of the direction: the square of the harmonic's factor, times the factor of degree 0, 1 or 2 by
     // which a cosine-weighted mean shrinks it, which is 1, 2/3 or 1/4.
-    let factors: [(f64, fn(DVec3) -> f64); 9] = [
+    type Factor = (f64, fn(DVec3) -> f64);
+    let factors: [Factor; 9] = [
         (1.0 / (4.0 * PI), |_| 1.0),
         (1.0 / TAU, |d| d.x),
         (1.0 / TAU, |d| d.y),

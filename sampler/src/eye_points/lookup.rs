@@ -66,7 +66,7 @@ mod tests {
         let mut counts = [0; 2];
         for i in 0..40 {
             for j in 0..40 {
-                let (u, v) = (f64::from(i) / 40.0 * 6.28, f64::from(j) / 40.0 * 2.0 - 0.99);
+                let (u, v) = (f64::from(i) / 40.0 * std::f64::consts::TAU, f64::from(j) / 40.0 * 2.0 - 0.99);
                 let ring = (1.0 - v * v).sqrt();
                 let normal = DVec3::new(ring * u.cos(), v, ring * u.sin());
                 let direction = (normal + DVec3::new(0.21, 0.43, -0.37)).normalize();

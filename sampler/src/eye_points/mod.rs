@@ -170,7 +170,7 @@ impl PointScene {
             reflectors,
             cut: &self.cutouts,
         };
-        splats.into_maps(&maps);
+        splats.splat_to(&maps);
         stage("splat");
         EyePoints { pieces, points, first, maps, budget, stages }
     }

@@ -29,7 +29,7 @@ pub(super) struct Splats<'a> {
 
 impl Splats<'_> {
     /// Splats all points. The maps' bytes do not depend on the number of threads.
-    pub(super) fn into_maps(&self, maps: &Maps) {
+    pub(super) fn splat_to(&self, maps: &Maps) {
         (0..self.pieces.all.len()).into_par_iter().with_max_len(32).for_each(|piece| {
             for map in self.pieces.seen_by(piece) {
                 self.piece(piece, map, maps);

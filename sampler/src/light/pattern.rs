@@ -15,7 +15,7 @@ pub(super) const SLOTS: usize = (SQUARE * SQUARE) as usize;
 /// are the slots of squares of 4×4 texels.
 #[inline]
 pub(super) fn slot([x, y]: [u32; 2]) -> usize {
-    let digit = |bit: u32| (x >> bit & 1) * 2 ^ (y >> bit & 1) * 3;
+    let digit = |bit: u32| ((x >> bit & 1) * 2) ^ ((y >> bit & 1) * 3);
     (digit(0) * 16 + digit(1) * 4 + digit(2)) as usize
 }
 

@@ -1,4 +1,5 @@
 //! Environment maps: their files, and their light by the reference.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 use crate::common;
 
 use std::io::Cursor;
