@@ -83,7 +83,9 @@ impl Tracer {
                 break;
             };
             let surface = self.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
-            if bounce > 0 || !self.lights_by_emitters() {
+            // The back of a single-sided lamp blocks light and sends none.
+            let shines = hit.front || self.material_of(&hit).double_sided;
+            if shines && (bounce > 0 || !self.lights_by_emitters()) {
                 radiance += throughput * surface.emissive;
             }
             if bounce == bounces {
@@ -282,6 +284,26 @@ mod tests {
         };
         assert!(found(0.0).x > 0.0);
         assert_eq!(found(-2.0), Vec3::ZERO);
+    }
+
+    #[test]
+    fn the_back_of_a_single_sided_lamp_blocks_light_and_sends_none() {
+        let square = |o: Vec3, x: Vec3, y: Vec3| [o - x - y, o + x - y, o + x + y, o - x + y];
+        let floor = square(Vec3::ZERO, Vec3::X * 4.0, Vec3::Z * -4.0);
+        let found = |across: Vec3| {
+            let lamp = square(Vec3::Y, Vec3::X * 4.0, across * 4.0);
+            let mesh = Mesh {
+                positions: floor.into_iter().chain(lamp).collect(),
+                indices: vec![0, 1, 2, 0, 2, 3, 4, 5, 6, 4, 6, 7],
+                ..Mesh::default()
+            };
+            let material = Material { emissive: Vec3::ONE, double_sided: false, ..grey(0.5) };
+            let scene = scene(mesh, material, Vec::new(), DVec3::ZERO);
+            let eye = DVec3::new(0.0, 0.5, 0.0);
+            indirect_at(&scene, eye, DVec3::NEG_Y, Indirect { paths: 64, bounces: 0 })
+        };
+        assert!(found(Vec3::Z).x > 0.5, "its front");
+        assert_eq!(found(Vec3::NEG_Z), Vec3::ZERO, "its back");
     }
 
     #[test]
