@@ -39,7 +39,7 @@ fn the_background_of_a_view_is_the_map_at_its_poles_and_its_seam_too() {
         let camera =
             Camera { up: DVec3::new(0.1, 0.2, 0.9), fov_deg: 60.0, ..Camera::look_at(DVec3::ZERO, target) };
         let ours = image_of(&direct(&mut sampler, &view_job(camera, [90, 60], 1)));
-        let truth = reference(&scene, &camera, [90, 60], 1).display(1.0);
+        let truth = reference(&scene, &camera, [90, 60], 1).display(scene.lighting.exposure);
         let (most, mean) = difference(&ours, &truth);
         // A byte of rounding; at the pole itself the columns meet.
         assert!(most <= 2 && mean < 0.1, "{target}: {most} {mean}");
@@ -63,7 +63,7 @@ fn direct_views_have_the_references_light_in_an_environment() {
         let mut sampler = sampler_with(&scene, SamplerKnobs { effects, ..SamplerKnobs::default() });
         let ours = image_of(&direct(&mut sampler, &view_job(camera, size, 4)));
         let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 64 });
-        let truth = tracer.render(&camera, size[0], size[1], 4, |_| {}).display(1.0);
+        let truth = tracer.render(&camera, size[0], size[1], 4, |_| {}).display(scene.lighting.exposure);
         let found = flip(&format!("environment-{name}"), &ours, &truth);
         println!("{name}: FLIP {found:.4}");
         assert!(found <= most, "{name}: FLIP {found}");
