@@ -346,8 +346,9 @@ fn lit_surfaces_that_face_one_another_are_lit_by_paths() {
         let plan = EffectPlan::of(&scene, &request, None);
         assert_eq!(plan.indirect(&request), argus_scene::Indirect::Off, "{plan:#?}");
     }
-    let alone = matt(sun(DVec3::NEG_Y));
-    assert_eq!(EffectPlan::of(&alone, &open, None).indirect(&open), argus_scene::Indirect::Off);
+    let night = Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: 1.0 };
+    let unlit = roofed(night, grey(0.4), grey(0.2));
+    assert_eq!(EffectPlan::of(&unlit, &open, None).indirect(&open), argus_scene::Indirect::Off);
 }
 
 #[test]
@@ -373,7 +374,8 @@ fn a_removed_row_removes_its_pass() {
 fn costs_are_predicted_from_measurements_and_kept_apart_from_what_is_saved() {
     let scene = matt(wide_sun(DVec3::NEG_Y));
     let costs = EffectCosts { ms: [(EffectKind::Shadows, 3.0), (EffectKind::SkyVisibility, 5.0)].into() };
-    let mut plan = EffectPlan::of(&scene, &EffectRequest::default(), Some(&costs));
+    let request = EffectRequest { indirect: Some(argus_scene::Indirect::Off), ..EffectRequest::default() };
+    let mut plan = EffectPlan::of(&scene, &request, Some(&costs));
     assert_eq!(plan.row(EffectKind::Shadows).unwrap().predicted_ms, Some(3.0));
     assert_eq!(plan.row(EffectKind::Emitters).unwrap().predicted_ms, None);
     plan.measured(EffectKind::Shadows, 4.0);

@@ -17,7 +17,7 @@ use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 
-use super::Method;
+use super::{Method, PLAIN};
 use crate::burst::{connect, patient};
 use crate::local_cluster::LocalCluster;
 use crate::processes::cpu_secs;
@@ -161,6 +161,7 @@ pub(super) async fn measure(run: &Run<'_>) -> Result<Measured> {
         "--visibility=auto".to_owned(),
         format!("--refresh-views={refresh}"),
         "--epoch-ms=25".to_owned(),
+        PLAIN.to_owned(),
     ];
     let cluster = LocalCluster::of_single_threads(run.argus, run.scene, run.processes, &arguments)?;
     let client = connect(&cluster, run.processes).await?;

@@ -218,13 +218,16 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     Ok(report)
 }
 
+/// The paper's experiments have no effects of light.
+const PLAIN: &str = "--effects=none";
+
 /// Views compared for image quality.
 const JUDGED: usize = 4;
 
 /// Mean FLIP and PSNR (dB) of warped views against direct ones.
 async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
-    let cluster =
-        LocalCluster::of_single_threads(argus, &options.scene, 1, &["--refining-share=0".to_owned()])?;
+    let arguments = ["--refining-share=0".to_owned(), PLAIN.to_owned()];
+    let cluster = LocalCluster::of_single_threads(argus, &options.scene, 1, &arguments)?;
     let client = connect(&cluster, 1).await?;
     let (mut flip, mut psnr) = (0.0, 0.0);
     let plans = [PlanRequest::from_samples(), PlanRequest { direct: true, ..PlanRequest::default() }];
