@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use argus_scene::Effects;
 use argus_scene::mitsuba::matt;
 use argus_scene::reference::{DirectLight, Indirect, ReferenceImage, SurfaceImage, Tracer};
-use argus_scene::{Effects, LightEffects};
 use serde::Serialize;
 
 use crate::{args, output};
@@ -76,13 +76,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let camera = args.viewpoint.camera(&scene)?;
     let [width, height] = args.viewpoint.size;
     // Whatever the scene has no cause for adds nothing.
-    let effects = match args.effects {
-        Effects::Auto | Effects::All => LightEffects::ALL,
-        Effects::None => LightEffects::NONE,
-        Effects::List(effects) => effects,
-    };
-    let tracer = Tracer::new(Arc::new(scene)).at(args.time);
-    let tracer = tracer.with_direct_light(DirectLight { effects, rays: args.light_rays });
+    let light = DirectLight { effects: args.effects.most(), rays: args.light_rays };
+    let tracer = Tracer::new(Arc::new(scene)).at(args.time).with_direct_light(light);
     let indirect = (args.paths > 0).then_some(Indirect { paths: args.paths, bounces: args.bounces });
     let start = std::time::Instant::now();
     let image = tracer.render_with(&camera, [width, height], args.samples_per_pixel, indirect, |_| ());

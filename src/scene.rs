@@ -39,8 +39,8 @@ pub(crate) struct Args {
     effects: Effects,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
     /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --plan: name, hash,
-    /// light_effects, indirect, exposure, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms, saved_ms. With --mitsuba:
-    /// shapes, triangles, materials, bitmaps, emitters, differences
+    /// light_effects, indirect, exposure, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms,
+    /// saved_ms. With --mitsuba: shapes, triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
     json: bool,
     #[command(flatten)]

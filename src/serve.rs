@@ -14,7 +14,7 @@ use crate::settings::{self, Settings, Sources};
 Examples:
   argus serve                                   the built-in scene at http://127.0.0.1:7400
   argus serve --scene model.glb --workers 4
-  argus serve --scene model.glb --environment sky.hdr --effects auto
+  argus serve --scene model.glb --environment sky.hdr
   argus serve --scene room.glb --rig cell --cell 0.5 --listen 127.0.0.1:7500")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`

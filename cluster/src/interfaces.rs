@@ -49,8 +49,7 @@ pub trait SceneSource: Send + Sync + 'static {
 
     /// Mean light at visible surfaces, for [`argus_scene::Exposure::factor`]. Called once, on a blocking thread. `None`: no
     /// light arrives, or the scene cannot be metered.
-    fn metered(&self, metering: Metering) -> Option<f64> {
-        let _ = metering;
+    fn metered(&self, _metering: Metering) -> Option<f64> {
         None
     }
 }

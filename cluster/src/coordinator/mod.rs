@@ -218,7 +218,7 @@ async fn look(
         let metered = if exposure == Exposure::Auto { source.metered(metering) } else { None };
         (source.sight(), exposure.factor(own, metered))
     });
-    looked.await.unwrap_or((None, own))
+    looked.await.unwrap_or_else(|_| (None, exposure.factor(own, None)))
 }
 
 /// Sends the core its ticks, ten times a tick and at least ten times a second.

@@ -24,6 +24,17 @@ pub enum Effects {
     List(LightEffects),
 }
 
+impl Effects {
+    /// All effects that may be rendered, whatever the scene calls for.
+    pub fn most(self) -> LightEffects {
+        match self {
+            Self::Auto | Self::All => LightEffects::ALL,
+            Self::None => LightEffects::NONE,
+            Self::List(effects) => effects,
+        }
+    }
+}
+
 impl fmt::Display for Effects {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -71,11 +82,7 @@ impl EffectRequest {
     /// The light by which exposure is metered: all that may be rendered.
     pub fn metering(&self) -> Metering {
         let is_open = matches!(self.effects, Effects::Auto | Effects::All);
-        let asked = match self.effects {
-            Effects::Auto | Effects::All => LightEffects::ALL,
-            Effects::None => LightEffects::NONE,
-            Effects::List(effects) => effects,
-        };
+        let asked = self.effects.most();
         match self.indirect {
             Some(Indirect::Off) => Metering { effects: asked, indirect: false },
             Some(indirect) => {

@@ -106,8 +106,8 @@ impl ServedSet {
         self.state.lock().scene.clone()
     }
 
-    /// Serves another set, in the environment of the scene, which does not travel with sets. Forgets the samples of the previous one. A new version of the same set keeps them.
-    /// Returns whether the set needs another sampler.
+    /// Serves another set, in the environment of the scene, which does not travel with sets. Forgets the samples of the
+    /// previous one. A new version of the same set keeps them. Returns whether the set needs another sampler.
     pub(in crate::worker) fn serve(
         &self,
         scene: &Arc<Scene>,
@@ -117,8 +117,9 @@ impl ServedSet {
         let mut state = self.state.lock();
         set.lighting.sky.map = scene.lighting.sky.map.clone();
         let set = Arc::new(set);
-        // A sampler is made for one scene, one number of sub-samples, and one kind of indirect light.
-        let of_sampler = |set: &SampleSetInfo| (set.sub_samples, set.effects, set.indirect);
+        // A sampler is made for one scene, one number of sub-samples, one kind of light, and one exposure.
+        let of_sampler =
+            |set: &SampleSetInfo| (set.sub_samples, set.effects, set.indirect, set.lighting.exposure);
         let same_sampler = state.set.as_deref().is_some_and(|old| of_sampler(old) == of_sampler(&set));
         let same_scene = state.scene.as_ref().is_some_and(|old| Arc::ptr_eq(old, scene));
         let new_sampler = !(same_scene && same_sampler);
@@ -144,18 +145,7 @@ impl ServedSet {
     /// [`Fault::Unavailable`] if another set is served.
     pub(super) fn check(&self, info: &SampleSetInfo) -> Result<(), Fault> {
         let (served, _) = self.set()?;
-        // The specification without exposure, which changes with the lights' state.
-        let rendered_by = |set: &SampleSetInfo| {
-            (
-                set.scene,
-                set.visibility,
-                set.sampling,
-                set.sub_samples,
-                set.effects,
-                set.indirect,
-                set.reflections,
-            )
-        };
+        let rendered_by = |set: &SampleSetInfo| (set.scene, set.specification());
         match rendered_by(&served) == rendered_by(info) {
             true => Ok(()),
             false => Err(Fault::Unavailable("another sample set is served now".to_owned())),
