@@ -1,0 +1,307 @@
+//! Flags of how samples are placed and rendered, by all workers alike.
+
+use argus_scene::{
+    Effects, Exposure, Indirect, InvalidField, MapSource, PathKnobs, PointKnobs, RigKind, RigKnobs,
+    Visibility, VplKnobs,
+};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
+use super::{positive, size};
+use crate::settings::Flags;
+
+/// How sample cameras are placed. A flag that is not given follows from the scene.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Sample cameras")]
+pub(crate) struct Rig {
+    /// How sample cameras are placed: tile-corners puts four cameras over each tile of a landscape that is seen from
+    /// above, cell puts cameras for all directions on a lattice among the viewers [default: by the scene's shape]
+    #[arg(long, value_name = "RULE", value_parser = rig_kind())]
+    pub(crate) rig: Option<RigKind>,
+    /// Number of tiles along x and z; for --rig tile-corners
+    #[arg(long, value_name = "XxZ", value_parser = size)]
+    pub(crate) tiles: Option<[u32; 2]>,
+    /// Size of a sample in texels; more texels show finer detail and cost time and memory; for --rig tile-corners
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) sample_size: Option<[u32; 2]>,
+    /// Spacing of the lattice in metres; a smaller one has fewer holes and needs more samples; for --rig cell
+    #[arg(long, value_name = "METRES", value_parser = positive)]
+    pub(crate) cell: Option<f64>,
+    /// Texels on a side of a sample's cube faces; for --rig cell
+    #[arg(long, value_name = "TEXELS")]
+    pub(crate) face: Option<u32>,
+    /// Number of samples that a view is reconstructed from, unless its request says otherwise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub(crate) samples: Option<u32>,
+}
+
+impl Rig {
+    /// Converts the flags to the rig's settings.
+    pub(crate) fn knobs(&self) -> RigKnobs {
+        RigKnobs {
+            kind: self.rig,
+            tiles: self.tiles,
+            size: self.sample_size,
+            spacing: self.cell,
+            face: self.face,
+        }
+    }
+}
+
+/// What samples are rendered from.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Samplers")]
+pub(crate) struct SampleSource {
+    /// What samples are rendered from: triangles, or megaviews: an octree of the scene that is shaded once for all
+    /// samples, without gloss and cut-outs. megaviews implies --rig cell. Direct views always come from triangles
+    /// [default: triangles]
+    #[arg(long, value_name = "SOURCE", value_parser = argus_scene::Sampling::NAMES)]
+    sampling: Option<String>,
+    /// Texels on a side of a map's hemisphere, 8 to 1024; for --sampling megaviews [default: 512]
+    #[arg(long, value_name = "TEXELS")]
+    map_side: Option<u32>,
+    /// Levels of the scene's octree, 1 to 10; each further level has cells half as large and takes about four times the
+    /// memory; for --sampling megaviews [default: 9]
+    #[arg(long, value_name = "N")]
+    octree_levels: Option<u32>,
+    /// Cameras along the edge of a block that share distant parts of their maps: 1 (nothing is shared), 2 or 4; for
+    /// --sampling megaviews [default: 1]
+    #[arg(long, value_name = "N")]
+    map_block: Option<u32>,
+    /// Reflections on glossy and transparent objects: off, or maps (one reflection probe for each object, for views from
+    /// samples and for direct views) [default: off]
+    #[arg(long, value_name = "KIND", value_parser = ["off", "maps"])]
+    reflections: Option<String>,
+    /// Texels on a side of a reflection probe: 16, 32, 64, 128 or 256 [default: 64]
+    #[arg(long, value_name = "TEXELS")]
+    reflection_side: Option<u32>,
+    /// Levels of the octree that reflection probes are rendered from, 1 to 10; more levels show finer detail [default: 8]
+    #[arg(long, value_name = "N")]
+    reflection_levels: Option<u32>,
+    /// Greatest number of objects with a reflection probe, 1 to 1024; the largest objects come first [default: 256]
+    #[arg(long, value_name = "N")]
+    reflectors: Option<u32>,
+}
+
+impl SampleSource {
+    /// Adds these flags to those of a subcommand.
+    pub(crate) fn with(&self, flags: Flags) -> Flags {
+        flags
+            .with("coordinator.sampling", "--sampling", self.sampling.as_ref())
+            .with("coordinator.map_side", "--map-side", self.map_side)
+            .with("coordinator.octree_levels", "--octree-levels", self.octree_levels)
+            .with("coordinator.map_block", "--map-block", self.map_block)
+            .with("coordinator.reflections", "--reflections", self.reflections.as_ref())
+            .with("coordinator.reflection_side", "--reflection-side", self.reflection_side)
+            .with("coordinator.reflection_levels", "--reflection-levels", self.reflection_levels)
+            .with("coordinator.reflectors", "--reflectors", self.reflectors)
+    }
+}
+
+/// How samples are placed and rendered.
+#[derive(clap::Args, Debug, Clone)]
+pub(crate) struct Samples {
+    #[command(flatten)]
+    pub(crate) rig: Rig,
+    #[command(flatten)]
+    pub(crate) source: SampleSource,
+    #[command(flatten)]
+    pub(crate) sampling: Sampling,
+    #[command(flatten)]
+    pub(crate) visibility: VisibilityArgs,
+}
+
+/// How samples are rendered, by all workers alike.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Samplers")]
+pub(crate) struct Sampling {
+    /// Sub-samples of each texel of a sample: 1, 4 or 16; more of them smooth edges and cost time in proportion
+    #[arg(long, value_name = "N", default_value = "4", value_parser = sub_samples())]
+    pub(crate) sub_samples: u32,
+    /// Effects of light: auto (those that the scene calls for and that may change a pixel by half a byte), all, none (light
+    /// passes through surfaces), or some of shadows, soft-shadows, sky-visibility, emitters, with commas between. They cost
+    /// rays for each sample and for each view from triangles. `argus scene S --plan` shows what auto chooses, and why
+    #[arg(long, value_name = "LIST", default_value = "auto", value_parser = effects)]
+    pub(crate) effects: Effects,
+    /// Brightness of all views: auto (by the light at visible surfaces), or stops: 0 is the scene's own exposure, and each
+    /// stop more doubles the light
+    #[arg(long, value_name = "EV", default_value = "auto", allow_negative_numbers = true, value_parser = exposure)]
+    pub(crate) exposure: Exposure,
+    #[command(flatten)]
+    pub(crate) indirect: IndirectLight,
+}
+
+/// How surfaces light one another. `argus study radiosity` shows what each flag costs.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Indirect light")]
+pub(crate) struct IndirectLight {
+    /// Indirect light: auto (paths, where --effects is auto or all and the scene calls for it), off, vpl (gathered from virtual
+    /// point lights), points (gathered from small images of an octree of the scene, rendered at some of the visible points) or
+    /// paths (the scene's cells exchange light along rays, and some of the visible points gather it; switches on shadows, sky
+    /// visibility and emitters). It is computed once a sample and costs warped views nothing. `argus study light` compares them
+    #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths"])]
+    pub(crate) indirect: String,
+    /// Number of virtual point lights; more of them are smoother and slower
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub(crate) vpls: Option<u32>,
+    /// Greatest number of reflections between a light and a visible surface: 1 to 4, with --indirect paths 1 to 16
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub(crate) bounces: Option<u32>,
+    /// Shadow maps of virtual point lights: none, exact (a ray a texel), imperfect (splatted random points), megaviews (an
+    /// octree of the scene, rendered for all lights together) or manylods (the same, for each light by itself)
+    #[arg(long, value_name = "SOURCE", value_parser = PossibleValuesParser::new(MapSource::ALL.map(MapSource::name)))]
+    pub(crate) vpl_maps: Option<String>,
+    /// Texels on a side of a hemisphere of a light's shadow map: a power of two, 4 to 256
+    #[arg(long, value_name = "TEXELS")]
+    pub(crate) vpl_map_side: Option<u32>,
+    /// Number of glowing particles: small lights that drift through the scene. Their light is gathered like that of virtual
+    /// point lights, with the shadows that --vpl-maps selects
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub(crate) particles: Option<u32>,
+    /// Number of virtual point lights that each sub-sample gathers from; more of them mean less noise and more time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
+    pub(crate) gather: Option<u32>,
+    /// Number of light groups, of 256, that a block of the image draws on average, with a probability by the light that they
+    /// bring; each drawn group represents those like it. 0 uses every group that may light the block
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=256))]
+    pub(crate) vpl_groups: Option<u32>,
+    /// Levels of the octree that --indirect points gathers from, 1 to 10
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub(crate) point_levels: Option<u32>,
+    /// Texels on a side of a hemisphere of the images that --indirect points gathers from, 8 to 256
+    #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256))]
+    pub(crate) point_map_side: Option<u32>,
+    /// Side, in sub-samples, of the blocks that share one or two of those images, 1 to 16
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
+    pub(crate) point_block: Option<u32>,
+    /// Cells on a side of the scene for --indirect paths, as a power of two, 1 to 10 [default: 7]. Light leaks by about a
+    /// cell along walls. One level more takes about four times the time and memory whenever the scene moves
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
+    pub(crate) path_level: Option<u32>,
+    /// Rays of each cell's surfaces for --indirect paths, 1 to 256 [default: 4]. Four times as many halve the noise and take
+    /// four times the time whenever the scene moves
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) path_rays: Option<u32>,
+    /// Rays of each gathering texel for --indirect paths, 1 to 256 [default: 4]. A quarter of the texels gather. Time is
+    /// proportional, for each sample and each view from triangles
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
+    pub(crate) path_gather: Option<u32>,
+}
+
+impl IndirectLight {
+    /// Converts the flags to the sample set's settings.
+    ///
+    /// # Errors
+    /// `--particles` together with `--indirect points` or `paths`, which cannot gather their light; or a knob out of the
+    /// method's range.
+    pub(crate) fn knobs(&self) -> anyhow::Result<Option<Indirect>> {
+        // Particles are gathered like virtual point lights, with which paths do not go.
+        let off = self.indirect == "off" || self.indirect == "auto" && self.particles.is_some();
+        match (self.indirect.as_str(), self.particles) {
+            ("off", None) => return Ok(Some(Indirect::Off)),
+            ("auto", None) => return Ok(None),
+            _ => {}
+        }
+        let knobs = match self.indirect.as_str() {
+            "points" | "paths" => {
+                anyhow::ensure!(
+                    self.particles.is_none(),
+                    "--particles: their light is gathered like that of virtual point lights; use --indirect vpl or off"
+                );
+                if self.indirect == "points" { self.points() } else { self.paths() }
+            }
+            _ => self.virtual_lights(off),
+        };
+        knobs.validate()?;
+        Ok(Some(knobs))
+    }
+
+    fn points(&self) -> Indirect {
+        let default = PointKnobs::default();
+        Indirect::Points(PointKnobs {
+            levels: self.point_levels.unwrap_or(default.levels),
+            map_side: self.point_map_side.unwrap_or(default.map_side),
+            block: self.point_block.unwrap_or(default.block),
+            bounces: self.bounces.unwrap_or(default.bounces),
+            ..default
+        })
+    }
+
+    fn paths(&self) -> Indirect {
+        let default = PathKnobs::default();
+        Indirect::Paths(PathKnobs {
+            level: self.path_level.unwrap_or(default.level),
+            rays: self.path_rays.unwrap_or(default.rays),
+            bounces: self.bounces.unwrap_or(default.bounces),
+            gather: self.path_gather.unwrap_or(default.gather),
+        })
+    }
+
+    /// Virtual point lights, or only particles where indirect light is off.
+    fn virtual_lights(&self, off: bool) -> Indirect {
+        let default = VplKnobs::default();
+        let source = |name: &String| MapSource::ALL.into_iter().find(|source| source.name() == name);
+        Indirect::Vpl(VplKnobs {
+            vpls: if off { 0 } else { self.vpls.unwrap_or(default.vpls) },
+            particles: self.particles.unwrap_or(default.particles),
+            bounces: self.bounces.unwrap_or(default.bounces),
+            maps: self.vpl_maps.as_ref().and_then(source).unwrap_or(default.maps),
+            map_side: self.vpl_map_side.unwrap_or(default.map_side),
+            samples: self.gather.unwrap_or(default.samples),
+            groups: self.vpl_groups.unwrap_or(default.groups),
+            ..default
+        })
+    }
+}
+
+/// The visibility backend of a cluster's workers.
+#[derive(clap::Args, Debug, Clone)]
+#[command(next_help_heading = "Samplers")]
+pub(crate) struct VisibilityArgs {
+    /// Visibility backend: raster (the device's rasteriser), trace (packets of rays in compute), cpu (packets of rays
+    /// on the processor) or auto (the first worker measures which is cheapest for the scene). Images differ only
+    /// along edges
+    #[arg(long, value_name = "BACKEND", default_value = AUTO, value_parser = visibility())]
+    visibility: Backend,
+}
+
+/// A visibility backend; `None`: measured. Through an alias, clap treats it as one value and not as an optional flag.
+type Backend = Option<Visibility>;
+
+const AUTO: &str = "auto";
+
+impl VisibilityArgs {
+    /// Returns the backend that the user selected, if any.
+    pub(crate) fn visibility(&self) -> Option<Visibility> {
+        self.visibility
+    }
+}
+
+fn visibility() -> impl TypedValueParser<Value = Backend> {
+    let names = std::iter::once(AUTO).chain(Visibility::ALL.map(Visibility::name));
+    PossibleValuesParser::new(names).map(|name| Visibility::ALL.into_iter().find(|v| v.name() == name))
+}
+
+fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
+    PossibleValuesParser::new(["tile-corners", "cell"]).map(|name| match name.as_str() {
+        "cell" => RigKind::Cell,
+        _ => RigKind::TileCorners,
+    })
+}
+
+/// Parses `auto` or a number of stops.
+pub(crate) fn exposure(text: &str) -> Result<Exposure, InvalidField> {
+    text.parse()
+}
+
+/// Parses `auto`, `all`, `none`, or names of effects.
+pub(crate) fn effects(text: &str) -> Result<Effects, InvalidField> {
+    text.parse()
+}
+
+fn sub_samples() -> impl TypedValueParser<Value = u32> {
+    PossibleValuesParser::new(["1", "4", "16"]).map(|number| match number.as_str() {
+        "1" => 1,
+        "16" => 16,
+        _ => 4,
+    })
+}
