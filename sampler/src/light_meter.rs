@@ -4,7 +4,7 @@
 //! other surfaces by short paths: a noisy value each, of which only the mean is used. Cut-outs are left out, as they are
 //! from [`PacketSight`], whose triangles these are.
 
-use argus_scene::emitters::{Emitter, emitters};
+use argus_scene::emitters::{EmittersByPower, emitters};
 use argus_scene::exposure::{Metering, metered};
 use argus_scene::light_sampling::{cosine_direction, disc_point, r2, shadow_ray};
 use argus_scene::shading::{incident, sky_ambient, sky_radiance};
@@ -45,12 +45,8 @@ impl PacketSight {
                 true => emitters(scene, &scene.at(0.0).instances, surfaces.textures()),
                 false => Vec::new(),
             };
-            let up_to = lit.iter().scan(0.0, |sum, emitter| {
-                *sum += emitter.power();
-                Some(*sum)
-            });
-            let up_to = up_to.collect();
-            let meter = Meter { tracer, surfaces, lighting, metering, emitters: lit, up_to };
+            let emitters = EmittersByPower::new(lit);
+            let meter = Meter { tracer, surfaces, lighting, metering, emitters };
             let rays: Vec<(DVec3, DVec3)> = rays(scene);
             let light = (0u32..).zip(&rays).collect::<Vec<_>>().into_par_iter();
             let light: Vec<f64> = light.filter_map(|(seed, &(eye, way))| meter.at(seed, eye, way)).collect();
@@ -80,9 +76,7 @@ struct Meter<'a> {
     surfaces: Surfaces,
     lighting: Lighting,
     metering: Metering,
-    emitters: Vec<Emitter>,
-    /// Cumulative power of the emitters; the last is the whole.
-    up_to: Vec<f64>,
+    emitters: EmittersByPower,
 }
 
 /// A surface point that light arrives at.
@@ -166,15 +160,14 @@ impl Meter<'_> {
 
     /// Light of a point of one emitter, chosen by power.
     fn of_emitters(&self, point: &Lit, square: DVec2) -> Vec3 {
-        let Some(&whole) = self.up_to.last() else { return Vec3::ZERO };
-        let pick = (square.x + square.y).fract() * whole;
-        let index = self.up_to.partition_point(|&up_to| up_to <= pick);
-        let Some(emitter) = self.emitters.get(index) else { return Vec3::ZERO };
+        let Some(index) = self.emitters.pick((square.x + square.y).fract()) else { return Vec3::ZERO };
+        let emitter = &self.emitters.all()[index];
         let to_light = emitter.point(square.x, square.y) - point.position;
         let facing = -emitter.area_vector().dot(to_light) * 0.5;
         let facing = if emitter.both_sides { facing.abs() } else { facing };
         let squared = to_light.length_squared();
-        let weight = point.normal.dot(to_light) * facing / (squared * squared) * whole / emitter.power();
+        let weight =
+            point.normal.dot(to_light) * facing / (squared * squared) / self.emitters.probability(emitter);
         match weight > 0.0 && weight.is_finite() && self.sees(point, to_light, ALMOST) {
             true => emitter.radiance * (weight * std::f64::consts::FRAC_1_PI) as f32,
             false => Vec3::ZERO,

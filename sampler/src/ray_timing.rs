@@ -3,9 +3,10 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use argus_scene::light_sampling::{cosine_direction, disc_point};
 use argus_scene::{Camera, Light, RenderError, SampleCamera, Scene};
 use argus_shaders::layout::sampler::Rays;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -239,7 +240,7 @@ impl View {
             let Some(hit) = about.nearest(Vec3::ZERO, direction, f32::MAX) else { continue };
             let normal = facing_normal(scene, &hit, direction);
             let point = direction * hit.t;
-            points.push(point + normal * (about.offset(point) + point.length() * 5e-7));
+            points.push(point + normal * about.offset(point, point.length()));
             scattered.push(by_cosine(normal, i));
         }
         let light = (light(scene) - eye).as_vec3();
@@ -299,9 +300,8 @@ fn facing_normal(scene: &Scene, hit: &RayHit, direction: Vec3) -> Vec3 {
 
 /// A random direction, distributed by the cosine with a normal.
 fn by_cosine(normal: Vec3, index: u64) -> Vec3 {
-    let (x, turn) = (mixed(2 * index) as f32, mixed(2 * index + 1) as f32 * std::f32::consts::TAU);
-    let (side, other) = normal.any_orthonormal_pair();
-    (side * turn.cos() + other * turn.sin()) * x.sqrt() + normal * (1.0 - x).sqrt()
+    let disc = disc_point(DVec2::new(mixed(2 * index), mixed(2 * index + 1)));
+    cosine_direction(normal.as_dvec3(), disc).as_vec3()
 }
 
 /// Direction towards the first directional light.

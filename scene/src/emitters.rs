@@ -45,6 +45,47 @@ impl Emitter {
     }
 }
 
+/// Emitters that are chosen with a probability proportional to their power.
+#[derive(Debug, Clone, Default)]
+pub struct EmittersByPower {
+    all: Vec<Emitter>,
+    /// Cumulative power; the last is the whole.
+    up_to: Vec<f64>,
+}
+
+impl EmittersByPower {
+    /// Prepares emitters to be chosen.
+    pub fn new(all: Vec<Emitter>) -> Self {
+        let up_to = all.iter().scan(0.0, |sum, emitter| {
+            *sum += emitter.power();
+            Some(*sum)
+        });
+        Self { up_to: up_to.collect(), all }
+    }
+
+    /// The emitters, in the order that they were given in.
+    pub fn all(&self) -> &[Emitter] {
+        &self.all
+    }
+
+    /// The index of the emitter at a place in 0..1 of all power; `None` if nothing emits.
+    pub fn pick(&self, place: f64) -> Option<usize> {
+        let last = self.all.len().checked_sub(1)?;
+        let pick = place * self.power();
+        Some(self.up_to.partition_point(|&up_to| up_to <= pick).min(last))
+    }
+
+    /// Power of all emitters together, watts.
+    pub fn power(&self) -> f64 {
+        self.up_to.last().copied().unwrap_or(0.0)
+    }
+
+    /// The probability density of an emitter's choice: its share of all power.
+    pub fn probability(&self, emitter: &Emitter) -> f64 {
+        emitter.power() / self.power()
+    }
+}
+
 /// The smallest radiance that counts as emission: less is below the last bit of a display at exposure 1.
 const LEAST: f32 = 1.0 / 4096.0;
 

@@ -77,7 +77,7 @@ impl ReflectionRays {
                 });
             }
             let place = from + along * hit.t;
-            passed = range + f64::from(about.offset(place).max(5e-7 * hit.t).max(f32::MIN_POSITIVE));
+            passed = range + f64::from(about.offset(place, hit.t).max(f32::MIN_POSITIVE));
         }
         None
     }
@@ -88,7 +88,7 @@ impl ReflectionRays {
         let trace = |&(origin, direction, own): &(DVec3, DVec3, u32)| {
             let from = (origin - eye).as_vec3();
             // Off the surface that the ray leaves.
-            let start = origin + direction * f64::from(about.offset(from).max(5e-7 * from.length()));
+            let start = origin + direction * f64::from(about.offset(from, from.length()));
             self.nearest(&about, eye, start, direction, own)
         };
         rays.par_iter().with_min_len(256).map(trace).collect()

@@ -1,6 +1,6 @@
 //! Light of emitting triangles.
 
-use argus_scene::emitters::Emitter;
+use argus_scene::emitters::{Emitter, EmittersByPower};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -13,20 +13,12 @@ use crate::light_rays::LightRaysAbout;
 /// Share of the way to an emitter that is looked at: it does not block itself.
 const ALMOST: f32 = 1.0 - 1e-4;
 
-/// The emitting triangles of a pose, chosen by power.
-pub(super) struct Emitters {
-    all: Vec<Emitter>,
-    /// Cumulative power; the last is the whole.
-    up_to: Vec<f64>,
-}
+/// The emitting triangles of a pose.
+pub(super) struct Emitters(EmittersByPower);
 
 impl Emitters {
     pub(super) fn new(all: Vec<Emitter>) -> Self {
-        let up_to = all.iter().scan(0.0, |sum, emitter| {
-            *sum += emitter.power();
-            Some(*sum)
-        });
-        Self { up_to: up_to.collect(), all }
+        Self(EmittersByPower::new(all))
     }
 
     /// Irradiance / π at each texel; `None` if nothing emits.
@@ -37,8 +29,11 @@ impl Emitters {
         eye: DVec3,
         knobs: LightKnobs,
     ) -> Option<Vec<Vec3>> {
-        let whole = *self.up_to.last()?;
-        let near = Near::new(self, eye);
+        let Self(emitters) = self;
+        if emitters.all().is_empty() {
+            return None;
+        }
+        let near = Near::new(emitters, eye);
         let rays = texels.rays(knobs.emitter_rays as usize);
         let alone = match texels.effort {
             Effort::Whole { rays } => Some(square_points(rays)),
@@ -54,9 +49,10 @@ impl Emitters {
             let mut sum = Vec3::ZERO;
             let mut cast = |ray: usize, square: glam::Vec2| {
                 // Power in as many strata as there are rays; within one, each slot has its place.
-                let pick = (ray as f64 + (slot as f64 + 0.5) / SLOTS as f64) / rays as f64 * whole;
-                let which = self.up_to.partition_point(|&up_to| up_to <= pick).min(self.all.len() - 1);
-                sum += near.contribution(which, texel, square, about);
+                let place = (ray as f64 + (slot as f64 + 0.5) / SLOTS as f64) / rays as f64;
+                if let Some(which) = emitters.pick(place) {
+                    sum += near.contribution(which, texel, square, about);
+                }
             };
             match &alone {
                 Some(all) => all.iter().enumerate().for_each(|(ray, &square)| cast(ray, square)),
@@ -82,15 +78,14 @@ struct NearEmitter {
 }
 
 impl Near {
-    fn new(emitters: &Emitters, eye: DVec3) -> Self {
-        let whole = emitters.up_to.last().copied().unwrap_or(1.0);
+    fn new(emitters: &EmittersByPower, eye: DVec3) -> Self {
         let near = |emitter: &Emitter| NearEmitter {
             corners: emitter.corners.map(|corner| (corner - eye).as_vec3()),
             area: (emitter.area_vector() * 0.5).as_vec3(),
-            radiance: emitter.radiance * (std::f64::consts::FRAC_1_PI * whole / emitter.power()) as f32,
+            radiance: emitter.radiance * (std::f64::consts::FRAC_1_PI / emitters.probability(emitter)) as f32,
             both_sides: emitter.both_sides,
         };
-        Self(emitters.all.iter().map(near).collect())
+        Self(emitters.all().iter().map(near).collect())
     }
 
     /// What a point of an emitter adds to irradiance / π.

@@ -28,7 +28,7 @@ use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::effects::SHARED_STAGE;
-use argus_scene::texture::mip_chains;
+use argus_scene::texture::{MipChain, mip_chains};
 use argus_scene::{LightEffects, Lighting, RenderError, Scene, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -53,6 +53,9 @@ pub(crate) struct DirectLight {
     knobs: LightKnobs,
     rays: LightRays,
     emitters: Emitters,
+    /// The scene's textures, if any is of emission.
+    emission: Vec<MipChain>,
+    is_glossy: bool,
     sky: SkyIrradiance,
     lighting: Lighting,
     add: AddDirect,
@@ -83,11 +86,14 @@ impl DirectLight {
         (effects, knobs): (LightEffects, LightKnobs),
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
+        let emission = emission_textures(scene, effects);
         Ok(Self {
             effects,
             knobs,
             rays: LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?,
-            emitters: emitters_at(scene, effects, time_secs),
+            emitters: emitters_at(scene, &emission, effects, time_secs),
+            emission,
+            is_glossy: features.specular,
             sky: SkyIrradiance::new(&lighting.sky),
             lighting: lighting.clone(),
             add: AddDirect::new(gpu, features),
@@ -104,7 +110,7 @@ impl DirectLight {
         tracer: &PacketTracer,
         time_secs: f64,
     ) -> Result<(), RenderError> {
-        self.emitters = emitters_at(scene, self.effects, time_secs);
+        self.emitters = emitters_at(scene, &self.emission, self.effects, time_secs);
         self.rays.pose(tracer).ok_or_else(too_large)
     }
 
@@ -124,7 +130,8 @@ impl DirectLight {
     }
 
     /// Adds direct light to what `commands` shade. `is_view` adds the reflection of lights and sky on glossy surfaces
-    /// towards the eye, too; `paths` are indirect light to be added. Returns the commands that later passes are recorded into, and [`Arriving`] of each texel.
+    /// towards the eye, too; `paths` are indirect light to be added. Returns the commands that later passes are recorded
+    /// into, and [`Arriving`] of each texel.
     ///
     /// # Errors
     /// The errors of the device.
@@ -207,8 +214,13 @@ impl DirectLight {
         stages: &mut Vec<Stage>,
     ) -> Vec<Arriving> {
         let (effects, knobs) = (self.effects, self.knobs);
-        let mut words = VisibilityWords::new(&self.lighting, texels.all.len());
-        let add = |index: usize, lit: &[Vec3], shares: &[f32]| words.add(index, lit, shares);
+        // Only gloss asks which lights are seen.
+        let mut words = self.is_glossy.then(|| VisibilityWords::new(&self.lighting, texels.all.len()));
+        let add = |index: usize, lit: &[Vec3], shares: &[f32]| {
+            if let Some(words) = &mut words {
+                words.add(index, lit, shares);
+            }
+        };
         let by_pi = self.of_lights(texels, about, eye, stages, add);
         let begin = Instant::now();
         let sky = match effects.sky_visibility && !self.sky.is_black() {
@@ -236,7 +248,7 @@ impl DirectLight {
             };
             let emitted = emitted.as_ref().map_or(Vec3::ZERO, |emitted| emitted[index]);
             let sum = by_pi[index] + open * seen + emitted;
-            let word = words.word(index, seen.element_sum() / 3.0);
+            let word = words.as_ref().map_or(u32::MAX, |words| words.word(index, seen.element_sum() / 3.0));
             [sum.x, sum.y, sum.z, f32::from_bits(word)]
         };
         (0..texels.all.len()).into_par_iter().map(texel).collect()
@@ -247,11 +259,15 @@ fn too_large() -> RenderError {
     RenderError::Internal("the scene has too many triangles to trace light in".to_owned())
 }
 
-fn emitters_at(scene: &Scene, effects: LightEffects, time_secs: f64) -> Emitters {
+/// The textures that [`emitters_at`] reads.
+fn emission_textures(scene: &Scene, effects: LightEffects) -> Vec<MipChain> {
+    let textured = scene.materials.iter().any(|m| m.emissive_texture.is_some() && m.emissive != Vec3::ZERO);
+    if effects.emitters && textured { mip_chains(scene) } else { Vec::new() }
+}
+
+fn emitters_at(scene: &Scene, textures: &[MipChain], effects: LightEffects, time_secs: f64) -> Emitters {
     if !effects.emitters {
         return Emitters::new(Vec::new());
     }
-    let textured = scene.materials.iter().any(|m| m.emissive_texture.is_some() && m.emissive != Vec3::ZERO);
-    let textures = if textured { mip_chains(scene) } else { Vec::new() };
-    Emitters::new(argus_scene::emitters::emitters(scene, &scene.at(time_secs).instances, &textures))
+    Emitters::new(argus_scene::emitters::emitters(scene, &scene.at(time_secs).instances, textures))
 }

@@ -44,9 +44,6 @@ pub(super) struct Texels {
     pub(super) bounds: Bounds,
 }
 
-/// Distance off a surface, as a share of the distance from the eye at which a ray of sight found it.
-const OFF_SURFACE: f32 = 5e-7;
-
 impl Texels {
     /// Reads guides: `shaders/shared/guide.wgsl`.
     pub(super) fn new(
@@ -127,7 +124,7 @@ fn texel(surface: [u32; 4], material: [u32; 4], about: &LightRaysAbout<'_>) -> T
     let side = unit_from_octahedral(material[1]);
     // The sign says whether a reflection probe is looked up.
     let lift = f32::from_bits(material[2] & 0x7fff_ffff);
-    let off = about.offset(position) + OFF_SURFACE * position.length();
+    let off = about.offset(position, position.length());
     Texel {
         exists: true,
         position,

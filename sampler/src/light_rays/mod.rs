@@ -258,9 +258,9 @@ impl LightRaysAbout<'_> {
     }
 
     /// Distance off a surface at which a ray from `point` (relative to the eye) must start so as not to hit the surface
-    /// itself, as far as f32 coordinates are concerned. A point that was found by a ray of length t needs 5·10⁻⁷·t more.
-    pub(crate) fn offset(&self, point: Vec3) -> f32 {
-        (point.length() + (point + self.merged_eye).length()) * OFF_SURFACE
+    /// itself, in f32 coordinates. `found_by`: the length of the ray that found the point, 0 for a point of a triangle.
+    pub(crate) fn offset(&self, point: Vec3, found_by: f32) -> f32 {
+        (point.length() + (point + self.merged_eye).length() + found_by) * OFF_SURFACE
     }
 
     #[inline(always)]
@@ -287,6 +287,21 @@ impl LightRaysAbout<'_> {
             walk::<L, true>(&self.top, self.rays.top_root, &slabs, most, &mut objects);
         }
         objects.nearest
+    }
+
+    /// A placed object, and a ray in its space as boxes and triangles are tested by it; `None` if the ray is not finite there
+    /// or has no direction.
+    #[inline(always)]
+    fn enter<L: Lanes>(
+        &self,
+        leaf: u32,
+        origin: Vec3,
+        direction: Vec3,
+    ) -> Option<(&ObjectAbout, Slabs<L>, Shear)> {
+        let object = self.objects.get(leaf as usize)?;
+        let (origin, direction) = self.ray_in(object, origin, direction)?;
+        let slabs = Slabs::new(origin, direction, (object.root.min, object.root.max));
+        Some((object, slabs, Shear::new(origin, direction)))
     }
 
     /// A ray in an object's space; `None` if it is not finite there or has no direction.
@@ -320,14 +335,10 @@ struct AnyObject<'a, L> {
 impl<L: Lanes> Leaves for AnyObject<'_, L> {
     #[inline(always)]
     fn visit(&mut self, leaf: u32, limit: f32) -> f32 {
-        let about = self.about;
-        let Some(object) = about.objects.get(leaf as usize) else { return limit };
-        let Some((origin, direction)) = about.ray_in(object, self.origin, self.direction) else {
+        let Some((object, slabs, ray)) = self.about.enter::<L>(leaf, self.origin, self.direction) else {
             return limit;
         };
-        let slabs = Slabs::<L>::new(origin, direction, (object.root.min, object.root.max));
-        let ray = Shear::new(origin, direction);
-        let LightRays { trees, cutouts, .. } = about.rays;
+        let LightRays { trees, cutouts, .. } = self.about.rays;
         let instance = object.instance;
         let mut triangles = AnyTriangle { trees, cutouts, ray, instance, lanes: self.lanes };
         walk::<L, false>(&trees.nodes, object.root.reference, &slabs, limit, &mut triangles)
@@ -369,14 +380,10 @@ struct NearestObject<'a, L> {
 impl<L: Lanes> Leaves for NearestObject<'_, L> {
     #[inline(always)]
     fn visit(&mut self, leaf: u32, limit: f32) -> f32 {
-        let about = self.about;
-        let Some(object) = about.objects.get(leaf as usize) else { return limit };
-        let Some((origin, direction)) = about.ray_in(object, self.origin, self.direction) else {
+        let Some((object, slabs, ray)) = self.about.enter::<L>(leaf, self.origin, self.direction) else {
             return limit;
         };
-        let slabs = Slabs::<L>::new(origin, direction, (object.root.min, object.root.max));
-        let ray = Shear::new(origin, direction);
-        let LightRays { trees, cutouts, .. } = about.rays;
+        let LightRays { trees, cutouts, .. } = self.about.rays;
         let (instance, nearest) = (object.instance, None);
         let mut triangles = NearestTriangle { trees, cutouts, ray, instance, nearest, lanes: self.lanes };
         let limit = walk::<L, true>(&trees.nodes, object.root.reference, &slabs, limit, &mut triangles);

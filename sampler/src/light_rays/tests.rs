@@ -304,7 +304,7 @@ fn a_ray_hits_nothing_at_or_beyond_its_length_or_at_its_origin() {
         assert_eq!(about.nearest(origin, down, most).is_some(), is_hit, "{most}");
     }
     assert!(!about.is_blocked(origin + down, down, f32::MAX) && !about.is_blocked(origin + down, -down, 9.0));
-    let offset = Vec3::Z * about.offset(origin + down);
+    let offset = Vec3::Z * about.offset(origin + down, 0.0);
     assert!(about.is_blocked(origin + down + offset, down, f32::MAX));
 }
 

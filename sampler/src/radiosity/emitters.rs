@@ -1,7 +1,8 @@
 //! Light sources of paths: the scene's lights and emissive triangles.
 
+use argus_scene::light_sampling::{cosine_direction, disc_point};
 use argus_scene::{Bounds, Light, Lighting, Material};
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use super::sequence::Path;
 use super::surfaces::Surfaces;
@@ -157,13 +158,6 @@ fn from_light(light: &Light, bounds: Bounds, [u, v, s, t]: [f64; 4]) -> Option<E
     }
 }
 
-/// A cosine-distributed direction about a unit normal.
-pub(crate) fn by_cosine(normal: DVec3, u: f64, v: f64) -> DVec3 {
-    let (x, y) = normal.any_orthonormal_pair();
-    let (radius, turn) = (u.sqrt(), std::f64::consts::TAU * v);
-    x * (radius * turn.cos()) + y * (radius * turn.sin()) + normal * (1.0 - u).max(0.0).sqrt()
-}
-
 /// Emissive triangles, and their power by the mean of their texture.
 fn emissive(surfaces: &Surfaces) -> impl Iterator<Item = (Emissive, f64)> + '_ {
     let scene = surfaces.scene();
@@ -206,7 +200,7 @@ impl Emissive {
         let sides = if self.both_sides { 2.0 } else { 1.0 };
         let flux = point.emissive * (std::f64::consts::PI * self.area * sides) as f32;
         let origin = self.a + self.edges[0] * beta + self.edges[1] * gamma;
-        let direction = by_cosine(normal, s, t);
+        let direction = cosine_direction(normal, disc_point(DVec2::new(s, t)));
         (flux.max_element() > 0.0).then_some(Emission {
             origin,
             direction,

@@ -4,11 +4,12 @@
 //! VPL is the diffuse reflection at a hit.
 
 use argus_scene::Bounds;
-use glam::{DVec3, Vec3};
+use argus_scene::light_sampling::{cosine_direction, disc_point};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::Vpl;
-use super::emitters::{Emitters, by_cosine};
+use super::emitters::Emitters;
 use super::sequence::Path;
 use super::surfaces::Surfaces;
 use crate::VplKnobs;
@@ -99,7 +100,7 @@ fn follow(
             break;
         }
         flux = reflected / survives as f32;
-        direction = by_cosine(point.side, path.next(), path.next());
+        direction = cosine_direction(point.side, disc_point(DVec2::new(path.next(), path.next())));
     }
     vpls
 }

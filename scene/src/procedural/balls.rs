@@ -16,7 +16,7 @@ use std::ops::RangeInclusive;
 use glam::{DAffine3, DVec3, Vec4};
 
 use super::clearance::Clearance;
-use super::mirrors::ball;
+use super::shapes::ball;
 use crate::animation::{Node, Parts, Rest};
 use crate::scene::{Instance, NamedCamera};
 use crate::{Bounds, Material, Scene, SceneHash};

@@ -6,6 +6,7 @@ use std::ops::RangeInclusive;
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
 use super::noise::Random;
+use super::shapes::{ball, quad};
 use crate::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Track};
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Light, Lighting, Material, Mesh, Scene, SceneHash, Sky};
@@ -146,15 +147,6 @@ fn cameras() -> Vec<NamedCamera> {
     ]
 }
 
-/// Two triangles about a middle, spanned by half edges; their front is towards the edges' cross product.
-pub(super) fn quad(mesh: &mut Mesh, middle: DVec3, right: DVec3, up: DVec3) {
-    let first = mesh.positions.len() as u32;
-    let corners = [middle - right - up, middle + right - up, middle + right + up, middle - right + up];
-    mesh.positions.extend(corners.map(|corner| corner.as_vec3()));
-    mesh.normals.extend([right.cross(up).normalize().as_vec3(); 4]);
-    mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|corner| first + corner));
-}
-
 /// The room's inside: floor, ceiling and back wall are white, the other walls coloured.
 fn walls() -> Vec<Mesh> {
     let (half, middle) = (ROOM * 0.5, DVec3::Y * (ROOM.y * 0.5));
@@ -183,29 +175,6 @@ fn pillars() -> Vec<Mesh> {
         }
     }
     vec![mesh]
-}
-
-/// A ball of radius 1: the faces of a cube of `face_cells` squares on an edge, projected onto the sphere.
-pub(super) fn ball(name: &str, material: u32, face_cells: u32) -> Mesh {
-    let mut mesh = Mesh { name: name.to_owned(), material, ..Mesh::default() };
-    for normal in [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z] {
-        let right = if normal.x == 0.0 { DVec3::X } else { DVec3::Y };
-        let up = normal.cross(right);
-        let first = mesh.positions.len() as u32;
-        let row = face_cells + 1;
-        for i in 0..row * row {
-            let [u, v] = [i % row, i / row].map(|k| f64::from(k) / f64::from(face_cells) * 2.0 - 1.0);
-            let at = (normal + right * u + up * v).normalize().as_vec3();
-            mesh.positions.push(at);
-            mesh.normals.push(at);
-        }
-        for (i, j) in (0..face_cells * face_cells).map(|k| (k % face_cells, k / face_cells)) {
-            let [a, b, c, d] =
-                [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(di, dj)| first + (j + dj) * row + i + di);
-            mesh.indices.extend([a, b, d, a, d, c]);
-        }
-    }
-    mesh
 }
 
 #[cfg(test)]

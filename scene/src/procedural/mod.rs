@@ -11,6 +11,7 @@ mod lake;
 mod mirrors;
 mod noise;
 mod rooms;
+mod shapes;
 mod textures;
 mod tree;
 
@@ -24,6 +25,7 @@ pub use balls::{BALLS, with_balls};
 pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
 pub use rooms::{DEFAULT_ROOMS_WALL_MM, ROOMS_WALL_MM, rooms};
+pub use shapes::{ball, cuboid, quad};
 
 /// Allowed numbers of triangles of [`terrain`].
 pub const TERRAIN_TRIANGLES: RangeInclusive<u64> = 2_000..=20_000_000;

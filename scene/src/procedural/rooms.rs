@@ -7,7 +7,7 @@ use std::ops::RangeInclusive;
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::mirrors::quad;
+use super::shapes::{cuboid, quad};
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash};
 
@@ -123,17 +123,6 @@ fn lamp() -> Mesh {
     let middle = DVec3::new(-2.0, HEIGHT - 0.05, 2.0);
     quad(&mut mesh, middle, DVec3::X * 0.4, DVec3::Z * 0.4);
     mesh
-}
-
-/// The six outer faces of a box.
-fn cuboid(mesh: &mut Mesh, min: DVec3, max: DVec3) {
-    let (middle, half) = ((min + max) * 0.5, (max - min) * 0.5);
-    for [normal, right, up] in
-        [[DVec3::X, DVec3::Y, DVec3::Z], [DVec3::Y, DVec3::Z, DVec3::X], [DVec3::Z, DVec3::X, DVec3::Y]]
-    {
-        quad(mesh, middle + normal * half, right * half, up * half);
-        quad(mesh, middle - normal * half, up * half, right * half);
-    }
 }
 
 #[cfg(test)]

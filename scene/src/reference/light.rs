@@ -13,7 +13,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 use super::tracer::Corners;
 use super::{Hit, Tracer};
-use crate::emitters::{Emitter, emitters};
+use crate::emitters::{EmittersByPower, emitters};
 use crate::light_sampling::{cosine_direction, disc_point, r2, shadow_ray, terminator_lift};
 use crate::shading::{Surface, diffuse_radiance, incident, reflected_light, sky_ambient, sky_radiance};
 use crate::{LightEffects, Pose};
@@ -31,9 +31,7 @@ pub struct DirectLight {
 #[derive(Debug, Clone)]
 pub(super) struct Lit {
     light: DirectLight,
-    emitters: Vec<Emitter>,
-    /// Cumulative power of the emitters; the last is the whole.
-    up_to: Vec<f64>,
+    emitters: EmittersByPower,
 }
 
 /// Light that reaches a surface.
@@ -53,11 +51,7 @@ impl Lit {
             true => emitters(&tracer.scene, &tracer.pose.instances, &tracer.textures),
             false => Vec::new(),
         };
-        let up_to = all.iter().scan(0.0, |sum, emitter| {
-            *sum += emitter.power();
-            Some(*sum)
-        });
-        Self { light, up_to: up_to.collect(), emitters: all }
+        Self { light, emitters: EmittersByPower::new(all) }
     }
 }
 
@@ -164,14 +158,13 @@ impl Tracer {
 
     /// Irradiance / π of emitting triangles, past what blocks them: points on triangles by power, uniform by area.
     fn emitters_by_pi(&self, lit: &Lit, start: &LightStart, surface: &Surface, shift: DVec2) -> Vec3 {
-        let Some(&whole) = lit.up_to.last() else { return Vec3::ZERO };
         let rays = lit.light.rays.max(1) * 10;
         let normal = surface.normal.as_dvec3();
         let mut sum = DVec3::ZERO;
         for ray in 0..rays {
-            let pick = (f64::from(ray) + shift.x) / f64::from(rays) * whole;
-            let index = lit.up_to.partition_point(|&up_to| up_to <= pick).min(lit.emitters.len() - 1);
-            let emitter = &lit.emitters[index];
+            let place = (f64::from(ray) + shift.x) / f64::from(rays);
+            let Some(index) = lit.emitters.pick(place) else { return Vec3::ZERO };
+            let emitter = &lit.emitters.all()[index];
             let square = (r2(ray) + DVec2::new(shift.y, shift.x)).fract();
             let to_light = emitter.point(square.x, square.y) - start.position;
             let (squared, area) = (to_light.length_squared(), emitter.area_vector());
@@ -179,7 +172,7 @@ impl Tracer {
             let facing = -area.dot(to_light);
             let facing = if emitter.both_sides { facing.abs() } else { facing };
             // Twice the area is in `facing`.
-            let weight = cosine * facing * 0.5 / (squared * squared) / (emitter.power() / whole);
+            let weight = cosine * facing * 0.5 / (squared * squared) / lit.emitters.probability(emitter);
             if cosine > 0.0
                 && facing > 0.0
                 && weight.is_finite()

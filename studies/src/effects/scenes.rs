@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
+use argus_scene::procedural::{ball, cuboid, quad};
 use argus_scene::scene::{Instance, NamedCamera};
 use argus_scene::{Camera, Light, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky};
 use glam::{DAffine3, DVec3, Vec3};
@@ -21,7 +22,7 @@ pub(super) fn open(spec: &str) -> Result<Arc<Scene>> {
 
 /// A matt ball under sun and sky: nothing blocks any light.
 pub(super) fn matt() -> Scene {
-    let ball = ball(24);
+    let ball = ball("ball", 0, 16);
     let camera = |name: &str, eye: DVec3| NamedCamera {
         name: name.to_owned(),
         camera: Camera { fov_deg: 50.0, ..Camera::look_at(eye, DVec3::ZERO) },
@@ -40,10 +41,11 @@ pub(super) fn room() -> Scene {
     let red = Material { base_color: Vec3::new(0.6, 0.1, 0.1).extend(1.0), ..matt_material("red", 0.5) };
     let lamp = Material { emissive: Vec3::new(9.0, 8.0, 6.5), ..matt_material("lamp", 0.5) };
     let mut walls = Mesh { name: "walls".to_owned(), material: 0, ..Mesh::default() };
-    cuboid(&mut walls, DVec3::new(0.0, 1.3, 0.0), DVec3::new(2.0, 1.3, 2.0), true);
+    // Seen from inside.
+    cuboid(&mut walls, DVec3::new(2.0, 2.6, 2.0), DVec3::new(-2.0, 0.0, -2.0));
     let mut boxes = Mesh { name: "boxes".to_owned(), material: 1, ..Mesh::default() };
-    cuboid(&mut boxes, DVec3::new(-0.7, 0.45, -0.6), DVec3::new(0.4, 0.4, 0.4), false);
-    cuboid(&mut boxes, DVec3::new(0.8, 0.75, -0.9), DVec3::new(0.3, 0.7, 0.5), false);
+    cuboid(&mut boxes, DVec3::new(-1.1, 0.05, -1.0), DVec3::new(-0.3, 0.85, -0.2));
+    cuboid(&mut boxes, DVec3::new(0.5, 0.05, -1.4), DVec3::new(1.1, 1.45, -0.4));
     let mut panel = Mesh { name: "lamp".to_owned(), material: 2, ..Mesh::default() };
     quad(&mut panel, DVec3::new(0.0, 2.5, 0.0), DVec3::X * 0.4, DVec3::Z * 0.4);
     let moon = Light::Directional {
@@ -102,51 +104,6 @@ fn matt_material(name: &str, grey: f32) -> Material {
         base_color: Vec3::splat(grey).extend(1.0),
         double_sided: false,
         ..Material::default()
-    }
-}
-
-/// A ball of radius one, seen from outside.
-fn ball(rings: u32) -> Mesh {
-    let mut mesh = Mesh { name: "ball".to_owned(), ..Mesh::default() };
-    let around = 2 * rings;
-    for i in 0..=rings {
-        for j in 0..=around {
-            let (polar, turn) = (
-                f64::from(i) / f64::from(rings) * std::f64::consts::PI,
-                f64::from(j) / f64::from(around) * std::f64::consts::TAU,
-            );
-            let normal = DVec3::new(polar.sin() * turn.cos(), polar.cos(), -polar.sin() * turn.sin());
-            mesh.positions.push(normal.as_vec3());
-            mesh.normals.push(normal.as_vec3());
-        }
-    }
-    let row = around + 1;
-    for (i, j) in (0..rings).flat_map(|i| (0..around).map(move |j| (i, j))) {
-        let (a, b) = (i * row + j, (i + 1) * row + j);
-        mesh.indices.extend([a, b, a + 1, a + 1, b, b + 1]);
-    }
-    mesh
-}
-
-/// Two triangles, whose front is towards the cross product of the half edges.
-fn quad(mesh: &mut Mesh, middle: DVec3, right: DVec3, up: DVec3) {
-    let first = mesh.positions.len() as u32;
-    let corners = [middle - right - up, middle + right - up, middle + right + up, middle - right + up];
-    mesh.positions.extend(corners.map(|corner| corner.as_vec3()));
-    mesh.normals.extend([right.cross(up).normalize().as_vec3(); 4]);
-    mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|corner| first + corner));
-}
-
-/// The six faces of a box, whose fronts are outside or `inside`.
-fn cuboid(mesh: &mut Mesh, middle: DVec3, half: DVec3, inside: bool) {
-    for [normal, right, up] in
-        [[DVec3::X, DVec3::Y, DVec3::Z], [DVec3::Y, DVec3::Z, DVec3::X], [DVec3::Z, DVec3::X, DVec3::Y]]
-    {
-        let (right, up) = (right * half, up * half);
-        let (front, back) = (middle + normal * half, middle - normal * half);
-        let (front, back) = if inside { (back, front) } else { (front, back) };
-        quad(mesh, front, right, up);
-        quad(mesh, back, up, right);
     }
 }
 

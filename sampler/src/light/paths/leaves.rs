@@ -295,7 +295,7 @@ impl Leaves {
             position,
             normal: normal.map_or(side, |normal| normal.as_vec3()),
             side,
-            start: position + side * (2.0 * about.offset(position)),
+            start: position + side * (2.0 * about.offset(position, 0.0)),
             is_lifted: false,
         }
     }
