@@ -2,14 +2,13 @@
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use argus_sampler::PacketSight;
 use argus_scene::procedural::{mirrors, terrain};
 use argus_scene::reference::SceneSight;
 use argus_scene::rig::{Sight, Survey, Target};
 use argus_scene::{Camera, Rig, Scene};
-use glam::{DQuat, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 /// Points that are evenly spread, by the powers of the root of x⁴ = x + 1 (Roberts, 2018).
 fn spread(scene: &Scene) -> impl Iterator<Item = DVec3> + use<> {
@@ -108,69 +107,4 @@ fn an_empty_scene_is_all_sky_and_hard_cases_are_answered() {
     assert_eq!(sight.shows(DVec3::NAN, &targets[..2], 0.0), [false; 2]);
     assert_eq!(sight.targets(DVec3::NAN, &[DVec3::X], 0.0), [Target::Sky(DVec3::X)]);
     assert_eq!(sight.targets(DVec3::ZERO, &[], 0.0), []);
-}
-
-/// What this thread has had of a processor: other programs do not count.
-fn processor_time() -> Duration {
-    let stat = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
-    Duration::from_nanos(stat.split_whitespace().next().unwrap().parse().unwrap())
-}
-
-/// A measurement, in an optimised build:
-/// `ARGUS_SCENE=FILE cargo test --release -p argus-sampler --test samples how_long -- --ignored --nocapture`.
-#[test]
-#[ignore = "a measurement"]
-fn how_long_a_survey_of_eight_cameras_takes() {
-    let spec = std::env::var("ARGUS_SCENE").unwrap_or_else(|_| "terrain:500000".to_owned());
-    let scene = Arc::new(argus_scene::open(&spec).unwrap());
-    let rig = Rig::for_scene(&scene, &argus_scene::RigKnobs::default()).unwrap();
-    // Where the scene suggests to stand, and a little aside of that.
-    let suggested: Vec<Camera> = match scene.cameras.as_slice() {
-        [] => vec![scene.default_camera()],
-        cameras => cameras.iter().map(|named| named.camera).collect(),
-    };
-    let step = 0.01 * scene.bounds().size().length();
-    let aside =
-        |camera: &Camera, k: i32| Camera { eye: camera.eye + DVec3::X * step * f64::from(k), ..*camera };
-    let named: Vec<Camera> =
-        suggested.iter().flat_map(|camera| (-4..=4).map(move |k| aside(camera, k))).collect();
-    // Views of a viewer who walks at a metre a second and turns by 30° in that time, ten a second.
-    let walk: Vec<Camera> = (0..100)
-        .map(|k| {
-            let (turned, start) = (DQuat::from_rotation_y(f64::from(3 * k).to_radians()), &suggested[0]);
-            let eye = start.eye + DVec3::new(0.1 * f64::from(k % 20), 0.0, 0.0);
-            Camera { eye, target: eye + turned * (start.target - start.eye), ..*start }
-        })
-        .collect();
-    let surveyed = |cameras: &[Camera], sight: &dyn Sight, whole: bool, goes_on: bool| {
-        const LAPS: usize = 10;
-        let began = processor_time();
-        for _ in 0..LAPS {
-            let mut before = None::<Survey>;
-            for camera in cameras {
-                let mut survey = match &before {
-                    Some(before) if goes_on => before.renewed(camera, [320, 240], sight, 0.0),
-                    _ => Survey::new(camera, [320, 240], sight, 0.0),
-                };
-                let near = rig.nearest(camera, 8);
-                match whole {
-                    true => near.iter().for_each(|&index| survey.judge(&rig, index, sight, 0.0, 1.5)),
-                    false => survey.judge_few(&rig, &near, 4, (sight, 0.0), 1.5),
-                }
-                std::hint::black_box(survey.choose(|_| true, 4));
-                before = Some(survey);
-            }
-        }
-        (processor_time() - began) / (cameras.len() * LAPS) as u32
-    };
-    let (packets, single) = (PacketSight::new(&scene), SceneSight::new(&scene));
-    for turn in 0..3 {
-        let walking = surveyed(&walk, &packets, false, true);
-        let anew = surveyed(&named, &packets, false, false);
-        let [all, reference] =
-            [&packets as &dyn Sight, &single].map(|sight| surveyed(&named, sight, true, false));
-        println!(
-            "{spec}, turn {turn}: walking {walking:?}; anew {anew:?}; all rays {all:?}, single {reference:?}"
-        );
-    }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_scene::procedural::{ball, cuboid, quad};
+use argus_scene::procedural::{cuboid, quad};
 use argus_scene::scene::{Instance, NamedCamera};
 use argus_scene::{Camera, Light, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky};
 use glam::{DAffine3, DVec3, Vec3};
@@ -22,7 +22,7 @@ pub(super) fn open(spec: &str) -> Result<Arc<Scene>> {
 
 /// A matt ball under sun and sky: nothing blocks any light.
 pub(super) fn matt() -> Scene {
-    let ball = ball("ball", 0, 16);
+    let ball = convex_ball(24);
     let camera = |name: &str, eye: DVec3| NamedCamera {
         name: name.to_owned(),
         camera: Camera { fov_deg: 50.0, ..Camera::look_at(eye, DVec3::ZERO) },
@@ -105,6 +105,30 @@ fn matt_material(name: &str, grey: f32) -> Material {
         double_sided: false,
         ..Material::default()
     }
+}
+
+/// A ball of radius one, seen from outside, in rings: [`argus_scene::procedural::ball`] bends inwards along its diagonals, so
+/// that the effect plan may not assume that nothing shades it.
+fn convex_ball(rings: u32) -> Mesh {
+    let mut mesh = Mesh { name: "ball".to_owned(), ..Mesh::default() };
+    let around = 2 * rings;
+    for i in 0..=rings {
+        for j in 0..=around {
+            let (polar, turn) = (
+                f64::from(i) / f64::from(rings) * std::f64::consts::PI,
+                f64::from(j) / f64::from(around) * std::f64::consts::TAU,
+            );
+            let normal = DVec3::new(polar.sin() * turn.cos(), polar.cos(), -polar.sin() * turn.sin());
+            mesh.positions.push(normal.as_vec3());
+            mesh.normals.push(normal.as_vec3());
+        }
+    }
+    let row = around + 1;
+    for (i, j) in (0..rings).flat_map(|i| (0..around).map(move |j| (i, j))) {
+        let (a, b) = (i * row + j, (i + 1) * row + j);
+        mesh.indices.extend([a, b, a + 1, a + 1, b, b + 1]);
+    }
+    mesh
 }
 
 #[cfg(test)]
