@@ -273,13 +273,7 @@ mod tests {
         std::fs::write(&file, "v -5 0 -5\nv 5 0 -5\nv 5 0 5\nv -5 0 5\nf 4 3 2 1\n").unwrap();
         let served = OpenScene::open(&format!("{}+balls:3", file.display())).unwrap();
         assert_eq!(served.procedural(), None);
-        let files: Vec<BundleFile> = served
-            .files()
-            .unwrap()
-            .into_iter()
-            .map(|(name, path)| BundleFile { name, bytes: std::fs::read(path).unwrap().into() })
-            .collect();
-        let reference = SceneRef { name: served.name().to_owned(), hash: served.scene().hash };
+        let (reference, files) = (reference(&served), bundle(&served));
         let folder = SceneFolder::new(Some(here.path().to_owned()));
         let is_served = |scene: Option<Arc<Scene>>| scene.is_some_and(|scene| scene == *served.scene());
         assert!(is_served(folder.open_local(&reference).unwrap()), "under its own name");

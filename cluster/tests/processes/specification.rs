@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use argus_cluster::coordinator::Config;
 use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::v1;
 use argus_proto::v1::samples_client::SamplesClient;
-use argus_scene::{Indirect, PointKnobs, Specification, Version, VplKnobs};
+use argus_scene::{Exposure, Indirect, PointKnobs, Specification, Version, VplKnobs};
 use tonic::Code;
 
 use crate::common::{Cluster, Source, channel, direct, pinned, quick, scene, start_coordinator_at, view};
@@ -13,8 +14,8 @@ use crate::common::{Cluster, Source, channel, direct, pinned, quick, scene, star
 const POINTS: Indirect =
     Indirect::Points(PointKnobs { levels: 6, map_side: 16, block: 8, bounces: 1, sharing: true });
 
-fn lit_by(indirect: Indirect) -> argus_cluster::coordinator::Config {
-    argus_cluster::coordinator::Config { indirect: Some(indirect), ..quick() }
+fn lit_by(indirect: Indirect) -> Config {
+    Config { indirect: Some(indirect), ..quick() }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -42,6 +43,26 @@ async fn two_workers_never_mix_indirect_light() {
     cluster.wait_for(|status| status.processes == 2).await;
     let by_vpls = lit_alike(&cluster, vpl).await;
     assert!(by_points.iter().zip(&by_vpls).all(|(points, vpls)| points != vpls));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_takes_over_the_exposure_of_another_coordinator() {
+    let exposed = |stops| Config { exposure: Exposure::Stops(stops), ..quick() };
+    let mut cluster = Cluster::start_with(exposed(0.0), 1).await;
+    // The sampler's own, of which views from triangles are made.
+    let shown = async |cluster: &Cluster| {
+        let (frame, _) = cluster.render(&direct(0)).await.unwrap();
+        frame.provenance.specification.unwrap().exposure
+    };
+    let before = shown(&cluster).await;
+    let address = cluster.coordinator.address;
+    cluster.coordinator.kill();
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let source = Source { scene: scene("test"), files: Vec::new() };
+    cluster.coordinator = start_coordinator_at(exposed(1.0), Some(address), source);
+    cluster.channel = channel(&cluster.coordinator.url());
+    cluster.wait_for(|status| status.processes == 1).await;
+    assert_eq!(shown(&cluster).await, 2.0 * before);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
