@@ -10,10 +10,11 @@ use prost_types::field_descriptor_proto::Type;
 const STATUS: [&str; 4] = ["StatusResponse", "WorkerStatus", "Counters", "Refinements"];
 
 /// Fields of a status whose JSON is not the field's value, and the attribute that says what it is.
-const OWN_JSON: [(&str, &str); 6] = [
+const OWN_JSON: [(&str, &str); 7] = [
     ("StatusResponse.protocol_version", "skip"),
     ("StatusResponse.scene", "serialize_with = \"crate::cluster_status::scene\""),
     ("StatusResponse.visibility", "serialize_with = \"crate::cluster_status::visibility\""),
+    ("StatusResponse.light", "serialize_with = \"crate::cluster_status::light\""),
     ("StatusResponse.counters", "serialize_with = \"crate::cluster_status::or_default\""),
     ("StatusResponse.refinements", "serialize_with = \"crate::cluster_status::or_default\""),
     ("WorkerStatus.role", "serialize_with = \"crate::cluster_status::role\""),

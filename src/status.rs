@@ -96,10 +96,11 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
     let seen = Some(status.visibility_name()).filter(|name| !name.is_empty()).unwrap_or("to be measured");
     writeln!(
         text,
-        "{}, version {}, epoch {}; triangles by {seen}",
+        "{}, version {}, epoch {}, {} light; triangles by {seen}",
         status.scene_name(),
         status.version,
-        status.epoch
+        status.epoch,
+        status.light_name()
     )?;
     writeln!(
         text,

@@ -11,8 +11,8 @@ use argus_proto::Description;
 use argus_scene::frame::Decision;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer, cache};
 use argus_scene::{
-    Camera, Frame, Holes, Indirect, LightEffects, Output, Outputs, Plan, PlanRequest, Prediction, Provenance,
-    Served, Specification, View,
+    Camera, Frame, Holes, Indirect, LightEffects, LightLevel, Output, Outputs, Plan, PlanRequest, Prediction,
+    Provenance, SceneState, Served, Specification, View,
 };
 use argus_studies::calibration;
 use glam::DVec3;
@@ -71,7 +71,7 @@ pub(crate) struct Args {
     /// the scene's file here
     #[arg(long)]
     verify: bool,
-    /// Print one JSON object: width, height, epoch, search, samples, decision: {reason, wait_ms, render_ms, excess},
+    /// Print one JSON object: width, height, epoch, light, search, samples, decision: {reason, wait_ms, render_ms, excess},
     /// unresolved_fraction, served, worker, predicted: {error, ms}, measured_ms, true_error, stages_ms: {name: ms}, total_ms, …
     #[arg(long)]
     json: bool,
@@ -100,6 +100,8 @@ struct Report {
     width: u32,
     height: u32,
     epoch: u64,
+    /// How much of the set's light is shown: direct, coarse or full.
+    light: LightLevel,
     /// The search's name, or `direct`.
     search: &'static str,
     /// Samples per pixel of a direct view, sub-pixels per pixel of a reconstructed one.
@@ -155,7 +157,8 @@ impl Report {
         Self {
             width: frame.width,
             height: frame.height,
-            epoch: frame.provenance.epoch,
+            epoch: frame.provenance.state.epoch,
+            light: frame.provenance.state.light,
             search,
             samples,
             samples_per_pixel,
@@ -233,7 +236,10 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
     let side = plan.supersampling.unwrap_or(1);
     Ok(Provenance {
         scene: description.scene_hash,
-        epoch: if epoch_secs > 0.0 { (secs / epoch_secs).round() as u64 } else { 0 },
+        state: SceneState {
+            epoch: if epoch_secs > 0.0 { (secs / epoch_secs).round() as u64 } else { 0 },
+            light: description.first_light,
+        },
         plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
         specification: None,
         device: String::new(),
@@ -252,9 +258,10 @@ fn true_error(description: &Description, camera: &Camera, frame: &Frame) -> anyh
     let specification = frame.provenance.specification;
     let exposure = specification.map_or(scene.lighting.exposure, |set| set.exposure);
     let indirect = specification.map_or(Indirect::Off, |set| set.indirect);
-    let indirect =
-        (indirect != Indirect::Off).then_some(Paths { paths: LIGHT_PATHS, bounces: LIGHT_BOUNCES });
-    let time_secs = frame.provenance.epoch as f64 * description.epoch_secs;
+    let has_indirect = frame.provenance.state.light > LightLevel::Direct;
+    let indirect = (has_indirect && indirect != Indirect::Off)
+        .then_some(Paths { paths: LIGHT_PATHS, bounces: LIGHT_BOUNCES });
+    let time_secs = frame.provenance.state.epoch as f64 * description.epoch_secs;
     let effects = specification.map_or(LightEffects::NONE, |set| set.effects);
     let tracer = Tracer::new(Arc::new(scene)).at(time_secs);
     let tracer = tracer.with_direct_light(DirectLight { effects, rays: LIGHT_RAYS });

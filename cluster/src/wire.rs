@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use argus_proto::convert::{scene_hash_bytes, visibility};
+use argus_proto::convert::{light_level, scene_hash_bytes, visibility, wire_light_level};
 use argus_proto::{PROTOCOL_VERSION, v1};
 use argus_scene::{FaceMask, InvalidField, Limits, SampleId, SampleSetInfo, Version, Visibility};
 
@@ -87,6 +87,8 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         part_ms: wire.part_ms,
         sample_progress: wire.sample_progress.filter(|share| (0.0..=1.0).contains(share)),
         sample_bytes: wire.sample_bytes,
+        // A level that is not known here is better than those that are.
+        light: light_level(wire.light, "light").unwrap_or_default(),
         direct_cost: wire.direct_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
@@ -124,6 +126,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         part_ms: report.part_ms,
         sample_progress: report.sample_progress,
         sample_bytes: report.sample_bytes,
+        light: wire_light_level(report.light).into(),
         direct_cost: report.direct_cost.map(cost),
         warp_cost: report.warp_cost.map(cost),
         probes: report.probed.count,

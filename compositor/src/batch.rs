@@ -110,7 +110,7 @@ impl<'a> Batch<'a> {
             if let Some(first) = view.samples.first() {
                 let provenance = Provenance {
                     scene: first.info.scene,
-                    epoch: first.info.version.state.epoch,
+                    state: first.info.version.state,
                     plan: self.jobs[view.job].plan.clone(),
                     specification: Some(first.info.specification()),
                     device: device.to_owned(),

@@ -58,7 +58,7 @@ fn frame() -> Frame {
         decision: None,
         provenance: Provenance {
             scene: HASH,
-            epoch: 1,
+            state: argus_scene::SceneState::of_epoch(1),
             plan: Plan::Direct { samples_per_pixel: 4 },
             specification: Some(set().specification()),
             device: "none".to_owned(),
@@ -153,7 +153,7 @@ fn job() -> PixelJob {
         height: 12,
         pixels: vec![1, 2, 3, 40, 41, 100],
         samples_per_pixel: 4,
-        epoch: 0,
+        state: argus_scene::SceneState::default(),
         time_secs: 0.0,
         reflections: None,
     }

@@ -4,11 +4,11 @@ use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects, Lighting,
-    Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane,
+    Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects, LightLevel,
+    Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane,
     PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet,
-    Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, Search, Served,
-    Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
+    Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, SceneState, Search,
+    Served, Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -128,40 +128,50 @@ pub(crate) fn scene_hash() -> impl Strategy<Value = SceneHash> {
     any::<[u8; 32]>().prop_map(SceneHash)
 }
 
+fn light_level() -> impl Strategy<Value = LightLevel> {
+    prop::sample::select(LightLevel::ALL.to_vec())
+}
+
+fn scene_state() -> impl Strategy<Value = SceneState> {
+    (any::<u64>(), light_level()).prop_map(|(epoch, light)| SceneState { epoch, light })
+}
+
 pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let visibility = prop::sample::select(Visibility::ALL.to_vec());
     let effects = (0..16u32).prop_map(|bits| LightEffects::from_bits(bits).unwrap_or_default());
     let specification =
         (visibility, sampling(), sub_samples(), effects, indirect(), prop::option::of(reflection_probes()));
-    (scene_hash(), bounds(), rig(), any::<(u64, u64)>(), 0.0..=86400.0, lighting(), specification).prop_map(
-        |(
-            scene,
-            bounds,
-            rig,
-            (number, epoch),
-            epoch_secs,
-            lighting,
-            (visibility, sampling, sub_samples, effects, indirect, reflections),
-        )| {
-            // Only omni cameras support every sampling.
-            let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
-            let effects = indirect.effects_with(effects);
-            SampleSetInfo {
+    (scene_hash(), bounds(), rig(), any::<u64>(), scene_state(), 0.0..=86400.0, lighting(), specification)
+        .prop_map(
+            |(
                 scene,
                 bounds,
                 rig,
-                version: Version::of_epoch(number, epoch),
+                number,
+                state,
                 epoch_secs,
                 lighting,
-                visibility,
-                sampling,
-                sub_samples,
-                effects,
-                indirect,
-                reflections,
-            }
-        },
-    )
+                (visibility, sampling, sub_samples, effects, indirect, reflections),
+            )| {
+                // Only omni cameras support every sampling.
+                let sampling = sampling.validate(&rig).map_or(Sampling::Triangles, |()| sampling);
+                let effects = indirect.effects_with(effects);
+                SampleSetInfo {
+                    scene,
+                    bounds,
+                    rig,
+                    version: Version { number, state },
+                    epoch_secs,
+                    lighting,
+                    visibility,
+                    sampling,
+                    sub_samples,
+                    effects,
+                    indirect,
+                    reflections,
+                }
+            },
+        )
 }
 
 fn reflection_probes() -> impl Strategy<Value = ReflectionProbeSet> {
@@ -312,10 +322,10 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
 
 pub(crate) fn provenance() -> impl Strategy<Value = Provenance> {
     let specification = option::of(specification());
-    (scene_hash(), any::<u64>(), plan(), specification, ".{0,20}", any::<bool>()).prop_map(
-        |(scene, epoch, plan, specification, device, history)| Provenance {
+    (scene_hash(), scene_state(), plan(), specification, ".{0,20}", any::<bool>()).prop_map(
+        |(scene, state, plan, specification, device, history)| Provenance {
             scene,
-            epoch,
+            state,
             plan,
             specification,
             device,
@@ -373,7 +383,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
     let limits =
         (1..=u32::MAX, 1..=u64::MAX).prop_map(|(max_side, max_pixels)| Limits { max_side, max_pixels });
     (
-        (".{0,12}", scene_hash(), bounds(), any::<u64>(), 0.0..=86400.0),
+        (".{0,12}", scene_hash(), bounds(), any::<u64>(), 0.0..=86400.0, light_level()),
         (prop::sample::subsequence(effects, 0..=8), prop::collection::vec(effect_row(), 0..4)),
         prop::collection::vec(cameras, 1..4),
         limits,
@@ -382,7 +392,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
     )
         .prop_map(
             |(
-                (scene_name, scene_hash, bounds, triangles, epoch_secs),
+                (scene_name, scene_hash, bounds, triangles, epoch_secs, first_light),
                 (effects, rows),
                 cameras,
                 limits,
@@ -391,6 +401,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
             )| {
                 Description {
                     epoch_secs,
+                    first_light,
                     scene_name,
                     scene_hash,
                     bounds,

@@ -24,6 +24,11 @@ impl v1::StatusResponse {
     pub fn visibility_name(&self) -> &'static str {
         visibility_name(self.visibility)
     }
+
+    /// The light of the served version: `direct`, `coarse` or `full`.
+    pub fn light_name(&self) -> &'static str {
+        light_name(self.light)
+    }
 }
 
 impl v1::WorkerStatus {
@@ -39,6 +44,10 @@ fn scene_name(scene: &Option<v1::SceneRef>) -> &str {
 
 fn visibility_name(number: i32) -> &'static str {
     convert::visibility(number, "visibility").map_or("", |visibility| visibility.name())
+}
+
+fn light_name(number: i32) -> &'static str {
+    convert::light_level(number, "light").map_or("unknown", |light| light.name())
 }
 
 fn role_name(number: i32) -> &'static str {
@@ -58,6 +67,10 @@ pub(crate) fn scene<S: Serializer>(scene: &Option<v1::SceneRef>, to: S) -> Resul
 
 pub(crate) fn visibility<S: Serializer>(number: &i32, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(visibility_name(*number))
+}
+
+pub(crate) fn light<S: Serializer>(number: &i32, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_str(light_name(*number))
 }
 
 pub(crate) fn role<S: Serializer>(number: &i32, to: S) -> Result<S::Ok, S::Error> {

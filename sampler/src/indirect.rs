@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_gpu::{Commands, Gpu};
-use argus_scene::{Indirect, Lighting, RenderError, Scene, Stage};
+use argus_scene::{Indirect, LightLevel, Lighting, RenderError, Scene, Stage};
 
 use crate::light::{DirectLight, Neighbours, PathLight};
 use crate::packets::PacketTracer;
@@ -30,6 +30,7 @@ pub(crate) struct LightInputs<'a> {
     pub(crate) tracer: &'a PacketTracer,
     pub(crate) direct: Option<&'a DirectLight>,
     pub(crate) lighting: &'a Lighting,
+    pub(crate) light: LightLevel,
     pub(crate) time_secs: f64,
 }
 
@@ -134,7 +135,7 @@ impl IndirectLight {
             Self::Points(light) => light.ready(inputs, scratch),
             Self::Paths(light) => {
                 let none = || RenderError::Internal("paths need direct light by rays".to_owned());
-                light.ready(inputs.direct.ok_or_else(none)?, inputs.lighting)
+                light.ready(inputs.direct.ok_or_else(none)?.tracing(), inputs.light)
             }
         }
     }

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, FaceMask, Frame, InvalidField, Lighting, PixelJob, Pixels, Plan, Plane, PlaneData,
-    RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene,
-    Specification, Stage, ViewJob, Visibility,
+    Camera, Cancel, FaceMask, Frame, InvalidField, LightLevel, Lighting, PixelJob, Pixels, Plan, Plane,
+    PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling,
+    Scene, Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -176,6 +176,7 @@ impl GpuSampler {
             position: camera.center(),
             time_secs: job.info.time_secs(),
             lighting: Some(lighting),
+            light: job.info.version.state.light,
             reflections,
             visibility,
             is_shaded: true,
@@ -254,6 +255,7 @@ impl GpuSampler {
             position: view.camera.eye,
             time_secs: view.time_secs,
             lighting: None,
+            light: view.state.light,
             reflections: view.reflections,
             visibility: view.visibility,
             is_shaded: view.outputs.color,
@@ -293,6 +295,7 @@ impl GpuSampler {
             position: job.camera.eye,
             time_secs: job.time_secs,
             lighting: None,
+            light: job.state.light,
             reflections: job.reflections,
             // Lists are traced on the CPU.
             visibility: Visibility::Cpu,
@@ -359,7 +362,12 @@ impl GpuSampler {
     }
 
     /// Prepares direct light by rays and indirect light, as far as the knobs ask for them. Returns the cost.
-    fn light(&mut self, lighting: &Lighting, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
+    fn light(
+        &mut self,
+        lighting: &Lighting,
+        light: LightLevel,
+        time_secs: f64,
+    ) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
         let effects = self.knobs.effects;
         let mut stages = Vec::new();
@@ -382,7 +390,7 @@ impl GpuSampler {
         let Some(indirect) = &mut self.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
         let direct = self.direct.as_ref();
-        let inputs = LightInputs { gpu, scene, resident, tracer, direct, lighting, time_secs };
+        let inputs = LightInputs { gpu, scene, resident, tracer, direct, lighting, light, time_secs };
         timing::add(&mut stages, indirect.ready(&inputs, &mut self.scratch)?);
         Ok(stages)
     }
@@ -529,6 +537,20 @@ impl Sampler for GpuSampler {
         let (gpu, resident) = (&self.gpu, &self.resident);
         let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
         self.visibility.measure(&context)
+    }
+
+    fn prepare_light(&mut self, info: &SampleSetInfo, light: LightLevel) -> Result<bool, RenderError> {
+        // Light of a pose is useless at the next one.
+        if self.animated {
+            return Ok(true);
+        }
+        if self.indirect.is_none() {
+            self.light(&info.lighting, LightLevel::Direct, info.time_secs())?;
+        }
+        match (&mut self.indirect, &self.direct) {
+            (Some(IndirectLight::Paths(paths)), Some(direct)) => paths.prepare(direct.tracing(), light),
+            _ => Ok(true),
+        }
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

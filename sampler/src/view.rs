@@ -95,7 +95,7 @@ pub(crate) fn frame(
         decision: None,
         provenance: Provenance {
             scene: scene.hash,
-            epoch: view.epoch,
+            state: view.state,
             plan: view.plan.clone(),
             specification: Some(specification),
             device: device.to_owned(),

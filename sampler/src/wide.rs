@@ -29,7 +29,7 @@ fn reference(first: usize, count: usize, leaf: bool) -> u32 {
 }
 
 /// The wide trees of all objects.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Wide {
     /// Children of all nodes of all trees.
     pub(crate) children: Vec<Child>,

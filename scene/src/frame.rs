@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Output, Plan, SceneHash, Specification};
+use crate::{Output, Plan, SceneHash, SceneState, Specification};
 
 /// One timed step of the work.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -40,8 +40,8 @@ impl Stage {
 pub struct Provenance {
     /// Scene.
     pub scene: SceneHash,
-    /// Scene time.
-    pub epoch: u64,
+    /// Epoch and light that it shows.
+    pub state: SceneState,
     /// How it was answered, sample ids included.
     pub plan: Plan,
     /// How its samples were rendered, or the frame itself where it comes from triangles. Every frame has one; `None` in a

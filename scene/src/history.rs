@@ -104,7 +104,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::{Provenance, SceneHash, Served, Warp};
+    use crate::{Provenance, SceneHash, SceneState, Served, Warp};
 
     fn camera() -> Camera {
         Camera::look_at(DVec3::new(3.0, 2.0, 5.0), DVec3::ZERO)
@@ -127,7 +127,7 @@ mod tests {
             decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
-                epoch: 0,
+                state: SceneState::default(),
                 plan: Plan::Warp(Warp { samples, ..Warp::default() }),
                 specification: None,
                 device: String::new(),

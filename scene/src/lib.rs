@@ -24,6 +24,7 @@ pub mod history;
 pub mod indirect;
 pub mod light;
 mod light_effects;
+mod light_level;
 pub mod light_sampling;
 pub mod material;
 pub mod paraboloid;
@@ -68,6 +69,7 @@ pub use history::History;
 pub use indirect::{Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use light::{Light, Lighting, Sky};
 pub use light_effects::LightEffects;
+pub use light_level::LightLevel;
 #[cfg(feature = "loaders")]
 pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};

@@ -7,8 +7,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytes::Bytes;
 
 use crate::{
-    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, Outputs, Plan, ReflectionProbeSet,
-    RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Stage, Visibility,
+    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, LightLevel, Outputs, Plan, ReflectionProbeSet,
+    RenderError, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Stage, Visibility,
 };
 
 /// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
@@ -78,8 +78,8 @@ pub struct ViewJob {
     pub outputs: Outputs,
     /// Method of rendering.
     pub plan: Plan,
-    /// Epoch of the scene.
-    pub epoch: u64,
+    /// Epoch and light that are shown.
+    pub state: SceneState,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
     /// Visibility backend of a view whose plan is [`Plan::Direct`].
@@ -104,8 +104,8 @@ pub struct PixelJob {
     pub pixels: Vec<u32>,
     /// Samples per pixel on a regular grid, a square number.
     pub samples_per_pixel: u32,
-    /// Epoch of the scene.
-    pub epoch: u64,
+    /// Epoch and light that are shown.
+    pub state: SceneState,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
     pub time_secs: f64,
     /// Reflection probes that the pixels' surfaces look up.
@@ -142,6 +142,15 @@ pub trait Sampler: Send {
         Visibility::default()
     }
 
+    /// Prepares a level of light beside other work: begins at the first call, and returns whether it is ready. What is rendered
+    /// at a level that is not ready waits for it. The default is for samplers whose levels need no preparation.
+    ///
+    /// # Errors
+    /// Those of preparing it.
+    fn prepare_light(&mut self, _info: &SampleSetInfo, _light: LightLevel) -> Result<bool, RenderError> {
+        Ok(true)
+    }
+
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 
@@ -172,7 +181,7 @@ pub trait Sampler: Send {
                 height: job.height,
                 outputs: Outputs { range: true, ..Outputs::COLOR },
                 plan: Plan::Direct { samples_per_pixel: job.samples_per_pixel },
-                epoch: job.epoch,
+                state: job.state,
                 time_secs: job.time_secs,
                 visibility: Visibility::default(),
                 reflections: job.reflections,

@@ -8,8 +8,8 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, FaceMask, Indirect, InvalidField, LightEffects, Lighting, OmniLayout, ReflectionProbeSet, Rig,
-    SampleCamera, Sampling, Scene, SceneHash, Specification, Stage, Visibility,
+    Bounds, FaceMask, Indirect, InvalidField, LightEffects, LightLevel, Lighting, OmniLayout,
+    ReflectionProbeSet, Rig, SampleCamera, Sampling, Scene, SceneHash, Specification, Stage, Visibility,
 };
 
 /// Names one sample.
@@ -26,6 +26,15 @@ pub struct SampleId {
 pub struct SceneState {
     /// Scene time: epoch·Δt.
     pub epoch: u64,
+    /// How much of the set's light is there.
+    pub light: LightLevel,
+}
+
+impl SceneState {
+    /// An epoch in all of the set's light.
+    pub fn of_epoch(epoch: u64) -> Self {
+        Self { epoch, light: LightLevel::Full }
+    }
 }
 
 /// A version of a sample set, as its coordinator issues it. Several versions live side by side, and two of them may show the
@@ -39,9 +48,9 @@ pub struct Version {
 }
 
 impl Version {
-    /// The version of that number which shows an epoch.
+    /// The version of that number which shows an epoch in all of the set's light.
     pub fn of_epoch(number: u64, epoch: u64) -> Self {
-        Self { number, state: SceneState { epoch } }
+        Self { number, state: SceneState::of_epoch(epoch) }
     }
 }
 
@@ -213,6 +222,18 @@ impl SampleSetInfo {
     /// Scene time, seconds: epoch·Δt.
     pub fn time_secs(&self) -> f64 {
         self.version.state.epoch as f64 * self.epoch_secs
+    }
+
+    /// The level of light that the set is served in at first. Light among surfaces takes seconds, so that direct light is served
+    /// meanwhile. Where octree maps or reflection probes would have to be made anew at each level, and where the scene moves,
+    /// light stays at the coarse level.
+    pub fn first_light(&self) -> LightLevel {
+        let has_maps = self.reflections.is_some() || self.sampling != Sampling::Triangles;
+        match self.indirect {
+            Indirect::Paths(_) if has_maps || self.epoch_secs > 0.0 => LightLevel::Coarse,
+            Indirect::Paths(_) => LightLevel::Direct,
+            Indirect::Off | Indirect::Vpl(_) | Indirect::Points(_) => LightLevel::Full,
+        }
     }
 
     /// How the samples are rendered.

@@ -399,7 +399,7 @@ mod tests {
             let scene = crate::SceneHash([0; 32]);
             Some(Provenance {
                 scene,
-                epoch: 0,
+                state: crate::SceneState::default(),
                 plan,
                 specification: None,
                 device: String::new(),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_client::{Client, ClientError, RenderOptions};
-use argus_scene::{Camera, Frame, PlanRequest};
+use argus_scene::{Camera, Frame, LightLevel, PlanRequest};
 use axum::Router;
 use axum::extract::ws::{WebSocketUpgrade, close_code};
 use axum::extract::{RawQuery, Request, State};
@@ -128,6 +128,7 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
         "min": about.bounds.min,
         "max": about.bounds.max,
         "animated": about.epoch_secs > 0.0,
+        "light_rises": about.first_light == LightLevel::Direct,
         "cameras": cameras,
         "effects": effects,
     });

@@ -11,7 +11,7 @@ use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Indirect, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Sampling, Scene, Specification, Version, ViewJob, Visibility, Warp,
+    Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -80,7 +80,7 @@ impl Stage {
             height: SIZE[1],
             outputs: Outputs::COLOR,
             plan,
-            epoch: 0,
+            state: SceneState::default(),
             time_secs: 0.0,
             visibility,
             reflections: None,

@@ -211,11 +211,11 @@ impl Bench {
         outputs: Outputs,
         plan: Plan,
     ) -> ViewJob {
-        let (epoch, time_secs) = (self.info.version.state.epoch, self.info.time_secs());
+        let (state, time_secs) = (self.info.version.state, self.info.time_secs());
         let visibility = self.info.visibility;
         let reflections = self.info.reflections;
         let history = None;
-        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
+        ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history }
     }
 
     /// Renders a batch. Returns its milliseconds and its frames. Jobs are all direct or all warped.

@@ -218,10 +218,10 @@ impl Answers {
         if pixels.is_empty() {
             return Ok(());
         }
-        let ViewJob { camera, width, height, epoch, time_secs, reflections, .. } = *job;
+        let ViewJob { camera, width, height, state, time_secs, reflections, .. } = *job;
         let samples_per_pixel = supersampling * supersampling;
         let wanted =
-            PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs, reflections };
+            PixelJob { camera, width, height, pixels, samples_per_pixel, state, time_secs, reflections };
         let traced = self.bench.sampler.render_pixels(std::slice::from_ref(&wanted), &Cancel::new());
         let traced = traced.into_iter().next().context("the sampler traced nothing")??;
         let mut color = frame.color.take().context("the frame has no colour")?.to_vec();

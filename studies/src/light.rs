@@ -14,7 +14,9 @@ use argus_sampler::{GpuSampler, Indirect, PathKnobs, PointKnobs, SamplerKnobs, V
 use argus_scene::metrics::compare;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, ViewJob, Visibility};
+use argus_scene::{
+    Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, SceneState, ViewJob, Visibility,
+};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -171,7 +173,7 @@ fn job(camera: Camera, [width, height]: [u32; 2]) -> ViewJob {
         height,
         outputs: Outputs::COLOR,
         plan: Plan::Direct { samples_per_pixel: 1 },
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         visibility: Visibility::default(),
         reflections: None,

@@ -14,7 +14,8 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
 use argus_scene::{
     Camera, Cancel, Indirect, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Sampling, Scene, Specification, Version, ViewJob, Visibility, path,
+    SampleSetInfo, Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob, Visibility,
+    path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -189,7 +190,7 @@ impl Bench {
                     height: size[1],
                     outputs: Outputs::COLOR,
                     plan: Plan::Direct { samples_per_pixel: samples },
-                    epoch: 0,
+                    state: SceneState::default(),
                     time_secs: 0.0,
                     visibility: backend,
                     reflections: None,
@@ -257,7 +258,16 @@ fn pixels(camera: &Camera, [width, height]: [u32; 2], samples_per_pixel: u32, pe
     };
     let pixels = (0..width * height).filter(holed).collect();
     let (camera, reflections) = (*camera, None);
-    PixelJob { camera, width, height, pixels, samples_per_pixel, epoch: 0, time_secs: 0.0, reflections }
+    PixelJob {
+        camera,
+        width,
+        height,
+        pixels,
+        samples_per_pixel,
+        state: SceneState::default(),
+        time_secs: 0.0,
+        reflections,
+    }
 }
 
 /// Median milliseconds of a call, without the first round.

@@ -513,7 +513,7 @@ fn texels(rig: &Rig) -> String {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::Visibility;
+    use argus_scene::{SceneState, Visibility};
     use glam::DVec3;
 
     use super::*;
@@ -526,7 +526,7 @@ mod tests {
             height: 1,
             outputs: Outputs::COLOR,
             plan: Plan::Direct { samples_per_pixel: 1 },
-            epoch: 0,
+            state: SceneState::default(),
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,

@@ -10,7 +10,7 @@ use crate::support::{Coordinator, run, stderr};
 use argus_client::{Client, RenderOptions, SessionEvent, SessionOptions};
 use argus_scene::metrics::compare;
 use argus_scene::reference::Tracer;
-use argus_scene::{Camera, Frame, Outputs, Plan, Provenance, View};
+use argus_scene::{Camera, Frame, Outputs, Plan, Provenance, SceneState, View};
 use glam::DVec3;
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -127,7 +127,15 @@ async fn session(url: &str, frames: usize) -> Vec<Frame> {
 
 fn direct_at(epoch: u64, like: &Provenance) -> View {
     let plan = Plan::Direct { samples_per_pixel: 4 };
-    View { pin: Some(Provenance { epoch, plan, device: String::new(), ..like.clone() }), ..view() }
+    View {
+        pin: Some(Provenance {
+            state: SceneState::of_epoch(epoch),
+            plan,
+            device: String::new(),
+            ..like.clone()
+        }),
+        ..view()
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -138,7 +146,7 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
     coordinator.wait_for_workers(2);
 
     let frames = session(&coordinator.url, 60).await;
-    let epochs: Vec<u64> = frames.iter().map(|frame| frame.provenance.epoch).collect();
+    let epochs: Vec<u64> = frames.iter().map(|frame| frame.provenance.state.epoch).collect();
     assert!(epochs.is_sorted(), "epochs ascend: {epochs:?}");
     let mut by_epoch: BTreeMap<u64, &Frame> = BTreeMap::new();
     let mut by_version: BTreeMap<Option<u64>, u64> = BTreeMap::new();
@@ -146,10 +154,10 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
         let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
         let version = warp.samples.first().map(|id| id.version);
         let of_it = |id: &argus_scene::SampleId| Some(id.version) == version;
-        let shown = by_version.entry(version).or_insert(frame.provenance.epoch);
-        assert_eq!(*shown, frame.provenance.epoch, "a version shows one epoch");
+        let shown = by_version.entry(version).or_insert(frame.provenance.state.epoch);
+        assert_eq!(*shown, frame.provenance.state.epoch, "a version shows one epoch");
         assert!(!warp.samples.is_empty() && warp.samples.iter().all(of_it), "{:?}", warp.samples);
-        let same = by_epoch.entry(frame.provenance.epoch).or_insert(frame);
+        let same = by_epoch.entry(frame.provenance.state.epoch).or_insert(frame);
         assert_eq!(same.color, frame.color, "two frames of one camera and epoch");
     }
     assert!(by_epoch.len() >= 4, "{epochs:?}");
@@ -174,7 +182,7 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
     let mut truth: BTreeMap<u64, RgbImage> = BTreeMap::new();
     for (&epoch, frame) in by_epoch.iter().take(8) {
         let (direct, _) = wire.render((&direct_at(epoch, &frame.provenance)).into()).await.unwrap();
-        assert_eq!(direct.provenance.epoch, epoch);
+        assert_eq!(direct.provenance.state.epoch, epoch);
         let (again, _) = wire.render((&direct_at(epoch, &frame.provenance)).into()).await.unwrap();
         assert_eq!(direct.color, again.color);
         truth.insert(epoch, image(&direct));
@@ -194,7 +202,7 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
     let first = &frames[0].provenance;
     let gone = View { pin: Some(first.clone()), ..view() };
     let status = wire.render((&gone).into()).await.unwrap_err();
-    assert!(status.message().contains(&format!("epoch {}", first.epoch)), "{status}");
+    assert!(status.message().contains(&format!("epoch {}", first.state.epoch)), "{status}");
     let status = coordinator.status();
     assert!(status["epoch"].as_u64().unwrap() >= *epochs.last().unwrap(), "{status:#}");
     assert!(status["samples_per_tick"].as_f64().unwrap() > 0.5, "each epoch is sampled anew: {status:#}");
@@ -238,7 +246,7 @@ async fn time_can_be_held_still() {
     coordinator.wait_for_workers(1);
     let frames = session(&coordinator.url, 12).await;
     for frame in &frames {
-        assert_eq!((frame.provenance.epoch, &frame.color), (0, &frames[0].color));
+        assert_eq!((frame.provenance.state.epoch, &frame.color), (0, &frames[0].color));
     }
     assert_eq!(coordinator.status()["epoch"], 0);
 }
@@ -255,12 +263,12 @@ async fn particles_drift_from_epoch_to_epoch_in_a_still_scene() {
     let first = client.render(&wanted, &RenderOptions::default()).await.unwrap().frame;
     let mut later = client.render(&wanted, &RenderOptions::default()).await.unwrap().frame;
     for _ in 0..200 {
-        if later.provenance.epoch > first.provenance.epoch + 5 {
+        if later.provenance.state.epoch > first.provenance.state.epoch + 5 {
             break;
         }
         tokio::time::sleep(Duration::from_millis(100)).await;
         later = client.render(&wanted, &RenderOptions::default()).await.unwrap().frame;
     }
-    assert!(later.provenance.epoch > first.provenance.epoch, "no other moment was served");
+    assert!(later.provenance.state.epoch > first.provenance.state.epoch, "no other moment was served");
     assert_ne!(image(&first), image(&later), "their light moves");
 }

@@ -87,8 +87,8 @@ async fn moving_objects_are_reflected_at_their_positions() {
         let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
         assert!(warp.samples.iter().all(|id| id.version == warp.samples[0].version), "{:?}", warp.samples);
         assert!(warp.samples.iter().any(argus_scene::SampleId::is_reflection_probe));
-        if epochs.last() != Some(&frame.provenance.epoch) {
-            epochs.push(frame.provenance.epoch);
+        if epochs.last() != Some(&frame.provenance.state.epoch) {
+            epochs.push(frame.provenance.state.epoch);
         }
     }
     assert_eq!(epochs.len(), 3, "time passes: {epochs:?}");

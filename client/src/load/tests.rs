@@ -23,6 +23,7 @@ fn description(eyes: &[DVec3]) -> Description {
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         defaults: PlanRequest::default(),
         epoch_secs: 0.0,
+        first_light: argus_scene::LightLevel::Full,
     }
 }
 

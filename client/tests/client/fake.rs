@@ -18,8 +18,8 @@ use argus_proto::v1::{self, Encoding};
 use argus_proto::{Description, Fault, status};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash, Served,
-    View, Warp,
+    Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash,
+    SceneState, Served, View, Warp,
 };
 use futures::{Stream, StreamExt};
 use glam::DVec3;
@@ -162,7 +162,7 @@ pub(crate) fn frame(view: &View) -> Frame {
         Plan::Warp(Warp { steps: 16, samples: vec![SampleId { version: 0, camera: 2 }], ..Warp::default() });
     let provenance = Provenance {
         scene: SceneHash([7; 32]),
-        epoch: 0,
+        state: SceneState::default(),
         plan,
         specification: None,
         device: "none".to_owned(),
@@ -199,6 +199,7 @@ fn description() -> Description {
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         defaults: PlanRequest::default(),
         epoch_secs: 0.0,
+        first_light: argus_scene::LightLevel::Full,
     }
 }
 

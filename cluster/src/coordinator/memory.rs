@@ -52,7 +52,7 @@ impl SessionMemory {
 mod tests {
     use std::time::Duration;
 
-    use argus_scene::{Camera, Outputs, PlanRequest, SceneHash, Warp};
+    use argus_scene::{Camera, Outputs, PlanRequest, SceneHash, SceneState, Warp};
     use glam::DVec3;
 
     use super::*;
@@ -66,7 +66,14 @@ mod tests {
     fn header(plan: Plan) -> v1::FrameHeader {
         let scene = SceneHash([1; 32]);
         let device = "device".to_owned();
-        let provenance = Provenance { scene, epoch: 0, plan, specification: None, device, history: false };
+        let provenance = Provenance {
+            scene,
+            state: SceneState::default(),
+            plan,
+            specification: None,
+            device,
+            history: false,
+        };
         let decision = Decision { reason: Reason::Soonest, wait_ms: 0.0, render_ms: 1.0, excess: 0.0 };
         v1::FrameHeader {
             provenance: Some((&provenance).into()),

@@ -98,7 +98,7 @@ pub async fn serve(
     // A scene that stands still has epochs, too, if its lights drift or if it is sampled anew for every so many
     // views.
     let moves = scene.is_animated() || indirect.drifts() || config.core.refresh_views > 0;
-    let set = Arc::new(SampleSetInfo {
+    let mut set = SampleSetInfo {
         scene: scene.hash,
         bounds: scene.bounds(),
         rig,
@@ -122,7 +122,9 @@ pub async fn serve(
             Some(knobs) => ReflectionProbeSet::of(scene, knobs).map_err(ServeError::Sampling)?,
             None => None,
         },
-    });
+    };
+    set.version.state.light = set.first_light();
+    let set = Arc::new(set);
     let service = ServiceInfo {
         scene: SceneRef { name: scene.name.clone(), hash: scene.hash },
         limits: config.core.limits,

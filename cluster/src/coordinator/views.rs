@@ -53,6 +53,7 @@ impl ViewsService {
             limits: config.limits,
             rig: set.rig,
             epoch_secs: set.epoch_secs,
+            first_light: set.first_light(),
             defaults: PlanRequest {
                 direct: false,
                 search: Some(search),

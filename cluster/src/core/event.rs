@@ -7,7 +7,7 @@ use std::time::Duration;
 use argus_proto::Fault;
 use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::Survey;
-use argus_scene::{FaceMask, Plan, Prediction, SampleId, SceneState, View, Visibility};
+use argus_scene::{FaceMask, LightLevel, Plan, Prediction, SampleId, SceneState, View, Visibility};
 use serde::Serialize;
 
 use super::quality::{Cost, Observed};
@@ -152,6 +152,8 @@ pub struct Report {
     pub sample_progress: Option<f64>,
     /// Texel bytes of the largest sample that it holds; 0: none.
     pub sample_bytes: u64,
+    /// The best light that its sampler has ready.
+    pub light: LightLevel,
     /// Cost of a view from triangles, measured before the worker is ready.
     pub direct_cost: Option<Cost>,
     /// Cost of a view from samples.

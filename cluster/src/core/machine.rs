@@ -235,7 +235,7 @@ impl Core {
         }
         self.seek_visibility(actions);
         // The worker may hold the last samples of the next version; then the one after it is issued at once.
-        if has_news && self.samples.scene_moves() && self.advance(now) {
+        if has_news && self.samples.versions_change() && self.advance(now) {
             self.refine(now, actions);
         }
     }

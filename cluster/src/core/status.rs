@@ -1,6 +1,7 @@
 //! A snapshot of the core's decisions and of their inputs: the answer to the RPC `Status`.
 
 use argus_proto::PROTOCOL_VERSION;
+use argus_proto::convert::wire_light_level;
 use argus_proto::v1::{self, Counters, StatusResponse, WorkerStatus};
 
 use super::event::Role;
@@ -25,6 +26,7 @@ pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> StatusR
         protocol_version: PROTOCOL_VERSION,
         version: set.version.number,
         epoch: set.version.state.epoch,
+        light: wire_light_level(set.version.state.light).into(),
         processes,
         samplers: count(Role::samples),
         compositors: count(Role::composites),

@@ -64,7 +64,7 @@ fn fine_share(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Optio
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{OmniLayout, Plan, Provenance, SceneHash, Served, Warp};
+    use argus_scene::{OmniLayout, Plan, Provenance, SceneHash, SceneState, Served, Warp};
     use bytes::Bytes;
     use glam::DVec3;
 
@@ -89,7 +89,7 @@ mod tests {
             decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
-                epoch: 0,
+                state: SceneState::default(),
                 plan: Plan::Warp(Warp::default()),
                 specification: None,
                 device: String::new(),

@@ -82,7 +82,7 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Frame, Plan, Provenance, SampleId, SceneHash, Served, Warp};
+    use argus_scene::{Camera, Frame, Plan, Provenance, SampleId, SceneHash, SceneState, Served, Warp};
     use glam::DVec3;
 
     use super::*;
@@ -103,7 +103,7 @@ mod tests {
             decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
-                epoch: 0,
+                state: SceneState::default(),
                 plan: Plan::Warp(Warp { samples, ..Warp::default() }),
                 specification: None,
                 device: String::new(),

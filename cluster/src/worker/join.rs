@@ -224,7 +224,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         role: wire::role_from(wire.role)?,
         scene: SceneRef { hash: scene_hash(&scene.hash, "scene.hash")?, name: scene.name },
         set,
-        versions: wire.versions.into_iter().map(Version::from).collect(),
+        versions: wire.versions.into_iter().map(Version::try_from).collect::<Result<_, _>>()?,
         prefetch,
         kept_from: wire.kept_from,
         measure_backends: wire.measure_backends,

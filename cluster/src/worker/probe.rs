@@ -49,7 +49,7 @@ pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
         height: job.height,
         pixels: blocks.keys().copied().collect(),
         samples_per_pixel: REFERENCE_SAMPLES,
-        epoch: job.epoch,
+        state: job.state,
         time_secs: job.time_secs,
         reflections: job.reflections,
     };
@@ -171,7 +171,7 @@ fn adjusted_lab([r, g, b]: [f64; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Provenance, SceneHash, Served, Warp};
+    use argus_scene::{Provenance, SceneHash, SceneState, Served, Warp};
 
     use super::*;
 
@@ -191,7 +191,7 @@ mod tests {
             decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
-                epoch: 0,
+                state: SceneState::default(),
                 plan: Plan::Warp(Warp::default()),
                 specification: None,
                 device: String::new(),

@@ -9,8 +9,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    FaceMask, Frame, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene, ViewJob,
-    Visibility,
+    FaceMask, Frame, LightLevel, PixelJob, Pixels, Plan, RenderError, Sample, SampleId, SampleSetInfo, Scene,
+    ViewJob, Visibility,
 };
 use parking_lot::{Condvar, Mutex};
 use tokio::sync::oneshot;
@@ -156,6 +156,8 @@ struct State {
     makes_role: bool,
     policy: Policy,
     usual_visibility: Visibility,
+    /// The best light that the sampler has ready.
+    light: LightLevel,
     stopped: bool,
 }
 
@@ -277,6 +279,16 @@ impl Queue {
     /// The visibility backend that is expected to be fastest here, before any measurement.
     pub(super) fn usual_visibility(&self) -> Visibility {
         self.state.lock().usual_visibility
+    }
+
+    /// Sets the best light that the sampler has ready.
+    pub(super) fn set_light(&self, light: LightLevel) {
+        self.state.lock().light = light;
+    }
+
+    /// The best light that the sampler has ready.
+    pub(super) fn light(&self) -> LightLevel {
+        self.state.lock().light
     }
 
     /// Marks a sampler as being made, until [`Self::end_sampler`].

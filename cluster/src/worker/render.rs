@@ -12,8 +12,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, FaceMask, Frame, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob, SampleSetInfo,
-    Sampler, Scene,
+    Compositor, FaceMask, Frame, LightLevel, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob,
+    SampleSetInfo, Sampler, Scene,
 };
 use tracing::{debug, info, warn};
 
@@ -52,6 +52,10 @@ pub(super) struct Renderer {
     is_warm: bool,
     /// Whether the cost of views from samples was measured, or measuring was abandoned.
     is_measured: bool,
+    /// The best light that the sampler has ready.
+    light: LightLevel,
+    /// Whether better light is being prepared.
+    light_rises: bool,
     /// Number of batches of views.
     batches: u64,
     /// Number of lost devices.
@@ -65,6 +69,9 @@ pub(super) struct Renderer {
     composed: Instant,
     tidied: Instant,
 }
+
+/// Interval at which the preparation of light is looked at.
+const LIGHT_INTERVAL: Duration = Duration::from_millis(100);
 
 /// A sample that the compositor holds.
 struct Held {
@@ -133,6 +140,8 @@ impl Renderer {
             unheld: Vec::new(),
             is_warm: false,
             is_measured: false,
+            light: LightLevel::Direct,
+            light_rises: false,
             batches: 0,
             rebuilt: 0,
             health,
@@ -147,7 +156,8 @@ impl Renderer {
     /// Renders until a stop is ordered.
     pub(super) fn run(mut self) {
         loop {
-            let work = self.queue.next(self.rest_after / 4);
+            let pause = if self.light_rises { LIGHT_INTERVAL } else { self.rest_after / 4 };
+            let work = self.queue.next(pause);
             match self.or_postpone(work) {
                 Work::Nothing => {}
                 Work::Stop => {
@@ -172,7 +182,30 @@ impl Renderer {
                 Work::Views(tasks) => self.views(tasks),
                 Work::Direct(tasks) => self.direct(tasks),
             }
+            self.prepare_light();
             self.tidy();
+        }
+    }
+
+    /// Has the sampler prepare the next level of light beside other work, and notes which level is ready.
+    fn prepare_light(&mut self) {
+        let (true, Some(next), true) = (self.light_rises, self.light.next(), self.sampler.is_some()) else {
+            self.light_rises = false;
+            return;
+        };
+        let Some(set) = self.set.clone() else { return };
+        let ready = self.guarded(|own| Ok(vec![own.sampler()?.prepare_light(&set, next)]));
+        match ready.and_then(|mut ready| ready.pop().unwrap_or(Ok(false))) {
+            Ok(false) => {}
+            Ok(true) => {
+                info!(light = %next, "better light is ready");
+                self.light = next;
+                self.queue.set_light(next);
+            }
+            Err(error) => {
+                warn!(%error, light = %next, "light cannot be prepared, views stay without it");
+                self.light_rises = false;
+            }
         }
     }
 
@@ -231,6 +264,10 @@ impl Renderer {
             });
             let (sampler, cost) = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
             self.meter.set_cost(Kind::Direct, cost);
+            // Its first views had the light of the set's version.
+            self.light_rises = set.first_light() == LightLevel::Direct;
+            self.light = if self.light_rises { set.version.state.light } else { LightLevel::Full };
+            self.queue.set_light(self.light);
             self.queue.set_usual_visibility(sampler.usual_visibility());
             self.sampler = Some(sampler);
         }

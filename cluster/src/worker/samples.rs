@@ -85,7 +85,7 @@ impl Samples for SamplesService {
 /// Checks a request. Returns the sample set in its version.
 fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
     let version = request.version.ok_or_else(|| InvalidField::new("version", "must be given"))?;
-    let (info, _) = node.served.set_in(version.into())?;
+    let (info, _) = node.served.set_in(version.try_into()?)?;
     let scene = scene_hash(&request.scene_hash, "scene_hash")?;
     if scene != info.scene {
         return Err(Fault::NotFound(format!("this worker serves no samples of scene {scene}")));

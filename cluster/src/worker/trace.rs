@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::chunks::{PixelAssembler, TracedFrame, joined, trace_requests};
+use argus_proto::convert::light_level;
 use argus_proto::trace::within;
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
@@ -49,7 +50,7 @@ pub(super) async fn fill(
         height: job.height,
         pixels,
         samples_per_pixel: warp.supersampling * warp.supersampling,
-        epoch: job.epoch,
+        state: job.state,
         time_secs: job.time_secs,
         reflections: job.reflections,
     };
@@ -122,7 +123,9 @@ async fn by_other_worker(
 /// [`Fault::NotFound`] for a scene, epoch or specification that is not served; [`Fault::Invalid`] for a malformed
 /// request.
 pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
-    let (info, limits) = node.served.set_showing(SceneState { epoch: request.epoch })?;
+    let (info, limits) = node
+        .served
+        .set_showing(SceneState { epoch: request.epoch, light: light_level(request.light, "light")? })?;
     let (TracedFrame { scene, specification }, job) =
         argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
     if scene != info.scene {
@@ -181,7 +184,7 @@ mod tests {
             decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
-                epoch: 0,
+                state: SceneState::default(),
                 plan: Plan::Warp(Warp::default()),
                 specification: None,
                 device: String::new(),

@@ -278,7 +278,7 @@ fn ask_the_coordinator() -> Status {
 
 /// Validates an order for a view.
 fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
-    let state: SceneState = order.state.map(SceneState::from).unwrap_or_default();
+    let state = order.state.map(SceneState::try_from).transpose()?.unwrap_or_default();
     let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
     let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
     let mut sources: HashMap<SampleId, v1::SampleSource> =
@@ -321,9 +321,9 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let starts_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
     let outputs = judged_by.chain(starts_from).fold(asked, Outputs::with);
     let history = name.as_deref().and_then(|name| node.histories.get(name));
-    let (epoch, reflections) = (state.epoch, info.reflections);
+    let reflections = info.reflections;
     let job =
-        ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history };
+        ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history };
     let (tracers, pinned) = (order.tracers, pin.is_some());
     let decision = order.decision.map(Decision::try_from).transpose()?;
     let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);

@@ -142,10 +142,10 @@ fn view(
     plan: Plan,
     visibility: Visibility,
 ) -> ViewJob {
-    let (epoch, time_secs) = (info.version.state.epoch, info.time_secs());
+    let (state, time_secs) = (info.version.state, info.time_secs());
     // Reflection maps are made for the first view that needs them, since they cost as much as samples.
     let (outputs, reflections, history) = (Outputs::COLOR, None, None);
-    ViewJob { camera, width, height, outputs, plan, epoch, time_secs, visibility, reflections, history }
+    ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history }
 }
 
 #[cfg(test)]

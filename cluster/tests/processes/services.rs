@@ -77,7 +77,7 @@ async fn a_pin_that_cannot_be_met_is_a_failed_precondition_with_a_reason() {
         status.message().to_owned()
     };
     assert!(refused(&|p| p.scene = SceneHash([9; 32])).await.contains("scene"));
-    assert!(refused(&|p| p.epoch = 5).await.contains("epoch 5"));
+    assert!(refused(&|p| p.state.epoch = 5).await.contains("epoch 5"));
     let of_version_7 = |p: &mut Provenance| {
         let Plan::Warp(warp) = &mut p.plan else { panic!("a warp") };
         warp.samples.iter_mut().for_each(|id| id.version = 7);

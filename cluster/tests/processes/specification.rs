@@ -74,7 +74,7 @@ async fn samples_and_pixels_of_another_specification_are_not_served() {
     let mut subscribe = async |specification: Specification| {
         let request = v1::SubscribeRequest {
             scene_hash: scene_hash_bytes(frame.provenance.scene),
-            version: Some(Version::of_epoch(0, frame.provenance.epoch).into()),
+            version: Some(Version { number: 0, state: frame.provenance.state }.into()),
             cameras: vec![0],
             specification_hash: specification_hash_bytes(specification.hash()),
             ..v1::SubscribeRequest::default()
@@ -87,7 +87,8 @@ async fn samples_and_pixels_of_another_specification_are_not_served() {
     assert!(refused.message().contains("specification"), "{refused}");
     let trace = v1::TraceRequest {
         scene_hash: scene_hash_bytes(frame.provenance.scene),
-        epoch: frame.provenance.epoch,
+        epoch: frame.provenance.state.epoch,
+        light: argus_proto::convert::wire_light_level(frame.provenance.state.light).into(),
         camera: Some((&view(1).camera).into()),
         width: 8,
         height: 8,

@@ -177,7 +177,7 @@ fn samples_of_different_sets_do_not_mix_in_one_view() {
     let rest = SampleSet { info: Arc::clone(&other.info), samples: set.samples.clone() };
     compositor.hold(&rest).unwrap();
     let frame = compose_one(&mut compositor, &view).unwrap();
-    assert_eq!(frame.provenance.epoch, 4);
+    assert_eq!(frame.provenance.state.epoch, 4);
     assert_eq!(frame.provenance.scene, set.info.scene);
     assert_eq!(frame.provenance.plan, view.plan);
     assert_eq!(frame.provenance.device, compositor.device());

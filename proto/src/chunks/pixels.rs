@@ -3,13 +3,17 @@
 //! Pixels that no sample saw form clusters, so runs per row name them in a few bytes each.
 
 use argus_scene::{
-    InvalidField, Limits, Outputs, PixelJob, Pixels, PlanRequest, SceneHash, SpecificationHash, Stage, View,
+    InvalidField, Limits, Outputs, PixelJob, Pixels, PlanRequest, SceneHash, SceneState, SpecificationHash,
+    Stage, View,
 };
 use bytes::{Bytes, BytesMut};
 
 use super::{Gather, pieces};
 use crate::WireError;
-use crate::convert::{required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes};
+use crate::convert::{
+    light_level, required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes,
+    wire_light_level,
+};
 use crate::v1::{self, trace_chunk};
 
 /// Most pixels of one request; more need several requests. It bounds both messages, whatever the view's size: 2 MiB
@@ -34,7 +38,8 @@ pub fn trace_requests(job: &PixelJob, frame: TracedFrame) -> Vec<(v1::TraceReque
     let request = |pixels: &[u32]| v1::TraceRequest {
         scene_hash: scene_hash_bytes(frame.scene),
         specification_hash: specification_hash_bytes(frame.specification),
-        epoch: job.epoch,
+        epoch: job.state.epoch,
+        light: wire_light_level(job.state.light).into(),
         camera: Some((&job.camera).into()),
         width: job.width,
         height: job.height,
@@ -86,10 +91,11 @@ pub fn trace_job(
     view.validate(limits)?;
     let pixels = taken(&wire.runs, u64::from(wire.width) * u64::from(wire.height))?;
     let View { camera, width, height, .. } = view;
-    let v1::TraceRequest { samples_per_pixel, epoch, .. } = wire;
+    let v1::TraceRequest { samples_per_pixel, epoch, light, .. } = wire;
+    let state = SceneState { epoch, light: light_level(light, "light")? };
     Ok((
         TracedFrame { scene, specification },
-        PixelJob { camera, width, height, pixels, samples_per_pixel, epoch, time_secs, reflections: None },
+        PixelJob { camera, width, height, pixels, samples_per_pixel, state, time_secs, reflections: None },
     ))
 }
 
@@ -232,7 +238,7 @@ mod tests {
             height,
             pixels,
             samples_per_pixel: 4,
-            epoch: 3,
+            state: SceneState { epoch: 3, light: argus_scene::LightLevel::Coarse },
             time_secs: 0.5,
             reflections: None,
         }
@@ -264,7 +270,8 @@ mod tests {
             let (of, arrived) = trace_job(request.clone(), 0.5, &Limits::default()).unwrap();
             prop_assert_eq!(of, FRAME);
             prop_assert_eq!(arrived.camera, asked.camera);
-            prop_assert_eq!((arrived.width, arrived.height, arrived.epoch, arrived.time_secs), (640, 480, 3, 0.5));
+            prop_assert_eq!((arrived.width, arrived.height, arrived.time_secs), (640, 480, 0.5));
+            prop_assert_eq!(arrived.state, asked.state);
             prop_assert_eq!((arrived.pixels, arrived.samples_per_pixel), (asked.pixels, side * side));
         }
 

@@ -1,4 +1,4 @@
-use argus_scene::{FaceMask, Frame, Limits, PlaneData, Sample, SampleId, SceneHash, Served};
+use argus_scene::{FaceMask, Frame, Limits, PlaneData, Sample, SampleId, SceneHash, SceneState, Served};
 use bytes::Bytes;
 use proptest::prelude::*;
 
@@ -110,7 +110,7 @@ fn frame() -> Frame {
         decision: None,
         provenance: argus_scene::Provenance {
             scene: hash,
-            epoch: 1,
+            state: SceneState::of_epoch(1),
             plan,
             specification: None,
             device,

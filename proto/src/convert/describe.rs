@@ -1,10 +1,12 @@
 //! The description of a service.
 
 use argus_scene::scene::NamedCamera;
-use argus_scene::{Bounds, Effect, EffectPlan, InvalidField, Limits, PlanRequest, Rig, SceneHash};
+use argus_scene::{
+    Bounds, Effect, EffectPlan, InvalidField, LightLevel, Limits, PlanRequest, Rig, SceneHash,
+};
 
 use super::effects::{effect_plan, effect_rows};
-use super::scene::epoch_secs;
+use super::scene::{epoch_secs, light_level, wire_light_level};
 use super::{known, required, scene_hash, scene_hash_bytes};
 use crate::{PROTOCOL_VERSION, v1};
 
@@ -33,6 +35,8 @@ pub struct Description {
     pub defaults: PlanRequest,
     /// Seconds of scene time from one epoch to the next; 0 in a still scene.
     pub epoch_secs: f64,
+    /// The light of the first views. From direct light it rises to full light; any other level stays.
+    pub first_light: LightLevel,
 }
 
 impl From<&Description> for v1::DescribeResponse {
@@ -52,6 +56,7 @@ impl From<&Description> for v1::DescribeResponse {
             rig: Some((&description.rig).into()),
             defaults: Some((&description.defaults).into()),
             epoch_secs: description.epoch_secs,
+            first_light: wire_light_level(description.first_light).into(),
         }
     }
 }
@@ -79,6 +84,7 @@ impl TryFrom<v1::DescribeResponse> for Description {
             rig: required(wire.rig, "rig")?.try_into()?,
             defaults: required(wire.defaults, "defaults")?.try_into()?,
             epoch_secs: epoch_secs(wire.epoch_secs, "epoch_secs")?,
+            first_light: light_level(wire.first_light, "first_light")?,
         })
     }
 }

@@ -11,7 +11,7 @@ mod scene;
 mod view;
 
 pub use describe::Description;
-pub use scene::visibility;
+pub use scene::{light_level, visibility, wire_light_level};
 pub use view::face_masks;
 
 use argus_scene::{InvalidField, SceneHash, SpecificationHash};

@@ -1,9 +1,9 @@
 //! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
-    Bounds, Effect, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, MegaViews, PathKnobs,
-    PointKnobs, ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling, SceneState, Sky,
-    Specification, Stage, Version, Visibility, VplKnobs,
+    Bounds, Effect, Indirect, InvalidField, Light, LightEffects, LightLevel, Lighting, MapSource, MegaViews,
+    PathKnobs, PointKnobs, ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling,
+    SceneState, Sky, Specification, Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -256,7 +256,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
             scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
             rig,
-            version: required(wire.version, "set.version")?.into(),
+            version: required(wire.version, "set.version")?.try_into()?,
             epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,
             lighting,
             visibility,
@@ -439,15 +439,39 @@ pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidF
     }
 }
 
-impl From<SceneState> for v1::SceneState {
-    fn from(state: SceneState) -> Self {
-        Self { epoch: state.epoch }
+/// A level of light as a wire enum.
+pub fn wire_light_level(level: LightLevel) -> v1::LightLevel {
+    match level {
+        LightLevel::Direct => v1::LightLevel::Direct,
+        LightLevel::Coarse => v1::LightLevel::Coarse,
+        LightLevel::Full => v1::LightLevel::Full,
     }
 }
 
-impl From<v1::SceneState> for SceneState {
-    fn from(wire: v1::SceneState) -> Self {
-        Self { epoch: wire.epoch }
+/// A level of light from a wire enum's number; unspecified is the best one.
+///
+/// # Errors
+/// [`InvalidField`] of `field` if the number is unknown.
+pub fn light_level(number: i32, field: &'static str) -> Result<LightLevel, InvalidField> {
+    match v1::LightLevel::try_from(number) {
+        Ok(v1::LightLevel::Direct) => Ok(LightLevel::Direct),
+        Ok(v1::LightLevel::Coarse) => Ok(LightLevel::Coarse),
+        Ok(v1::LightLevel::Full | v1::LightLevel::Unspecified) => Ok(LightLevel::Full),
+        Err(_) => Err(InvalidField::new(field, format!("{number} is not a known level of light"))),
+    }
+}
+
+impl From<SceneState> for v1::SceneState {
+    fn from(state: SceneState) -> Self {
+        Self { epoch: state.epoch, light: wire_light_level(state.light).into() }
+    }
+}
+
+impl TryFrom<v1::SceneState> for SceneState {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::SceneState) -> Result<Self, InvalidField> {
+        Ok(Self { epoch: wire.epoch, light: light_level(wire.light, "version.state.light")? })
     }
 }
 
@@ -457,9 +481,12 @@ impl From<Version> for v1::Version {
     }
 }
 
-impl From<v1::Version> for Version {
-    fn from(wire: v1::Version) -> Self {
-        Self { number: wire.number, state: wire.state.map(SceneState::from).unwrap_or_default() }
+impl TryFrom<v1::Version> for Version {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::Version) -> Result<Self, InvalidField> {
+        let state = wire.state.map(SceneState::try_from).transpose()?.unwrap_or_default();
+        Ok(Self { number: wire.number, state })
     }
 }
 

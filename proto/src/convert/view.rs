@@ -3,9 +3,10 @@
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
     FaceMask, FaceMasks, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset,
-    Provenance, SampleId, Search, Served, Specification, View, Warp,
+    Provenance, SampleId, SceneState, Search, Served, Specification, View, Warp,
 };
 
+use super::scene::{light_level, wire_light_level};
 use super::{
     duration_ms, known, required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes,
     unspecified,
@@ -310,7 +311,8 @@ impl From<&Provenance> for v1::Provenance {
     fn from(provenance: &Provenance) -> Self {
         Self {
             scene_hash: scene_hash_bytes(provenance.scene),
-            epoch: provenance.epoch,
+            epoch: provenance.state.epoch,
+            light: wire_light_level(provenance.state.light).into(),
             plan: Some((&provenance.plan).into()),
             specification: provenance.specification.as_ref().map(Into::into),
             specification_hash: provenance
@@ -337,7 +339,7 @@ impl TryFrom<v1::Provenance> for Provenance {
         }
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "provenance.scene_hash")?,
-            epoch: wire.epoch,
+            state: SceneState { epoch: wire.epoch, light: light_level(wire.light, "provenance.light")? },
             plan: required(wire.plan, "provenance.plan")?.try_into()?,
             specification,
             device: wire.device,

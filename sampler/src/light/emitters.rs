@@ -14,6 +14,7 @@ use crate::light_rays::LightRaysAbout;
 const ALMOST: f32 = 1.0 - 1e-4;
 
 /// The emitting triangles of a pose.
+#[derive(Clone)]
 pub(super) struct Emitters(EmittersByPower);
 
 impl Emitters {

@@ -49,16 +49,22 @@ pub use paths::PathReport;
 
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
+    tracing: Arc<LightTracing>,
+    is_glossy: bool,
+    add: AddDirect,
+}
+
+/// All that rays to lights, sky and emitters need. A thread that prepares indirect light shares it.
+#[derive(Clone)]
+pub(crate) struct LightTracing {
     effects: LightEffects,
     knobs: LightKnobs,
     rays: LightRays,
     emitters: Emitters,
     /// The scene's textures, if any is of emission.
     emission: Vec<MipChain>,
-    is_glossy: bool,
     sky: SkyIrradiance,
     lighting: Lighting,
-    add: AddDirect,
 }
 
 /// Which of a tile's texels know one another.
@@ -87,17 +93,17 @@ impl DirectLight {
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
         let emission = emission_textures(scene, effects);
-        Ok(Self {
+        let tracing = LightTracing {
             effects,
             knobs,
             rays: LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?,
             emitters: emitters_at(scene, &emission, effects, time_secs),
             emission,
-            is_glossy: features.specular,
             sky: SkyIrradiance::new(&lighting.sky),
             lighting: lighting.clone(),
-            add: AddDirect::new(gpu, features),
-        })
+        };
+        let add = AddDirect::new(gpu, features);
+        Ok(Self { tracing: Arc::new(tracing), is_glossy: features.specular, add })
     }
 
     /// Takes over the pose of a tracer.
@@ -110,23 +116,31 @@ impl DirectLight {
         tracer: &PacketTracer,
         time_secs: f64,
     ) -> Result<(), RenderError> {
-        self.emitters = emitters_at(scene, &self.emission, self.effects, time_secs);
-        self.rays.pose(tracer).ok_or_else(too_large)
+        let tracing = Arc::make_mut(&mut self.tracing);
+        tracing.emitters = emitters_at(scene, &tracing.emission, tracing.effects, time_secs);
+        tracing.rays.pose(tracer).ok_or_else(too_large)
     }
 
     /// Changes the rays.
     pub(crate) fn set_knobs(&mut self, knobs: LightKnobs) {
-        self.knobs = knobs;
+        Arc::make_mut(&mut self.tracing).knobs = knobs;
+    }
+
+    /// What rays need, to be shared.
+    pub(crate) fn tracing(&self) -> &Arc<LightTracing> {
+        &self.tracing
     }
 
     /// Changes lights and sky.
     pub(crate) fn relight(&mut self, lighting: &Lighting) {
-        if self.lighting.sky != lighting.sky {
-            self.sky = SkyIrradiance::new(&lighting.sky);
+        if self.tracing.lighting == *lighting {
+            return;
         }
-        if self.lighting != *lighting {
-            self.lighting = lighting.clone();
+        let tracing = Arc::make_mut(&mut self.tracing);
+        if tracing.lighting.sky != lighting.sky {
+            tracing.sky = SkyIrradiance::new(&lighting.sky);
         }
+        tracing.lighting = lighting.clone();
     }
 
     /// Adds direct light to what `commands` shade. `is_view` adds the reflection of lights and sky on glossy surfaces
@@ -153,10 +167,11 @@ impl DirectLight {
         let begin = Instant::now();
         let [surfaces, materials] = pending.map(|pending| finished.take(pending));
         let eye = context.eye.position;
-        let about = self.rays.about(eye);
+        let tracing = self.tracing.as_ref();
+        let about = tracing.rays.about(eye);
         let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
         let mut traced = Vec::new();
-        let mut arriving = self.arriving(&texels, &about, eye, &mut traced);
+        let mut arriving = tracing.arriving(&texels, &about, eye, self.is_glossy, &mut traced);
         // What no effect alone accounts for.
         let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
         timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);
@@ -174,7 +189,9 @@ impl DirectLight {
         self.add.record(&mut commands, context, guides, &arriving, is_view);
         Ok((commands, Some(arriving)))
     }
+}
 
+impl LightTracing {
     /// Irradiance / π of the lights at texels, as far as they are seen. `each` takes over every light's number, its
     /// irradiance / π if nothing blocked it, and the share that is seen. Times of shadow rays are added to `stages`.
     fn of_lights(
@@ -205,17 +222,19 @@ impl DirectLight {
         by_pi
     }
 
-    /// Light that arrives at texels about an eye. A stage is added for each effect that casts rays.
+    /// Light that arrives at texels about an eye; where surfaces are glossy, also which lights they see. A stage is added for
+    /// each effect that casts rays.
     fn arriving(
         &self,
         texels: &Texels,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
+        is_glossy: bool,
         stages: &mut Vec<Stage>,
     ) -> Vec<Arriving> {
         let (effects, knobs) = (self.effects, self.knobs);
         // Only gloss asks which lights are seen.
-        let mut words = self.is_glossy.then(|| VisibilityWords::new(&self.lighting, texels.all.len()));
+        let mut words = is_glossy.then(|| VisibilityWords::new(&self.lighting, texels.all.len()));
         let add = |index: usize, lit: &[Vec3], shares: &[f32]| {
             if let Some(words) = &mut words {
                 words.add(index, lit, shares);

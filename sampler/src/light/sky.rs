@@ -15,6 +15,7 @@ use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 
 /// Irradiance of an open sky, as a table over normals.
+#[derive(Clone)]
 pub(super) struct SkyIrradiance {
     /// Irradiance / π for y = −1 to 1, evenly: rows of as many directions as columns. Empty for a black sky.
     table: Vec<Vec3>,

@@ -57,6 +57,7 @@ pub(crate) struct RayHit {
 }
 
 /// Traces scattered rays through a scene at its current pose.
+#[derive(Clone)]
 pub(crate) struct LightRays {
     trees: Trees,
     faces: Faces,
@@ -69,6 +70,7 @@ pub(crate) struct LightRays {
 }
 
 /// An object in the world.
+#[derive(Clone)]
 struct Placed {
     object: u32,
     /// Instance of all its triangles, or [`OF_OBJECT`].

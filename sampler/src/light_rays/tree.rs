@@ -73,6 +73,7 @@ pub(super) struct Root {
 }
 
 /// The trees of all objects.
+#[derive(Clone)]
 pub(super) struct Trees {
     pub(super) nodes: Vec<Node>,
     pub(super) blocks: Vec<Block>,

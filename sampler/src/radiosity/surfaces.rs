@@ -15,6 +15,7 @@ use crate::resident::Placement;
 const LEVEL_SIDE: f32 = 64.0;
 
 /// A scene's materials on the CPU.
+#[derive(Clone)]
 pub(crate) struct Surfaces {
     scene: Arc<Scene>,
     textures: Vec<MipChain>,

@@ -71,9 +71,10 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Option<Vec<Stage>>, RenderError> {
         self.check_job(job)?;
-        let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
+        let (lighting, light) = (&job.info.lighting, job.info.version.state.light);
+        let time_secs = job.info.time_secs();
         let mut stages = self.pose(time_secs)?;
-        timing::add(&mut stages, self.light(lighting, time_secs)?);
+        timing::add(&mut stages, self.light(lighting, light, time_secs)?);
         let (gpu, resident, sampler) = (self.gpu.clone(), &self.resident, &self.knobs);
         let mut maps = self.maps.take().unwrap_or_else(|| OmniMaps::new(&gpu, resident, sampler, knobs));
         maps.set_knobs(knobs);

@@ -107,9 +107,10 @@ impl GpuSampler {
         self.check_job(job)?;
         // Fails if the set has no reflections.
         job.info.camera(id.camera)?;
-        let (lighting, time_secs) = (&job.info.lighting, job.info.time_secs());
+        let (lighting, light) = (&job.info.lighting, job.info.version.state.light);
+        let time_secs = job.info.time_secs();
         let mut stages = self.pose(time_secs)?;
-        stages.extend(self.light(lighting, time_secs)?);
+        stages.extend(self.light(lighting, light, time_secs)?);
         stages.extend(self.prepare_probes(job.info.reflections, lighting, time_secs, cancel)?);
         let sample = self.surface_programs.probes.as_ref().and_then(|probes| probes.sample(id));
         let sample =

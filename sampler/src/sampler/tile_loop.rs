@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, PendingReadback, Submitted, wgpu};
-use argus_scene::{Cancel, Lighting, ReflectionProbeSet, RenderError, Stage, Visibility};
+use argus_scene::{Cancel, LightLevel, Lighting, ReflectionProbeSet, RenderError, Stage, Visibility};
 use argus_shaders::layout::sampler::Rays;
 use bytes::Bytes;
 use glam::DVec3;
@@ -28,6 +28,7 @@ pub(super) struct JobScene<'a> {
     pub(super) time_secs: f64,
     /// `None` for the scene's own lighting at that time.
     pub(super) lighting: Option<&'a Lighting>,
+    pub(super) light: LightLevel,
     pub(super) reflections: Option<ReflectionProbeSet>,
     pub(super) visibility: Visibility,
     /// Whether surfaces are shaded; otherwise neither indirect light nor reflection probes are made.
@@ -39,6 +40,7 @@ pub(super) struct ReadyScene {
     begin: Instant,
     pub(super) time_secs: f64,
     pub(super) lighting: Lighting,
+    light: LightLevel,
     pub(super) reflections: Option<ReflectionProbeSet>,
     pub(super) eye: Eye,
     pub(super) backend: Visibility,
@@ -128,16 +130,16 @@ impl GpuSampler {
     ) -> Result<ReadyScene, RenderError> {
         let begin = Instant::now();
         self.check_alive()?;
-        let JobScene { position, time_secs, lighting, reflections, visibility, is_shaded } = job;
+        let JobScene { position, time_secs, lighting, light, reflections, visibility, is_shaded } = job;
         let mut stages = self.pose(time_secs)?;
         let lighting = lighting.unwrap_or(&self.lighting).clone();
         if is_shaded {
-            stages.extend(self.light(&lighting, time_secs)?);
+            stages.extend(self.light(&lighting, light, time_secs)?);
             stages.extend(self.prepare_probes(reflections, &lighting, time_secs, cancel)?);
         }
         let eye = self.eye(position, &lighting)?;
         let backend = self.available_backend(visibility);
-        Ok(ReadyScene { begin, time_secs, lighting, reflections, eye, backend, stages })
+        Ok(ReadyScene { begin, time_secs, lighting, light, reflections, eye, backend, stages })
     }
 
     /// Renders parts one after another. `take` gets each part once it is submitted.
@@ -254,6 +256,8 @@ impl GpuSampler {
             self.pose(scene.time_secs)?;
             scene.eye = self.eye(scene.eye.position, &scene.lighting)?;
         }
+        // It may also have shown another level of light.
+        self.light(&scene.lighting, scene.light, scene.time_secs)?;
         scene.begin += began.elapsed();
         Ok(())
     }

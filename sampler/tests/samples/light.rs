@@ -7,7 +7,7 @@ use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
     Camera, Cancel, EffectPlan, EffectRequest, Effects, Light, LightEffects, Lighting, Material, PixelJob,
-    PlaneKind, Sampler, Scene, Sky, Visibility,
+    PlaneKind, Sampler, Scene, SceneState, Sky, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use image::RgbImage;
@@ -191,7 +191,7 @@ fn listed_pixels_have_about_the_light_of_their_view() {
         height: size[1],
         pixels: pixels.clone(),
         samples_per_pixel: 4,
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,
     };

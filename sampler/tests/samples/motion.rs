@@ -6,7 +6,7 @@ use argus_scene::animation::{Animation, Channel, Interpolation, Node, Parts, Res
 use argus_scene::reference::Tracer;
 use argus_scene::{
     Bounds, Camera, Light, MegaViews, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Sampling, Scene,
-    Version, ViewJob, Visibility,
+    SceneState, Version, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Quat, Vec3};
 
@@ -75,7 +75,7 @@ fn camera() -> Camera {
 }
 
 fn at_epoch(job: &ViewJob, epoch: u64) -> ViewJob {
-    ViewJob { epoch, time_secs: epoch as f64 * EPOCH_SECS, ..job.clone() }
+    ViewJob { state: SceneState::of_epoch(epoch), time_secs: epoch as f64 * EPOCH_SECS, ..job.clone() }
 }
 
 fn by_cpu(job: &ViewJob) -> ViewJob {
@@ -91,7 +91,7 @@ fn every_epoch_shows_the_scene_as_the_reference_has_it_at_that_time() {
     let mut seen = Vec::new();
     for epoch in [0, 3, 6, 11] {
         let frame = direct(&mut sampler, &at_epoch(&job, epoch));
-        assert_eq!(frame.provenance.epoch, epoch);
+        assert_eq!(frame.provenance.state.epoch, epoch);
         let by_rays = image_of(&direct(&mut sampler, &by_cpu(&at_epoch(&job, epoch))));
         let difference = flip(&format!("epoch-{epoch}-traced"), &by_rays, &image_of(&frame));
         assert!(difference < 0.001, "epoch {epoch}: traced and rasterised differ by FLIP {difference}");
@@ -160,7 +160,7 @@ fn samples_and_pixels_move_too() {
         height: SIZE[1],
         pixels: pixels.clone(),
         samples_per_pixel: 1,
-        epoch: 6,
+        state: SceneState::of_epoch(6),
         time_secs: job.time_secs,
         reflections: None,
     };

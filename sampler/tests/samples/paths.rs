@@ -1,10 +1,13 @@
 //! Indirect light by paths between leaf sides, against what is known exactly and against the path-traced reference.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use argus_sampler::{GpuSampler, Indirect, PathKnobs, SamplerKnobs};
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
-use argus_scene::{Camera, Light, LightEffects, Lighting, PlaneKind, Scene};
+use argus_scene::{
+    Camera, Light, LightEffects, LightLevel, Lighting, PlaneKind, SampleJob, Sampler as _, Scene,
+};
 use glam::{DAffine3, DVec3, Vec3};
 use image::RgbImage;
 
@@ -143,4 +146,39 @@ fn a_scene_without_surfaces_and_one_with_degenerate_triangles_render() {
     let mut sampler = lit(&scene, coarse());
     assert!(mean_radiance(&mut sampler, &job_around_origin(&scene, 8)).is_finite());
     assert!(sampler.paths().is_some_and(|report| report.sides > 0));
+}
+
+#[test]
+fn light_rises_from_level_to_level_and_what_was_prepared_beside_has_the_bytes_of_what_was_made_at_once() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let job = job_around_origin(&scene, 24);
+    let mut sampler = lit(&scene, coarse());
+    let at = |light| {
+        let mut info = (*job.info).clone();
+        info.version.state.light = light;
+        SampleJob { info: Arc::new(info), ..job.clone() }
+    };
+    let mean_and_bytes = |sampler: &mut GpuSampler, light| {
+        let job = at(light);
+        (mean_radiance(sampler, &job).x, host_bytes(&sample(sampler, &job), PlaneKind::Radiance))
+    };
+    let (direct, _) = mean_and_bytes(&mut sampler, LightLevel::Direct);
+    let mut made = Vec::new();
+    for light in [LightLevel::Coarse, LightLevel::Full] {
+        let began = Instant::now();
+        while !sampler.prepare_light(&job.info, light).unwrap() {
+            assert!(began.elapsed() < Duration::from_secs(60), "{light} light is never ready");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        made.push(mean_and_bytes(&mut sampler, light));
+    }
+    let [(coarse_mean, coarse_bytes), (full_mean, full_bytes)] = &made[..] else { panic!("two levels") };
+    println!("{direct}, {coarse_mean}, {full_mean}");
+    assert!(*full_mean > 1.2 * direct && *coarse_mean > 1.2 * direct, "light comes from walls, too");
+    assert!(coarse_bytes != full_bytes);
+    // Levels that were left are still there; nothing of another level stays in them.
+    assert_eq!(mean_and_bytes(&mut sampler, LightLevel::Direct).0, direct);
+    assert!(mean_and_bytes(&mut sampler, LightLevel::Coarse).1 == *coarse_bytes);
+    let mut at_once = lit(&scene, coarse());
+    assert!(mean_and_bytes(&mut at_once, LightLevel::Full).1 == *full_bytes);
 }

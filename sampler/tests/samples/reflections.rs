@@ -7,7 +7,7 @@ use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::{level_sides, map_size};
 use argus_scene::{
     Camera, Cancel, Material, PixelJob, PlaneKind, ReflectionProbeSet, Reflections, RenderError, SampleId,
-    SampleJob, SampleSetInfo, Sampler as _, Scene, Version, ViewJob,
+    SampleJob, SampleSetInfo, Sampler as _, Scene, SceneState, Version, ViewJob,
 };
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -30,7 +30,7 @@ fn traced(scene: &Arc<Scene>, time_secs: f64) -> Tracer {
 fn judged(name: &str, scene: &Arc<Scene>, camera: Camera, time_secs: f64) -> (f64, f64, Vec<u8>) {
     let truth = traced(scene, time_secs).render(&camera, SIZE[0], SIZE[1], 4, |_| {});
     let truth = truth.display(scene.lighting.exposure);
-    let plain = ViewJob { time_secs, epoch: 1, ..view_job(camera, SIZE, 4) };
+    let plain = ViewJob { time_secs, state: SceneState::of_epoch(1), ..view_job(camera, SIZE, 4) };
     let mirrored = ViewJob { reflections: maps(scene), ..plain.clone() };
     let mut sampler = sampler(scene);
     let [with, without] = [mirrored, plain].map(|job| image_of(&direct(&mut sampler, &job)));
@@ -160,7 +160,7 @@ fn pixels_of_a_list_and_samples_asked_for_again_are_the_same() {
         height: job.height,
         pixels: (0..64 * 48).step_by(5).collect(),
         samples_per_pixel: 4,
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         reflections: job.reflections,
     };

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use argus_sampler::GpuSampler;
 use argus_scene::reference::{Indirect as Paths, ReferenceImage, Tracer};
-use argus_scene::{Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, Sky};
+use argus_scene::{
+    Camera, Cancel, Light, Lighting, Material, PixelJob, Sampler as _, Scene, SceneState, Sky,
+};
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
 use crate::common::*;
@@ -93,7 +95,7 @@ pub(crate) fn off_in_a_list(sampler: &mut GpuSampler, samples_per_pixel: u32) ->
         height,
         pixels: pixels.clone(),
         samples_per_pixel,
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,
     };

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::material::{AlphaMode, Wrap};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, Rig, RigKnobs, SampleJob, SampleSetInfo, Sampler, Scene, Texture,
-    TextureRef, ViewJob, Visibility, procedural,
+    Camera, Cancel, Material, PixelJob, Rig, RigKnobs, SampleJob, SampleSetInfo, Sampler, Scene, SceneState,
+    Texture, TextureRef, ViewJob, Visibility, procedural,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
@@ -208,7 +208,7 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
                 height: SIZE[1],
                 pixels: pixels.clone(),
                 samples_per_pixel: samples,
-                epoch: 0,
+                state: SceneState::default(),
                 time_secs: 0.0,
                 reflections: None,
             };
@@ -234,7 +234,7 @@ fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
         height: SIZE[1],
         pixels,
         samples_per_pixel: 1,
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,
     };

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::InvalidField;
+use crate::{InvalidField, LightLevel};
 
 /// Settings of indirect light by paths. `argus study light` measures the cost.
 ///
@@ -25,7 +25,7 @@ pub struct PathKnobs {
 
 impl Default for PathKnobs {
     fn default() -> Self {
-        Self { level: 7, rays: 4, bounces: 5, gather: 4 }
+        Self { level: 8, rays: 4, bounces: 5, gather: 4 }
     }
 }
 
@@ -38,6 +38,16 @@ impl fmt::Display for PathKnobs {
 }
 
 impl PathKnobs {
+    /// The knobs at a level of light; `None` where there is no indirect light yet. Coarse leaf sides take a quarter of the
+    /// time.
+    pub fn at(&self, light: LightLevel) -> Option<Self> {
+        match light {
+            LightLevel::Direct => None,
+            LightLevel::Coarse => Some(Self { level: self.level.saturating_sub(1).max(1), ..*self }),
+            LightLevel::Full => Some(*self),
+        }
+    }
+
     /// Checks all ranges.
     ///
     /// # Errors

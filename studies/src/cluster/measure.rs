@@ -347,7 +347,7 @@ async fn shares_of_samples(client: &Client, size: [u32; 2]) -> Option<Shares> {
         for id in &plan.samples {
             let request = v1::SubscribeRequest {
                 scene_hash: frame.provenance.scene.0.to_vec().into(),
-                version: Some(Version::of_epoch(id.version, frame.provenance.epoch).into()),
+                version: Some(Version { number: id.version, state: frame.provenance.state }.into()),
                 cameras: vec![id.camera],
                 // A worker that does not hold the sample must not render it.
                 prefetch: true,

@@ -9,7 +9,7 @@ use argus_gpu::wgpu::BufferUsages;
 use argus_proto::codec::{self, Layout};
 use argus_proto::jpeg;
 use argus_sampler::GpuSampler;
-use argus_scene::{Cancel, Outputs, Plan, Sampler as _, ViewJob, Visibility};
+use argus_scene::{Cancel, Outputs, Plan, Sampler as _, SceneState, ViewJob, Visibility};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 
@@ -62,7 +62,7 @@ fn encoders(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
         height,
         outputs: Outputs { range: true, ..Outputs::COLOR },
         plan: Plan::Direct { samples_per_pixel: 1 },
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         visibility: Visibility::default(),
         reflections: None,

@@ -12,7 +12,7 @@ use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Indirect, Output, Outputs, Plan, RenderError, SampleJob,
-    Sampler as _, Sampling, Search, Version, ViewJob, Visibility, Warp,
+    Sampler as _, Sampling, SceneState, Search, Version, ViewJob, Visibility, Warp,
 };
 
 use super::oracle::{Judged, Truth};
@@ -243,7 +243,7 @@ impl Stage {
             height,
             outputs,
             plan,
-            epoch: 0,
+            state: SceneState::default(),
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,

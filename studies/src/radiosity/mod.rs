@@ -21,7 +21,9 @@ use argus_sampler::{
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, ViewJob, Visibility};
+use argus_scene::{
+    Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, SceneState, ViewJob, Visibility,
+};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -396,7 +398,7 @@ impl Stage {
             height,
             outputs: Outputs::COLOR,
             plan: Plan::Direct { samples_per_pixel: 1 },
-            epoch: 0,
+            state: SceneState::default(),
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,

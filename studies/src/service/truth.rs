@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, ensure};
 use argus_client::load::burst;
 use argus_client::{Client, RenderOptions};
 use argus_scene::metrics::{FlipTiles, flip_tiles};
-use argus_scene::{Camera, Frame, Outputs, Plan, PlanRequest, Provenance, View};
+use argus_scene::{Camera, Frame, Outputs, Plan, PlanRequest, Provenance, SceneState, View};
 use image::RgbImage;
 
 use crate::median::{mean, median};
@@ -65,8 +65,7 @@ impl Found<'_> {
 #[derive(Debug)]
 struct Truth {
     camera: Camera,
-    /// Epoch of a moving scene; 0 otherwise.
-    epoch: u64,
+    state: SceneState,
     reference: RgbImage,
     /// FLIP of a direct view with one sample per pixel.
     direct: FlipTiles,
@@ -84,9 +83,8 @@ impl Truths {
     /// A reference that is not what was requested, or an image of the wrong size.
     pub(super) async fn judge(&mut self, client: &Client, judged: &[Judged]) -> Result<Errors> {
         self.render_missing(client, judged).await?;
-        let moves = client.description().epoch_secs > 0.0;
         let found = judged.iter().filter_map(|Judged { camera, frame }| {
-            let truth = self.find(camera, epoch_of(frame, moves))?;
+            let truth = self.find(camera, frame.provenance.state)?;
             Some(image_of(frame).and_then(|image| {
                 let shown = flip_tiles(&truth.reference, &image, TILE)?;
                 Ok(Found { shown, direct: &truth.direct, excess: predicted_excess(frame) })
@@ -95,39 +93,38 @@ impl Truths {
         Ok(Errors::of(&found.collect::<Result<Vec<_>>>()?))
     }
 
-    fn find(&self, camera: &Camera, epoch: u64) -> Option<&Truth> {
-        self.0.iter().find(|truth| truth.camera == *camera && truth.epoch == epoch)
+    fn find(&self, camera: &Camera, state: SceneState) -> Option<&Truth> {
+        self.0.iter().find(|truth| truth.camera == *camera && truth.state == state)
     }
 
     async fn render_missing(&mut self, client: &Client, judged: &[Judged]) -> Result<()> {
-        let moves = client.description().epoch_secs > 0.0;
-        let mut missing: Vec<(Camera, u64)> = Vec::new();
+        let mut missing: Vec<(Camera, SceneState)> = Vec::new();
         for Judged { camera, frame } in judged {
-            let wanted = (*camera, epoch_of(frame, moves));
+            let wanted = (*camera, frame.provenance.state);
             if self.find(camera, wanted.1).is_none() && !missing.contains(&wanted) {
                 missing.push(wanted);
             }
         }
         let Some(Judged { frame: like, .. }) = judged.first() else { return Ok(()) };
-        let views = missing.iter().flat_map(|&(camera, epoch)| {
-            [REFERENCE_SIDE, 1].map(|side| direct_view(like, camera, moves.then_some(epoch), side))
+        let views = missing.iter().flat_map(|&(camera, state)| {
+            [REFERENCE_SIDE, 1].map(|side| direct_view(like, camera, state, side))
         });
         let mut frames: Vec<Option<Frame>> = vec![None; 2 * missing.len()];
         // One view in flight per worker of a small cluster: nothing is timed here.
         let patience = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
         burst(client, views.collect(), 2, &patience, |i, answer| frames[i] = Some(answer.frame)).await;
-        for (&(camera, epoch), pair) in missing.iter().zip(frames.chunks_exact(2)) {
+        for (&(camera, state), pair) in missing.iter().zip(frames.chunks_exact(2)) {
             let [Some(reference), Some(direct)] = pair else { continue };
             for frame in [reference, direct] {
                 ensure!(
-                    matches!(frame.provenance.plan, Plan::Direct { .. }) && epoch_of(frame, moves) == epoch,
+                    matches!(frame.provenance.plan, Plan::Direct { .. }) && frame.provenance.state == state,
                     "a reference is not what was asked for: {:?}",
                     frame.provenance
                 );
             }
             let reference = image_of(reference)?;
             let direct = flip_tiles(&reference, &image_of(direct)?, TILE)?;
-            self.0.push(Truth { camera, epoch, reference, direct });
+            self.0.push(Truth { camera, state, reference, direct });
         }
         Ok(())
     }
@@ -169,16 +166,11 @@ fn predicted_excess(frame: &Frame) -> Option<f64> {
     Some(decision.excess)
 }
 
-/// The epoch that a frame shows; 0 in a still scene.
-fn epoch_of(frame: &Frame, moves: bool) -> u64 {
-    if moves { frame.provenance.epoch } else { 0 }
-}
-
-/// A direct view of `side`² samples per pixel, of the size of `like`, pinned to `epoch` if the scene moves.
-fn direct_view(like: &Frame, camera: Camera, epoch: Option<u64>, side: u32) -> View {
+/// A direct view of `side`² samples per pixel, of the size of `like`, that shows this state.
+fn direct_view(like: &Frame, camera: Camera, state: SceneState, side: u32) -> View {
     let plan = PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() };
-    let pin = epoch.map(|epoch| Provenance {
-        epoch,
+    let pin = Some(Provenance {
+        state,
         plan: Plan::Direct { samples_per_pixel: side * side },
         // Any device.
         device: String::new(),

@@ -202,7 +202,7 @@ impl ClientPath {
 #[cfg(test)]
 mod tests {
     use argus_scene::scene::NamedCamera;
-    use argus_scene::{Limits, PlanRequest, Rig, SceneHash};
+    use argus_scene::{LightLevel, Limits, PlanRequest, Rig, SceneHash};
 
     use super::*;
 
@@ -220,6 +220,7 @@ mod tests {
             rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
             defaults: PlanRequest::default(),
             epoch_secs: 0.0,
+            first_light: LightLevel::Full,
         }
     }
 

@@ -96,7 +96,7 @@ fn differences(luma: &[u8], columns: usize, step: usize) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Plan, Provenance, SceneHash, Served};
+    use argus_scene::{Plan, Provenance, SceneHash, SceneState, Served};
 
     use super::*;
 
@@ -115,7 +115,7 @@ mod tests {
             decision: None,
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
-                epoch: 0,
+                state: SceneState::default(),
                 plan: Plan::Direct { samples_per_pixel: 1 },
                 specification: None,
                 device: String::new(),

@@ -5,7 +5,9 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{FaceMask, FaceMasks, InvalidField, Plan, SampleId, SampleSetInfo, Version, View};
+use argus_scene::{
+    FaceMask, FaceMasks, InvalidField, Plan, SampleId, SampleSetInfo, SceneState, Version, View,
+};
 
 use super::{NeededVersions, Samples};
 use crate::core::event::WorkerId;
@@ -25,9 +27,9 @@ pub(in crate::core) struct Advanced {
 }
 
 impl Samples {
-    /// Whether the scene moves.
-    pub(in crate::core) fn scene_moves(&self) -> bool {
-        self.versions.moves()
+    /// Whether further versions will be served: the scene moves, or better light will come.
+    pub(in crate::core) fn versions_change(&self) -> bool {
+        self.versions.changes()
     }
 
     /// Serves a version of the present epoch for a new view, after a pause without views.
@@ -44,12 +46,14 @@ impl Samples {
         needed: &NeededVersions,
         now: Uptime,
     ) -> Advanced {
-        if !self.versions.moves() {
+        if !self.versions.changes() {
             return Advanced::default();
         }
         let served = self.versions.served().number;
-        let refined: Vec<u64> = self.placement.placed().collect();
-        let prepared = refined.iter().map(|&camera| (camera, self.faces_prepared(camera)));
+        // In a moving scene the versions know which cameras are in use.
+        let used = self.recent.cameras().filter(|_| !self.versions.moves());
+        let beside: Vec<u64> = self.placement.placed().chain(used).collect();
+        let prepared = beside.iter().map(|&camera| (camera, self.faces_prepared(camera)));
         let prepared: FaceMasks = prepared.collect();
         let (locations, laggards) = (&self.locations, &mut self.laggards);
         let is_there = |version: Version, camera| {
@@ -77,7 +81,8 @@ impl Samples {
             let next = SampleId { version: version.number, camera };
             locations.holders_of(next, prepared.of(camera)).next().is_some()
         };
-        let (changed, ordered) = self.versions.advance(now, refined, is_there, is_rendered);
+        let now = (now, workers.light());
+        let (changed, ordered) = self.versions.advance(now, beside, is_there, is_rendered);
         if changed {
             self.serve_version(needed);
         }
@@ -148,20 +153,25 @@ impl Samples {
             [_, served] => format!("{what} {served} is"),
         };
         let epochs = kept.map(|version| version.state.epoch);
+        let pinned = pin.state;
         let direct = self.versions.moves() && matches!(pin.plan, Plan::Direct { .. });
-        if !direct && !epochs.contains(&pin.epoch) {
+        if !direct && !epochs.contains(&pinned.epoch) {
             let epochs = are("epoch", epochs);
-            return Err(Fault::Pin(format!("epoch {} is not served here, {epochs}", pin.epoch)));
+            return Err(Fault::Pin(format!("epoch {} is not served here, {epochs}", pinned.epoch)));
         }
         let Plan::Warp(warp) = &pin.plan else { return Ok(()) };
-        let shows = |number| kept.iter().find(|version| version.number == number).map(|v| v.state.epoch);
+        let shows = |number| kept.iter().find(|version| version.number == number).map(|v| v.state);
         match warp.samples.first().map(|id| (id.version, shows(id.version))) {
             Some((number, None)) => {
                 let versions = are("version", kept.map(|version| version.number));
                 Err(Fault::Pin(format!("version {number} is not served here, {versions}")))
             }
-            Some((number, Some(epoch))) if epoch != pin.epoch => {
-                let reason = format!("of version {number} show epoch {epoch}, not epoch {}", pin.epoch);
+            Some((number, Some(SceneState { epoch, .. }))) if epoch != pinned.epoch => {
+                let reason = format!("of version {number} show epoch {epoch}, not epoch {}", pinned.epoch);
+                Err(InvalidField::new("pin.plan.warp.samples", reason).into())
+            }
+            Some((number, Some(SceneState { light, .. }))) if light != pinned.light => {
+                let reason = format!("of version {number} show {light} light, not {} light", pinned.light);
                 Err(InvalidField::new("pin.plan.warp.samples", reason).into())
             }
             _ => Ok(()),

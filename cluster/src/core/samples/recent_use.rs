@@ -24,6 +24,11 @@ impl RecentUse {
         self.used.extend(cameras.map(|camera| (camera, now)));
     }
 
+    /// The cameras whose samples were used lately.
+    pub(super) fn cameras(&self) -> impl Iterator<Item = u64> {
+        self.used.keys().copied()
+    }
+
     /// Whether views asked for a camera's sample lately.
     pub(super) fn is_used(&self, camera: u64) -> bool {
         self.used.contains_key(&camera)

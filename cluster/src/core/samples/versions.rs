@@ -15,13 +15,16 @@
 //! A version that is no longer served is kept until the next change, and while a view that was planned in it is in
 //! work. While no view arrives, no version is issued; the next view starts one of its own time.
 //!
+//! In a still scene, light rises: a version in better light is issued once all workers have that light ready
+//! ([`LightLevel`]), for the cameras in use. It is prepared and served like a version of the next epoch.
+//!
 //! Two versions may show the same state: samples that are rendered differently from now on get a version of their
 //! own, so that no view mixes both.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
-use argus_scene::Version;
+use argus_scene::{LightLevel, SceneState, Version};
 
 use crate::core::time::Uptime;
 
@@ -58,6 +61,7 @@ pub(super) struct Versions {
     /// Longest wait of a version for its next sample.
     patience: Duration,
     served: Prepared,
+    begins_in_direct_light: bool,
     /// The previously served version.
     before: Prepared,
     /// Older versions that views in work need.
@@ -90,6 +94,7 @@ impl Versions {
             interest,
             patience,
             next: first.version.number + 1,
+            begins_in_direct_light: first.version.state.light == LightLevel::Direct,
             served: first.clone(),
             before: first,
             past: Vec::new(),
@@ -143,23 +148,38 @@ impl Versions {
     /// Serves a new version of the present state, since samples are rendered differently from now on. Samples of
     /// older versions can no longer be rendered, so none of these is kept.
     pub(super) fn renew(&mut self) {
-        let version = self.issue(self.served.version.state.epoch);
+        let version = self.issue(self.served.version.state);
         self.served.version = version;
         self.before = self.served.clone();
         self.past.clear();
         self.upcoming.clear();
     }
 
-    /// Issues the next version, which shows this epoch.
-    fn issue(&mut self, epoch: u64) -> Version {
+    /// Issues the next version, which shows this state.
+    fn issue(&mut self, state: SceneState) -> Version {
         let number = self.next;
         self.next += 1;
-        Version::of_epoch(number, epoch)
+        Version { number, state }
     }
 
     /// Whether the scene moves.
     pub(super) fn moves(&self) -> bool {
         self.every.is_some()
+    }
+
+    /// Whether further versions will be served: the scene moves, or better light will come.
+    pub(super) fn changes(&self) -> bool {
+        self.moves() || !self.upcoming.is_empty() || self.light_rises()
+    }
+
+    /// Whether a version in better light will be issued. Light that does not begin at the lowest level stays as it is.
+    fn light_rises(&self) -> bool {
+        self.begins_in_direct_light && !self.moves() && self.newest().state.light.next().is_some()
+    }
+
+    /// The newest version, which may be in preparation.
+    fn newest(&self) -> Version {
+        self.upcoming.back().map_or(self.served.version, |upcoming| upcoming.prepared.version)
     }
 
     /// Serves a version of the present epoch for a new view, after a pause without views. Returns whether the version
@@ -174,7 +194,7 @@ impl Versions {
             return false;
         }
         self.issued = now;
-        let version = self.issue(at);
+        let version = self.issue(SceneState { epoch: at, ..self.served.version.state });
         self.serve(Prepared { version, cameras: BTreeSet::new() });
         true
     }
@@ -193,11 +213,12 @@ impl Versions {
     }
 
     /// Serves the next version if its samples exist (`is_there` of version and camera). Issues another one when its
-    /// time has come and the one before it is rendered (`is_rendered`), for the cameras in use and those of `beside`.
-    /// Returns whether anything changed, and the number of ordered samples.
+    /// time has come, or when workers have better light ready, and the one before it is rendered (`is_rendered`). It is
+    /// for the cameras in use and those of `beside`. Returns whether anything changed, and the number of ordered
+    /// samples.
     pub(super) fn advance(
         &mut self,
-        now: Uptime,
+        (now, light): (Uptime, LightLevel),
         beside: impl IntoIterator<Item = u64>,
         mut is_there: impl FnMut(Version, u64) -> bool,
         is_rendered: impl Fn(Version, u64) -> bool,
@@ -221,31 +242,45 @@ impl Versions {
             }
             changed = true;
         }
-        let Some(every) = self.every else { return (changed, 0) };
         let newest = self.upcoming.back().map(|upcoming| &upcoming.prepared);
         let in_work = newest
             .is_some_and(|Prepared { version, cameras }| !cameras.iter().all(|&c| is_rendered(*version, c)));
         if in_work || self.upcoming.len() >= MOST_UPCOMING {
             return (changed, 0);
         }
-        let last = newest.map_or(self.served.version, |newest| newest.version).state.epoch;
-        self.forget(now);
-        let epoch = self.at(now);
-        if epoch <= last || now.since(self.issued) < every || self.used.is_empty() {
-            return (changed, 0);
-        }
-        if self.plans < self.plans_each {
-            return (changed, 0);
-        }
-        // Late epochs are skipped.
-        self.plans = (self.plans - self.plans_each).min(self.plans_each);
+        let next = match self.every {
+            Some(every) => self.next_epoch(now, every),
+            None => self.next_light(light),
+        };
+        let Some(state) = next else { return (changed, 0) };
         let cameras: BTreeSet<u64> = self.used.keys().copied().chain(beside).collect();
         let ordered = cameras.len();
-        let version = self.issue(epoch);
+        let version = self.issue(state);
         let upcoming = Upcoming { prepared: Prepared { version, cameras }, there: 0, progressed: now };
         self.upcoming.push_back(upcoming);
         self.issued = now;
         (true, ordered)
+    }
+
+    /// The state of the next version in a moving scene, if its time has come. Late epochs are skipped.
+    fn next_epoch(&mut self, now: Uptime, every: Duration) -> Option<SceneState> {
+        let newest = self.newest().state;
+        self.forget(now);
+        let epoch = self.at(now);
+        if epoch <= newest.epoch || now.since(self.issued) < every || self.used.is_empty() {
+            return None;
+        }
+        if self.plans < self.plans_each {
+            return None;
+        }
+        self.plans = (self.plans - self.plans_each).min(self.plans_each);
+        Some(SceneState { epoch, ..newest })
+    }
+
+    /// The state of the next version in a still scene, if workers have better light than the newest one shows.
+    fn next_light(&self, light: LightLevel) -> Option<SceneState> {
+        let newest = self.newest().state;
+        (self.light_rises() && light > newest.light).then_some(SceneState { light, ..newest })
     }
 
     fn serve(&mut self, prepared: Prepared) {
@@ -296,11 +331,11 @@ mod tests {
             Versions::new(Version::default(), None, Duration::from_secs(1), Duration::from_secs(5));
         still.used([1, 2], ms(0));
         assert!(!still.wake(ms(5000)));
-        assert_eq!(still.advance(ms(10_000), [], |_, _| true, |_, _| false), (false, 0));
+        assert_eq!(still.advance((ms(10_000), LightLevel::Full), [], |_, _| true, |_, _| false), (false, 0));
         assert_eq!((still.served().state.epoch, still.prepared().count()), (0, 0));
         assert_eq!(
             Versions::new(Version::default(), Some(Duration::ZERO), DT, DT).advance(
-                ms(10_000),
+                (ms(10_000), LightLevel::Full),
                 [],
                 |_, _| true,
                 |_, _| false
@@ -314,25 +349,33 @@ mod tests {
         let mut versions = versions();
         versions.used([7, 9], ms(0));
         assert_eq!(
-            versions.advance(ms(99), [], |_, _| false, |_, _| false),
+            versions.advance((ms(99), LightLevel::Full), [], |_, _| false, |_, _| false),
             (false, 0),
             "the time of the epoch has not come"
         );
-        assert_eq!(versions.advance(ms(100), [], |_, _| false, |_, _| false), (true, 2));
+        assert_eq!(versions.advance((ms(100), LightLevel::Full), [], |_, _| false, |_, _| false), (true, 2));
         assert_eq!(prepared(&versions), [(1, 7), (1, 9)]);
         assert_eq!(
-            versions.advance(ms(140), [], |v, camera| (v.state.epoch, camera) == (1, 7), |_, _| false),
+            versions.advance(
+                (ms(140), LightLevel::Full),
+                [],
+                |v, camera| (v.state.epoch, camera) == (1, 7),
+                |_, _| false
+            ),
             (false, 0)
         );
         assert_eq!(versions.served().state.epoch, 0);
-        assert_eq!(versions.advance(ms(150), [], |v, _| v.state.epoch == 1, |_, _| false), (true, 0));
+        assert_eq!(
+            versions.advance((ms(150), LightLevel::Full), [], |v, _| v.state.epoch == 1, |_, _| false),
+            (true, 0)
+        );
         assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (1, 0));
         assert_eq!(
-            versions.advance(ms(199), [], |_, _| true, |_, _| false),
+            versions.advance((ms(199), LightLevel::Full), [], |_, _| true, |_, _| false),
             (false, 0),
             "no sooner than Δt after the last"
         );
-        assert_eq!(versions.advance(ms(200), [3], |_, _| false, |_, _| false), (true, 3));
+        assert_eq!(versions.advance((ms(200), LightLevel::Full), [3], |_, _| false, |_, _| false), (true, 3));
         let kept = [(1, 7), (1, 9), (2, 3), (2, 7), (2, 9)];
         assert_eq!(prepared(&versions), kept, "the served epoch's stay");
     }
@@ -347,7 +390,7 @@ mod tests {
             let issued = versions.issued;
             if versions
                 .advance(
-                    ms(now),
+                    (ms(now), LightLevel::Full),
                     [],
                     |_, _| ms(now).since(issued) >= Duration::from_millis(700),
                     |_, _| false,
@@ -369,16 +412,20 @@ mod tests {
     fn while_one_epoch_is_distributed_only_the_next_is_rendered() {
         let mut versions = versions();
         versions.used([1], ms(0));
-        assert_eq!(versions.advance(ms(100), [], |_, _| false, |_, _| false), (true, 1));
+        assert_eq!(versions.advance((ms(100), LightLevel::Full), [], |_, _| false, |_, _| false), (true, 1));
         assert_eq!(
-            versions.advance(ms(250), [], |_, _| false, |_, _| false),
+            versions.advance((ms(250), LightLevel::Full), [], |_, _| false, |_, _| false),
             (false, 0),
             "it is being rendered"
         );
-        assert_eq!(versions.advance(ms(260), [], |_, _| false, |_, _| true), (true, 1), "and now on its way");
-        assert_eq!(versions.advance(ms(400), [], |_, _| false, |_, _| true), (false, 0));
+        assert_eq!(
+            versions.advance((ms(260), LightLevel::Full), [], |_, _| false, |_, _| true),
+            (true, 1),
+            "and now on its way"
+        );
+        assert_eq!(versions.advance((ms(400), LightLevel::Full), [], |_, _| false, |_, _| true), (false, 0));
         assert_eq!(prepared(&versions), [(1, 1), (2, 1)]);
-        assert!(versions.advance(ms(450), [], |v, _| v.state.epoch == 1, |_, _| false).0);
+        assert!(versions.advance((ms(450), LightLevel::Full), [], |v, _| v.state.epoch == 1, |_, _| false).0);
         assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (1, 0));
     }
 
@@ -388,23 +435,25 @@ mod tests {
         versions.used([1], ms(100));
         versions.used([1], ms(200));
         assert_eq!(
-            versions.advance(ms(300), [], |_, _| true, |_, _| true),
+            versions.advance((ms(300), LightLevel::Full), [], |_, _| true, |_, _| true),
             (true, 1),
             "the first one before any view"
         );
         assert_eq!(
-            versions.advance(ms(420), [], |_, _| true, |_, _| true),
+            versions.advance((ms(420), LightLevel::Full), [], |_, _| true, |_, _| true),
             (true, 0),
             "two plans: none is issued"
         );
         versions.used([1], ms(430));
-        assert_eq!(versions.advance(ms(440), [], |_, _| true, |_, _| true), (true, 1));
-        assert_eq!(versions.advance(ms(600), [], |_, _| true, |_, _| true), (true, 0));
+        assert_eq!(versions.advance((ms(440), LightLevel::Full), [], |_, _| true, |_, _| true), (true, 1));
+        assert_eq!(versions.advance((ms(600), LightLevel::Full), [], |_, _| true, |_, _| true), (true, 0));
         (0..30).for_each(|i| versions.used([1], ms(600 + i)));
-        assert_eq!(versions.advance(ms(700), [], |_, _| true, |_, _| true), (true, 1));
+        assert_eq!(versions.advance((ms(700), LightLevel::Full), [], |_, _| true, |_, _| true), (true, 1));
         // Of nine missed epochs, one is made up for.
         let issued = (0..20)
-            .filter(|i| versions.advance(ms(750 + i * 20), [], |_, _| true, |_, _| true).1 > 0)
+            .filter(|i| {
+                versions.advance((ms(750 + i * 20), LightLevel::Full), [], |_, _| true, |_, _| true).1 > 0
+            })
             .count();
         assert_eq!(issued, 1);
     }
@@ -418,7 +467,14 @@ mod tests {
             versions.used([now], ms(now));
             // The samples wanted at the time of issue exist 50 ms later; later ones never do.
             changes += u64::from(
-                versions.advance(ms(now), [], |v, camera| camera <= v.state.epoch * 100, |_, _| false).0,
+                versions
+                    .advance(
+                        (ms(now), LightLevel::Full),
+                        [],
+                        |v, camera| camera <= v.state.epoch * 100,
+                        |_, _| false,
+                    )
+                    .0,
             );
         }
         assert!(
@@ -432,30 +488,33 @@ mod tests {
     fn an_epoch_whose_samples_never_come_is_served_when_patience_ends() {
         let mut versions = versions();
         versions.used([1, 2], ms(0));
-        versions.advance(ms(100), [], |_, _| false, |_, _| false);
-        assert_eq!(versions.advance(ms(4000), [], |_, camera| camera == 1, |_, _| false), (false, 0));
+        versions.advance((ms(100), LightLevel::Full), [], |_, _| false, |_, _| false);
         assert_eq!(
-            versions.advance(ms(8900), [], |_, camera| camera == 1, |_, _| false),
+            versions.advance((ms(4000), LightLevel::Full), [], |_, camera| camera == 1, |_, _| false),
+            (false, 0)
+        );
+        assert_eq!(
+            versions.advance((ms(8900), LightLevel::Full), [], |_, camera| camera == 1, |_, _| false),
             (false, 0),
             "one came at 4 s"
         );
-        assert!(versions.advance(ms(9000), [], |_, camera| camera == 1, |_, _| false).0);
+        assert!(versions.advance((ms(9000), LightLevel::Full), [], |_, camera| camera == 1, |_, _| false).0);
         assert_eq!((versions.served().state.epoch, versions.oldest().state.epoch), (1, 0));
     }
 
     #[test]
     fn without_views_no_epoch_is_issued_and_the_next_view_starts_one() {
         let mut versions = versions();
-        assert_eq!(versions.advance(ms(700), [], |_, _| true, |_, _| false), (false, 0));
+        assert_eq!(versions.advance((ms(700), LightLevel::Full), [], |_, _| true, |_, _| false), (false, 0));
         assert!(versions.wake(ms(750)));
         assert_eq!(versions.served().state.epoch, 7);
         versions.used([1], ms(750));
         assert!(!versions.wake(ms(790)), "a view came just now");
-        assert_eq!(versions.advance(ms(850), [], |_, _| true, |_, _| false), (true, 1));
-        assert_eq!(versions.advance(ms(900), [], |_, _| true, |_, _| false), (true, 0));
+        assert_eq!(versions.advance((ms(850), LightLevel::Full), [], |_, _| true, |_, _| false), (true, 1));
+        assert_eq!(versions.advance((ms(900), LightLevel::Full), [], |_, _| true, |_, _| false), (true, 0));
         assert_eq!(versions.served().state.epoch, 8);
         assert_eq!(
-            versions.advance(ms(1800), [], |_, _| true, |_, _| false),
+            versions.advance((ms(1800), LightLevel::Full), [], |_, _| true, |_, _| false),
             (false, 0),
             "the last view was a second ago"
         );
@@ -473,8 +532,8 @@ mod tests {
 
         let mut moving = versions();
         moving.used([7], ms(0));
-        assert!(moving.advance(ms(100), [], |_, _| false, |_, _| true).0);
-        assert!(moving.advance(ms(200), [], |_, _| true, |_, _| false).0);
+        assert!(moving.advance((ms(100), LightLevel::Full), [], |_, _| false, |_, _| true).0);
+        assert!(moving.advance((ms(200), LightLevel::Full), [], |_, _| true, |_, _| false).0);
         let served = moving.served();
         moving.renew();
         assert_eq!(moving.served().state, served.state);
@@ -483,8 +542,54 @@ mod tests {
         assert_eq!(cameras, BTreeSet::from([7]), "it is got ready for the same cameras");
         // Numbers ascend, whatever the versions show.
         moving.used([7], ms(300));
-        assert!(moving.advance(ms(400), [], |_, _| false, |_, _| false).0);
+        assert!(moving.advance((ms(400), LightLevel::Full), [], |_, _| false, |_, _| false).0);
         let numbers: Vec<u64> = moving.live().iter().map(|version| version.number).collect();
         assert!(numbers.is_sorted_by(|a, b| a < b), "{numbers:?}");
+    }
+
+    #[test]
+    fn better_light_is_a_version_that_is_served_once_its_samples_exist() {
+        let first = Version { number: 0, state: SceneState { epoch: 0, light: LightLevel::Direct } };
+        let mut still = Versions::new(first, None, Duration::from_secs(1), Duration::from_secs(5));
+        let served = |versions: &Versions| (versions.served().number, versions.served().state.light);
+        assert!(still.changes());
+        assert_eq!(still.advance((ms(10), LightLevel::Direct), [3], |_, _| false, |_, _| false), (false, 0));
+        assert_eq!(
+            still.advance((ms(20), LightLevel::Coarse), [3, 4], |_, _| false, |_, _| false),
+            (true, 2)
+        );
+        assert_eq!(prepared(&still), [(0, 3), (0, 4)]);
+        assert_eq!(served(&still), (0, LightLevel::Direct), "its samples are being rendered");
+        // Full light is ready meanwhile.
+        assert_eq!(still.advance((ms(30), LightLevel::Full), [3], |_, _| false, |_, _| false), (false, 0));
+        assert_eq!(still.advance((ms(40), LightLevel::Full), [], |_, _| true, |_, _| true), (true, 0));
+        assert_eq!(served(&still), (1, LightLevel::Coarse));
+        assert_eq!(still.advance((ms(41), LightLevel::Full), [], |_, _| true, |_, _| true), (true, 0));
+        assert_eq!(served(&still), (2, LightLevel::Full), "no camera is in use");
+        assert!(!still.changes(), "no better light will come");
+        assert_eq!(still.advance((ms(50), LightLevel::Full), [3], |_, _| true, |_, _| true), (false, 0));
+    }
+
+    #[test]
+    fn light_that_is_ready_at_once_skips_the_coarse_version() {
+        let first = Version { number: 0, state: SceneState { epoch: 0, light: LightLevel::Direct } };
+        let mut still = Versions::new(first, None, Duration::from_secs(1), Duration::from_secs(5));
+        still.advance((ms(10), LightLevel::Full), [], |_, _| false, |_, _| false);
+        still.advance((ms(20), LightLevel::Full), [], |_, _| false, |_, _| false);
+        assert_eq!(still.served().state.light, LightLevel::Full);
+        assert_eq!(still.served().number, 1);
+    }
+
+    #[test]
+    fn light_that_begins_coarse_stays_so() {
+        let first = Version { number: 0, state: SceneState { epoch: 0, light: LightLevel::Coarse } };
+        for every in [None, Some(DT)] {
+            let mut versions = Versions::new(first, every, Duration::from_secs(1), Duration::from_secs(5));
+            versions.used([1], ms(0));
+            versions.advance((ms(500), LightLevel::Full), [], |_, _| true, |_, _| true);
+            versions.advance((ms(600), LightLevel::Full), [], |_, _| true, |_, _| true);
+            assert_eq!(versions.served().state.light, LightLevel::Coarse);
+            assert_eq!(versions.changes(), every.is_some());
+        }
     }
 }

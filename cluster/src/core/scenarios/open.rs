@@ -221,7 +221,7 @@ fn remembered(sim: &Sim, view: &View, view_id: ViewId, since_change: Option<Dura
     let order = &sim.orders[&view_id];
     let provenance = Provenance {
         scene: sim.core.set().scene,
-        epoch: order.state.epoch,
+        state: order.state,
         plan: order.plan.clone(),
         specification: None,
         device: "device".to_owned(),

@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use argus_proto::Fault;
 use argus_scene::{
-    Camera, FaceMask, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo, View,
+    Camera, FaceMask, Outputs, Plan, PlanRequest, Prediction, Provenance, SampleId, SampleSetInfo,
+    SceneState, View,
 };
 use glam::DVec3;
 
@@ -195,7 +196,14 @@ impl Sim {
             height: 15,
             outputs: Outputs::COLOR,
             plan: PlanRequest::from_samples(),
-            pin: Some(Provenance { scene, epoch, plan, specification: None, device, history: false }),
+            pin: Some(Provenance {
+                scene,
+                state: SceneState::of_epoch(epoch),
+                plan,
+                specification: None,
+                device,
+                history: false,
+            }),
         });
         let client = "a client".into();
         self.step(Event::Requested { view_id, client, view, deadline: None, survey: None, last: None });

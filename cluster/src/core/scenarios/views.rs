@@ -253,7 +253,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
             plan: PlanRequest::from_samples(),
             pin: Some(argus_scene::Provenance {
                 scene: set.scene,
-                epoch: set.version.state.epoch,
+                state: set.version.state,
                 plan: order.plan.clone(),
                 specification: None,
                 device: device.to_owned(),

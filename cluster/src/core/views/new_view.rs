@@ -188,7 +188,7 @@ fn version_of(view: &View, cluster: Cluster<'_>) -> Version {
         Plan::Warp(warp) => warp.samples.first().map_or(served.number, |id| id.version),
         Plan::Direct { .. } => served.number,
     };
-    Version::of_epoch(number, pin.epoch)
+    Version { number, state: pin.state }
 }
 
 /// Adds samples to a plan whose request leaves their number open, if most compositors hold them. Another camera may

@@ -262,8 +262,8 @@ impl Cluster<'_> {
 
     /// Whether a plan at a worker repeats the session's last frame.
     fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
-        let (device, epoch) = (&worker.hello().device, self.samples.set().version.state.epoch);
-        open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, epoch, device))
+        let (device, state) = (&worker.hello().device, self.samples.set().version.state);
+        open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, state, device))
     }
 
     /// The plan of a view from these faces of cameras' samples; `None` without cameras.

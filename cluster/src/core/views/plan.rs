@@ -183,7 +183,7 @@ mod tests {
         let free = plan(&searched()).unwrap();
         let mut pin = Provenance {
             scene: set.scene,
-            epoch: set.version.state.epoch,
+            state: set.version.state,
             plan: free,
             specification: None,
             device: String::new(),

@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use argus_scene::frame::{Decision, Provenance, Reason};
-use argus_scene::{FaceMask, Plan, SampleId, View};
+use argus_scene::{FaceMask, Plan, SampleId, SceneState, View};
 
 use super::planner::{Aim, Offer, choose};
 use crate::core::event::LastView;
@@ -48,9 +48,9 @@ impl Memory {
         })
     }
 
-    /// Whether a frame of this plan, epoch and kind of device has the bytes of the last one.
-    pub(super) fn is_repeated_by(&self, plan: &Plan, epoch: u64, device: &str) -> bool {
-        let is_same = |last: &Provenance| last.plan == *plan && last.epoch == epoch && last.device == device;
+    /// Whether a frame of this plan, state and kind of device has the bytes of the last one.
+    pub(super) fn is_repeated_by(&self, plan: &Plan, state: SceneState, device: &str) -> bool {
+        let is_same = |last: &Provenance| last.plan == *plan && last.state == state && last.device == device;
         self.repeated.as_ref().is_some_and(is_same)
     }
 

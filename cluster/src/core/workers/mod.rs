@@ -25,6 +25,8 @@ mod worker;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use argus_scene::LightLevel;
+
 pub(super) use costs::MeasuredCosts;
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
@@ -113,6 +115,12 @@ impl Workers {
     /// Workers that are ready and not leaving.
     pub(super) fn members(&self) -> impl Iterator<Item = &Worker> {
         self.workers.values().filter(|w| w.is_ready())
+    }
+
+    /// The best light that all workers that answer views have ready.
+    pub(super) fn light(&self) -> LightLevel {
+        let answering = self.workers.values().filter(|worker| worker.answers());
+        answering.map(|worker| worker.report().light).min().unwrap_or(LightLevel::Direct)
     }
 
     /// Workers of each role, by the length of their queues.

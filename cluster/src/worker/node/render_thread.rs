@@ -220,6 +220,7 @@ impl RenderThread {
         report.held = self.store.ids();
         report.partial = self.store.partial();
         report.sample_bytes = self.store.largest();
+        report.light = self.queue.light();
     }
 
     fn overloaded(&self, what: &str) -> Fault {

@@ -92,7 +92,7 @@ impl ServedSet {
         if let Some(same) = self.state.lock().versions.iter().find(|info| info.version.state == state) {
             return Ok((same.clone(), limits));
         }
-        if set.epoch_secs == 0.0 && state != set.version.state {
+        if set.epoch_secs == 0.0 && state.epoch != set.version.state.epoch {
             let (asked, served) = (state.epoch, set.version.state.epoch);
             return Err(Fault::NotFound(format!("this worker serves epoch {served}, not epoch {asked}")));
         }
@@ -134,6 +134,8 @@ impl ServedSet {
             state.set = Some(set);
             self.store.clear();
             self.histories.clear();
+        } else if state.set.as_ref().is_some_and(|old| old.version.number < set.version.number) {
+            state.set = Some(set);
         }
         state.limits = limits;
         new_sampler

@@ -170,7 +170,7 @@ fn frame(job: &ViewJob, scene: &Scene, specification: Specification, seed: u64) 
         decision: None,
         provenance: Provenance {
             scene: scene.hash,
-            epoch: job.epoch,
+            state: job.state,
             plan: job.plan.clone(),
             specification: Some(specification),
             device: DEVICE.to_owned(),
@@ -186,7 +186,7 @@ fn stages(us: &AtomicU64) -> Vec<Stage> {
 }
 
 fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
-    let text = format!("{:?} {:?} {} {} {}", job.camera, job.plan, job.width, job.height, job.epoch);
+    let text = format!("{:?} {:?} {} {} {}", job.camera, job.plan, job.width, job.height, job.state.epoch);
     hash(&[text.as_bytes(), more])
 }
 

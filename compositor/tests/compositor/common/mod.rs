@@ -12,8 +12,8 @@ use argus_scene::tone::display_from_radiance;
 use argus_scene::{
     Bounds, Camera, Cancel, Compositor as _, FaceMask, Frame, Indirect, Light, Lighting, OmniLayout, Outputs,
     Plan, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId,
-    SampleSet, SampleSetInfo, Sampling, SceneHash, Search, Sky, Specification, Version, ViewJob, Visibility,
-    Warp,
+    SampleSet, SampleSetInfo, Sampling, SceneHash, SceneState, Search, Sky, Specification, Version, ViewJob,
+    Visibility, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -341,7 +341,7 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
         height,
         outputs: EVERYTHING,
         plan,
-        epoch: 3,
+        state: SceneState::of_epoch(3),
         time_secs: 0.3,
         visibility: Visibility::default(),
         reflections: None,

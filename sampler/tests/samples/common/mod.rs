@@ -10,7 +10,7 @@ use argus_scene::rig::Rig;
 use argus_scene::{
     Bounds, Camera, Cancel, Frame, Indirect, Instance, Light, Lighting, Material, Mesh, Outputs, Plan,
     PlaneData, PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, SceneHash,
-    Sky, Specification, Version, ViewJob, Visibility,
+    SceneState, Sky, Specification, Version, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use image::RgbImage;
@@ -39,7 +39,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         height: size[1],
         outputs: Outputs { range: true, ..Outputs::COLOR },
         plan: Plan::Direct { samples_per_pixel },
-        epoch: 0,
+        state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,
         history: None,

@@ -1,7 +1,7 @@
 //! Tests of the sequence of a session's frames, as offers change.
 
 use argus_scene::rig::Coverage;
-use argus_scene::{Camera, Outputs, PlanRequest, Preset, SceneHash, Warp};
+use argus_scene::{Camera, Outputs, PlanRequest, Preset, SceneHash, SceneState, Warp};
 use glam::DVec3;
 use proptest::prelude::*;
 
@@ -64,7 +64,9 @@ impl Session {
         let last = self.last.clone().map(|last| LastView { since_change, ..last });
         let memory = last.and_then(|last| Memory::of(&self.view, last));
         let is_repeated = |offer: &Offer| {
-            memory.as_ref().is_some_and(|memory| memory.is_repeated_by(&offer.plan, 0, "device"))
+            memory
+                .as_ref()
+                .is_some_and(|memory| memory.is_repeated_by(&offer.plan, SceneState::of_epoch(0), "device"))
         };
         let offers = offers.iter().map(|offer| Offer { repeats: is_repeated(offer), ..offer.clone() });
         let aim = Aim::of(&self.view.plan);
@@ -75,7 +77,14 @@ impl Session {
         }
         let (scene, device) = (SceneHash([1; 32]), "device".to_owned());
         let plan = offer.plan.clone();
-        let provenance = Provenance { scene, epoch: 0, plan, specification: None, device, history: false };
+        let provenance = Provenance {
+            scene,
+            state: SceneState::default(),
+            plan,
+            specification: None,
+            device,
+            history: false,
+        };
         let (view, reason) = (self.view.clone(), decision.reason);
         self.last = Some(LastView { view, provenance, reason, since_change: None });
         (offer.plan, decision.reason)
@@ -214,13 +223,13 @@ fn another_size_epoch_or_device_repeats_nothing() {
     let (plan, _) = session.frame(0, &[warp(7, 5.0, FULL)]);
     let last = session.last.clone().unwrap();
     let memory = Memory::of(&session.view, last.clone()).unwrap();
-    assert!(memory.is_repeated_by(&plan, 0, "device"));
-    assert!(!memory.is_repeated_by(&plan, 1, "device"));
-    assert!(!memory.is_repeated_by(&plan, 0, "another device"));
-    assert!(!memory.is_repeated_by(&direct(1.0).plan, 0, "device"));
+    assert!(memory.is_repeated_by(&plan, SceneState::of_epoch(0), "device"));
+    assert!(!memory.is_repeated_by(&plan, SceneState::of_epoch(1), "device"));
+    assert!(!memory.is_repeated_by(&plan, SceneState::of_epoch(0), "another device"));
+    assert!(!memory.is_repeated_by(&direct(1.0).plan, SceneState::of_epoch(0), "device"));
     let larger = View { width: 41, ..session.view.clone() };
     let memory = Memory::of(&larger, last).unwrap();
-    assert!(!memory.is_repeated_by(&plan, 0, "device"));
+    assert!(!memory.is_repeated_by(&plan, SceneState::of_epoch(0), "device"));
     assert_eq!(memory.samples().count(), 0);
 }
 
