@@ -14,6 +14,7 @@
 //! image) or `trouble` (the service does not answer).
 
 use argus_client::FrameMeta;
+use argus_scene::effects::EffectKind;
 use argus_scene::{Camera, Frame, Holes, InvalidField, Outputs, Plan, PlanRequest, View};
 use glam::DVec3;
 use serde::de::DeserializeOwned;
@@ -92,6 +93,7 @@ fn field<T: DeserializeOwned>(name: &'static str, value: &Value) -> Result<T, In
 /// - `because`: why the service chose that, or null if it was requested.
 /// - `samples`: their number, 0 for a direct view.
 /// - `stages`: the timed steps with their `ms`; `rendering_ms` is the sum of those that are rendering.
+/// - `effects`: milliseconds of each effect of light that was computed for it, by name.
 /// - `age_ms`: the time since the request reached the service.
 /// - `predicted`: the expected `error` and `ms`, or null.
 pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
@@ -102,6 +104,13 @@ pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
             (warp.search.name(), way, warp.samples.len())
         }
     };
+    let effects: Map<String, Value> = EffectKind::ALL
+        .into_iter()
+        .filter_map(|effect| {
+            let ms = effect.ms_of(&frame.stages).filter(|ms| *ms > 0.0)?;
+            Some((effect.name().to_owned(), ms.into()))
+        })
+        .collect();
     let about = json!({
         "search": search,
         "way": way,
@@ -113,6 +122,7 @@ pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
         "epoch": frame.provenance.state.epoch,
         "light": frame.provenance.state.light,
         "stages": frame.stages,
+        "effects": effects,
         "plan": frame.provenance.plan,
         "predicted": frame.predicted,
         "worker": meta.worker,
