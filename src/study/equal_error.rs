@@ -26,6 +26,9 @@ pub(super) struct EqualError {
     /// Paths of the reference for each of a pixel's 16 samples; its time is proportional [default: 8]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     paths: Option<u32>,
+    /// Folder for all images
+    #[arg(long, value_name = "DIR")]
+    images: Option<PathBuf>,
     /// Measure Mitsuba 3, too, by this script: `scripts/mitsuba`, which installs it
     #[arg(long, value_name = "SCRIPT")]
     mitsuba: Option<PathBuf>,
@@ -41,6 +44,7 @@ impl EqualError {
         self.size.replace(&mut options.size);
         options.views = self.views.map_or(options.views, usize::from);
         options.truth_paths = self.paths.unwrap_or(options.truth_paths);
+        options.images = self.images;
         let paths = [1, 4, 16, 64, 256];
         options.mitsuba = self.mitsuba.map(|script| Mitsuba {
             script,

@@ -8,7 +8,7 @@ use argus_compositor::{GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::metrics::{self, Comparison};
-use argus_scene::reference::{DirectLight, Indirect as Paths, ReferenceImage, SceneSight, Tracer, cache};
+use argus_scene::reference::{DirectLight, Indirect as Paths, SceneSight, Tracer, cache};
 use argus_scene::rig::{Among, Sight};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
@@ -261,21 +261,10 @@ impl Bench {
     /// side in `sides`. Images are cached between runs.
     pub(crate) fn truth(&self, camera: &Camera, size: [u32; 2], samples: u32, sides: &[u32]) -> Truth {
         let exposure = self.scene.lighting.exposure;
-        let image = self.reference(camera, size, samples, self.truth_paths);
+        let (folder, paths) = (cache::directory(), self.truth_paths);
+        let image = cache::render_with(folder.as_deref(), &self.tracer, camera, size, samples, paths, |_| ());
         let ranges = sides.iter().map(|&side| (side, self.ranges(camera, size, side))).collect();
         Truth { image: image.display(exposure), ranges }
-    }
-
-    /// The reference of a view, kept between runs.
-    pub(crate) fn reference(
-        &self,
-        camera: &Camera,
-        size: [u32; 2],
-        samples: u32,
-        paths: Option<Paths>,
-    ) -> ReferenceImage {
-        let folder = cache::directory();
-        cache::render_with(folder.as_deref(), &self.tracer, camera, size, samples, paths, |_| ())
     }
 
     /// True ranges in metres, row by row, through the sub-pixel whose range a frame with `side`² sub-pixels reports: the
@@ -353,7 +342,11 @@ pub(crate) fn device_ms(frames: &[Frame]) -> f64 {
 
 /// FLIP, PSNR and SSIM of a frame against the reference image.
 pub(crate) fn compare(frame: &Frame, reference: &RgbImage) -> Result<Comparison> {
+    Ok(metrics::compare(reference, &image_of(frame)?)?)
+}
+
+/// A frame's colour.
+pub(crate) fn image_of(frame: &Frame) -> Result<RgbImage> {
     let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
-    let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
-    Ok(metrics::compare(reference, &image)?)
+    RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
 }

@@ -34,6 +34,7 @@ pub mod overload;
 pub mod particles;
 mod plot;
 mod processes;
+mod radiance;
 pub mod radiosity;
 pub mod rays;
 pub mod reflections;

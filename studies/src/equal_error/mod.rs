@@ -3,7 +3,7 @@
 //! Sun, soft shadows, sky and light between surfaces are on, exposure is metered. Four ways stand side by side, each with
 //! its mean FLIP against a converged reference of several views:
 //!
-//! - *samples*: views warped from samples of some resolution;
+//! - *samples*: views warped from samples of some resolution, or from direct frames of neighbours ([`reuse`]);
 //! - *direct*: views from triangles, which look up the same cached light between surfaces as samples do;
 //! - *paths*: the reference tracer, which caches nothing: paths from every pixel, in f64;
 //! - *mitsuba*: Mitsuba 3, if the script is given, against its own converged images.
@@ -13,14 +13,16 @@
 
 mod curve;
 mod mitsuba;
+mod reuse;
 mod rivals;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{Indirect, PathKnobs, SamplerKnobs};
-use argus_scene::metrics::flip_mean;
+use argus_scene::metrics::{FlipTiles, flip_tiles};
 use argus_scene::reference::{DirectLight, Indirect as Paths};
 use argus_scene::{Camera, LightEffects, Outputs, Plan, RigKind, RigKnobs, Scene, ViewJob, Visibility, Warp};
 use image::RgbImage;
@@ -29,11 +31,12 @@ use serde_json::{Map, Value, json};
 
 pub use self::mitsuba::Mitsuba;
 use self::rivals::Rival;
-use crate::bench::{Bench, compare};
+use crate::bench::{Bench, image_of};
 use crate::break_even::break_even;
 use crate::median::{mean, median};
 use crate::metered::open_metered;
 use crate::plot::{Axis, Plot, Series};
+use crate::radiance::{RadianceError, Reference};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.
@@ -49,6 +52,10 @@ pub struct Options {
     pub samples: usize,
     /// Resolutions of samples: texels along a cube's edge, and sub-samples of a texel.
     pub resolutions: Vec<[u32; 2]>,
+    /// Distances in metres of direct frames that serve as samples, to the left and right of a view.
+    pub frames_aside: Vec<f64>,
+    /// Samples a pixel of these frames.
+    pub frame_samples: u32,
     /// Samples a pixel of direct views.
     pub direct: Vec<u32>,
     /// Samples a pixel of the tracer without cache, and paths of each.
@@ -63,6 +70,8 @@ pub struct Options {
     pub truth_paths: u32,
     /// Measured rounds; each time is their median.
     pub rounds: usize,
+    /// Folder for all images.
+    pub images: Option<PathBuf>,
 }
 
 impl Default for Options {
@@ -74,6 +83,8 @@ impl Default for Options {
             views: 4,
             samples: 4,
             resolutions: vec![[512, 4], [256, 4], [256, 1], [128, 1], [64, 1]],
+            frames_aside: vec![0.05, 0.2, 0.8],
+            frame_samples: 1,
             direct: vec![1, 4, 16],
             paths: vec![[1, 1], [1, 4], [4, 4], [4, 16], [16, 16]],
             patience_secs: 20.0,
@@ -81,6 +92,7 @@ impl Default for Options {
             truth_samples: 16,
             truth_paths: 8,
             rounds: 3,
+            images: None,
         }
     }
 }
@@ -92,6 +104,7 @@ impl Effort for Options {
             views: 2,
             samples: 2,
             resolutions: vec![[64, 1]],
+            frames_aside: vec![0.1],
             direct: vec![1, 4],
             paths: vec![[1, 1], [1, 4]],
             truth_samples: 4,
@@ -113,20 +126,32 @@ struct Subject<'a> {
     gpu: Arc<Gpu>,
     scene: Arc<Scene>,
     views: Vec<Camera>,
+    references: Vec<Reference>,
     truths: Vec<RgbImage>,
-    /// Mean FLIP between the references and ones of half as many paths.
-    truth_noise: f64,
 }
 
-/// Views from samples of one resolution.
-struct FromSamples {
-    resolution: [u32; 2],
-    view_ms: f64,
+/// Mean errors of views.
+#[derive(Clone)]
+struct Errors {
     flip: f64,
+    /// Of each view, by tiles of [`TILE`] pixels.
+    tiles: Vec<FlipTiles>,
+    radiance: RadianceError,
+}
+
+/// Views from samples.
+struct FromSamples {
+    /// The samples in a few words.
+    name: String,
+    view_ms: f64,
+    errors: Errors,
     unresolved: f64,
     /// Milliseconds of the samples of one view.
     samples_ms: f64,
 }
+
+/// Edge of a tile in pixels, as the service judges views by tiles.
+const TILE: u32 = 32;
 
 /// Runs the study; `progress` counts settings.
 ///
@@ -134,15 +159,26 @@ struct FromSamples {
 /// A scene that cannot be opened, no GPU, a render that fails, or Mitsuba's script fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    let settings = options.resolutions.len() + options.direct.len() + options.paths.len() + 1;
+    let settings = options.resolutions.len()
+        + options.frames_aside.len()
+        + options.direct.len()
+        + options.paths.len()
+        + 1;
     progress.set_length(settings as u64);
     progress.set_message("tracing the reference");
     let scene = open_metered(&options.scene)?;
-    let bench = bench(&gpu, &scene, [64, 1])?;
+    let mut bench = bench(&gpu, &scene, [64, 1])?;
     let subject = Subject::new(options, &gpu, &bench);
     progress.inc(1);
-    let mut rivals = vec![subject.direct(bench, progress)?];
+    let (direct, base) = subject.direct(&mut bench, progress)?;
+    let mut rivals = vec![direct];
     let mut found = Vec::new();
+    for &aside in &options.frames_aside {
+        progress.set_message("direct frames as samples");
+        found.push(subject.from_frames(&mut bench, aside)?);
+        progress.inc(1);
+    }
+    drop(bench);
     for &resolution in &options.resolutions {
         progress.set_message(format!("samples of {}", name_of(resolution)));
         found.push(subject.from_samples(resolution)?);
@@ -150,7 +186,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     }
     rivals.push(subject.paths(progress)?);
     rivals.extend(options.mitsuba.as_ref().map(|mitsuba| subject.mitsuba(mitsuba, progress)).transpose()?);
-    Ok(subject.report(&found, &rivals))
+    Ok(subject.report(&found, &rivals, &base))
 }
 
 /// The shared setup, with samples of a resolution.
@@ -169,24 +205,39 @@ fn bench(gpu: &Arc<Gpu>, scene: &Arc<Scene>, [face, sub_samples]: [u32; 2]) -> R
 impl<'a> Subject<'a> {
     fn new(options: &'a Options, gpu: &Arc<Gpu>, bench: &Bench) -> Self {
         let views = bench.walk(options.views);
-        let exposure = bench.scene.lighting.exposure;
-        let truth = |camera: &Camera, paths: u32| {
-            let paths = Paths { paths, bounces: light().1.bounces };
-            bench.reference(camera, options.size, options.truth_samples, Some(paths)).display(exposure)
+        // The halves share the paths.
+        let paths = Paths { paths: (options.truth_paths / 2).max(1), bounces: light().1.bounces };
+        let reference = |camera: &Camera| {
+            let (size, samples) = (options.size, options.truth_samples);
+            Reference::render(&bench.tracer, &bench.scene.lighting, camera, size, samples, Some(paths))
         };
-        let truths: Vec<RgbImage> = views.iter().map(|view| truth(view, options.truth_paths)).collect();
-        let halves = views.iter().map(|view| truth(view, (options.truth_paths / 2).max(1)));
-        // Both have the same size.
-        let noise =
-            truths.iter().zip(halves).map(|(whole, half)| flip_mean(whole, &half).unwrap_or(f64::NAN));
-        let truth_noise = mean(noise);
-        Self { options, gpu: Arc::clone(gpu), scene: Arc::clone(&bench.scene), views, truths, truth_noise }
+        let references: Vec<Reference> = views.iter().map(reference).collect();
+        let truths = references.iter().map(Reference::display).collect();
+        Self { options, gpu: Arc::clone(gpu), scene: Arc::clone(&bench.scene), views, references, truths }
     }
 
-    /// Mean FLIP of images against the references.
-    fn flip(&self, images: impl IntoIterator<Item = RgbImage>) -> Result<f64> {
-        let errors = self.truths.iter().zip(images).map(|(truth, image)| flip_mean(truth, &image));
-        Ok(mean(errors.collect::<Result<Vec<_>, _>>()?))
+    /// Mean errors of images against the references; saves the images.
+    fn judge(&self, name: &str, images: &[RgbImage]) -> Result<Errors> {
+        let tiles = self.truths.iter().zip(images).map(|(truth, image)| flip_tiles(truth, image, TILE));
+        let tiles = tiles.collect::<Result<Vec<_>, _>>()?;
+        let radiance: Vec<RadianceError> =
+            self.references.iter().zip(images).map(|(reference, image)| reference.errors(image)).collect();
+        self.save(name, images)?;
+        let of = |field: fn(&RadianceError) -> f64| mean(radiance.iter().map(field));
+        let radiance =
+            RadianceError { error: of(|r| r.error), bias: of(|r| r.bias), energy: of(|r| r.energy) };
+        Ok(Errors { flip: mean(tiles.iter().map(|view| view.mean)), tiles, radiance })
+    }
+
+    fn save(&self, name: &str, images: &[RgbImage]) -> Result<()> {
+        let Some(folder) = &self.options.images else { return Ok(()) };
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+        let name: String = name.chars().map(plain).collect();
+        for (view, image) in images.iter().enumerate() {
+            image.save(folder.join(format!("{name}-{view}.png")))?;
+        }
+        Ok(())
     }
 
     fn jobs(&self, bench: &Bench, plan: impl Fn(&Camera) -> Plan) -> Vec<ViewJob> {
@@ -204,38 +255,50 @@ impl<'a> Subject<'a> {
             |view: &Camera| Warp { samples: bench.sample_ids(view, self.options.samples), ..Warp::default() };
         let jobs = self.jobs(&bench, |view| Plan::Warp(of_view(view)));
         let samples = mean(self.views.iter().map(|view| of_view(view).samples.len() as f64));
-        bench.decide_program(&jobs)?;
+        let samples_ms = cost.ms / cost.count.max(1) as f64 * samples;
+        self.composed(&mut bench, &jobs, name_of(resolution), samples_ms)
+    }
+
+    /// Times and judges views from samples that are held.
+    fn composed(
+        &self,
+        bench: &mut Bench,
+        jobs: &[ViewJob],
+        name: String,
+        samples_ms: f64,
+    ) -> Result<FromSamples> {
+        bench.decide_program(jobs)?;
         let (mut times, mut frames) = (Vec::new(), Vec::new());
         for _ in 0..self.options.rounds.max(1) {
-            let (ms, found) = bench.time(&jobs)?;
+            let (ms, found) = bench.time(jobs)?;
             times.push(ms / jobs.len() as f64);
             frames = found;
         }
-        let errors = frames.iter().zip(&self.truths).map(|(frame, truth)| compare(frame, truth));
-        let errors = errors.collect::<Result<Vec<_>>>()?;
-        Ok(FromSamples {
-            resolution,
-            view_ms: median(&times),
-            flip: mean(errors.iter().map(|error| error.flip_mean)),
-            unresolved: mean(frames.iter().map(|frame| frame.unresolved_fraction)),
-            samples_ms: cost.ms / cost.count.max(1) as f64 * samples,
-        })
+        let images = frames.iter().map(image_of).collect::<Result<Vec<_>>>()?;
+        let errors = self.judge(&format!("samples {name}"), &images)?;
+        let unresolved = mean(frames.iter().map(|frame| frame.unresolved_fraction));
+        Ok(FromSamples { name, view_ms: median(&times), errors, unresolved, samples_ms })
     }
 
-    fn report(&self, found: &[FromSamples], rivals: &[Rival]) -> Report {
+    fn report(&self, found: &[FromSamples], rivals: &[Rival], base: &Errors) -> Report {
         let mut rows: Vec<Map<String, Value>> = Vec::new();
-        let empty = |way: &str, setting: String, view_ms: f64, flip: f64| {
+        let empty = |way: &str, setting: String, view_ms: f64, flip: f64, radiance: Option<RadianceError>| {
             report::row(json!({
-                "way": way, "setting": setting, "view_ms": view_ms, "flip": flip, "unresolved": null,
+                "way": way, "setting": setting, "view_ms": view_ms, "flip": flip,
+                "error": radiance.map(|r| r.error), "bias": radiance.map(|r| r.bias),
+                "energy": radiance.map(|r| r.energy), "excess_flip": null, "excess_tile": null, "unresolved": null,
                 "samples_ms": null, "direct_ms": null, "paths_ms": null, "mitsuba_ms": null, "pays_from": null,
             }))
         };
         for samples in found {
-            let mut row = empty("samples", name_of(samples.resolution), samples.view_ms, samples.flip);
+            let Errors { flip, radiance, .. } = samples.errors;
+            let mut row = empty("samples", samples.name.clone(), samples.view_ms, flip, Some(radiance));
+            row.insert("excess_flip".to_owned(), (flip - base.flip).into());
+            row.insert("excess_tile".to_owned(), worst_excess(&samples.errors.tiles, &base.tiles).into());
             row.insert("unresolved".to_owned(), samples.unresolved.into());
             row.insert("samples_ms".to_owned(), samples.samples_ms.into());
             for rival in rivals {
-                let ms = rival.curve().ms_at(samples.flip);
+                let ms = rival.curve().ms_at(samples.errors.flip);
                 row.insert(format!("{}_ms", rival.way), ms.into());
                 if rival.way == "direct" {
                     let views = ms.and_then(|ms| break_even(samples.samples_ms, samples.view_ms, ms));
@@ -246,7 +309,7 @@ impl<'a> Subject<'a> {
         }
         for rival in rivals {
             let settings = rival.settings.iter();
-            rows.extend(settings.map(|s| empty(rival.way, s.name.clone(), s.view_ms, s.flip)));
+            rows.extend(settings.map(|s| empty(rival.way, s.name.clone(), s.view_ms, s.flip, s.radiance)));
         }
         let mut report = Report::new(&self.scene.name, Machine::here(self.gpu.kind()), rows);
         report.notes = self.notes(found, rivals);
@@ -260,9 +323,15 @@ impl<'a> Subject<'a> {
         let mut notes = vec![
             format!(
                 "{views} views of {width}×{height} pixels. Reference: {truth_samples} samples a pixel with {truth_paths} paths \
-                 each; FLIP to one with half as many paths: {:.4}, about the error that its noise adds to every row.",
-                self.truth_noise
+                 each; FLIP between its halves: {:.3}, and its noise adds about half of that to every row.",
+                mean(self.references.iter().map(Reference::noise))
             ),
+            "error: root mean squared error of radiance over the root mean square, free of the reference's noise; bias: the same \
+             of blocks of 8×8 pixels; energy: mean radiance over the reference's. White pixels are left out."
+                .to_owned(),
+            "excess_flip: FLIP minus that of direct views with one sample a pixel; excess_tile: largest such difference of a \
+             tile. Frames: the views are warped from two direct frames, taken left and right of each."
+                .to_owned(),
             "samples_ms: the samples of one view, all six faces. direct_ms, paths_ms, mitsuba_ms: a view of that way with the \
              row's error, between measured settings; none, if no measured setting is that good. pays_from: views of a \
              viewpoint from which its samples cost less than such direct views. Lighting the scene's leaf sides, which \
@@ -271,12 +340,12 @@ impl<'a> Subject<'a> {
         ];
         for samples in found {
             let times: Vec<String> =
-                rivals.iter().map(|rival| rival.times_of(samples.flip, samples.view_ms)).collect();
+                rivals.iter().map(|rival| rival.times_of(samples.errors.flip, samples.view_ms)).collect();
             notes.push(format!(
-                "Samples of {}: {:.2} ms a view with FLIP {:.3}. At that error: {}.",
-                name_of(samples.resolution),
+                "Samples, {}: {:.2} ms a view with FLIP {:.3}. At that error: {}.",
+                samples.name,
                 samples.view_ms,
-                samples.flip,
+                samples.errors.flip,
                 times.join("; ")
             ));
         }
@@ -286,7 +355,7 @@ impl<'a> Subject<'a> {
     fn plot(&self, found: &[FromSamples], rivals: &[Rival]) -> Plot {
         let samples = Series {
             name: "samples".to_owned(),
-            points: found.iter().map(|samples| (samples.view_ms, samples.flip)).collect(),
+            points: found.iter().map(|samples| (samples.view_ms, samples.errors.flip)).collect(),
             line: false,
         };
         let of_rival = |rival: &Rival| Series {
@@ -304,6 +373,12 @@ impl<'a> Subject<'a> {
             ..Plot::default()
         }
     }
+}
+
+/// The largest excess of a tile's error over that of the same tile in other images.
+fn worst_excess(tiles: &[FlipTiles], base: &[FlipTiles]) -> f64 {
+    let views = tiles.iter().zip(base).flat_map(|(view, base)| view.tiles.iter().zip(&base.tiles));
+    views.map(|(tile, base)| tile - base).fold(0.0, f64::max)
 }
 
 /// A resolution of samples in a few words.

@@ -10,9 +10,10 @@ use indicatif::ProgressBar;
 
 use super::curve::Curve;
 use super::mitsuba::Mitsuba;
-use super::{Subject, light};
-use crate::bench::{Bench, compare};
+use super::{Errors, Subject, light};
+use crate::bench::{Bench, image_of};
 use crate::median::{mean, median};
+use crate::radiance::RadianceError;
 
 /// A way, and its measured settings.
 pub(super) struct Rival {
@@ -26,6 +27,8 @@ pub(super) struct Setting {
     pub(super) view_ms: f64,
     /// Mean FLIP against the way's reference.
     pub(super) flip: f64,
+    /// Errors of radiance against our reference; `None` for Mitsuba, which has its own.
+    pub(super) radiance: Option<RadianceError>,
 }
 
 impl Rival {
@@ -49,12 +52,14 @@ impl Rival {
 
 impl Subject<'_> {
     /// Views from triangles, which look up light between surfaces in the same leaf sides as samples.
-    pub(super) fn direct(&self, mut bench: Bench, progress: &ProgressBar) -> Result<Rival> {
-        let mut settings = Vec::new();
+    ///
+    /// Returns the errors of the first setting, too.
+    pub(super) fn direct(&self, bench: &mut Bench, progress: &ProgressBar) -> Result<(Rival, Errors)> {
+        let (mut settings, mut first) = (Vec::new(), None);
         for &samples_per_pixel in &self.options.direct {
             let name = format!("{samples_per_pixel} a pixel");
             progress.set_message(format!("direct views, {name}"));
-            let jobs: Vec<ViewJob> = self.jobs(&bench, |_| Plan::Direct { samples_per_pixel });
+            let jobs: Vec<ViewJob> = self.jobs(bench, |_| Plan::Direct { samples_per_pixel });
             // The first lights the leaf sides and compiles pipelines.
             bench.time(&jobs[..1])?;
             let (mut times, mut frames) = (Vec::new(), Vec::new());
@@ -63,13 +68,14 @@ impl Subject<'_> {
                 times.push(ms / jobs.len() as f64);
                 frames = found;
             }
-            let errors = frames.iter().zip(&self.truths).map(|(frame, truth)| compare(frame, truth));
-            let errors = errors.collect::<Result<Vec<_>>>()?;
-            let flip = mean(errors.iter().map(|error| error.flip_mean));
-            settings.push(Setting { name, view_ms: median(&times), flip });
+            let images = frames.iter().map(image_of).collect::<Result<Vec<_>>>()?;
+            let errors = self.judge(&format!("direct {name}"), &images)?;
+            let Errors { flip, radiance, .. } = errors;
+            settings.push(Setting { name, view_ms: median(&times), flip, radiance: Some(radiance) });
+            first.get_or_insert(errors);
             progress.inc(1);
         }
-        Ok(Rival { way: "direct", settings })
+        Ok((Rival { way: "direct", settings }, first.context("no direct view is measured")?))
     }
 
     /// Views by the reference tracer: rays to the lights and paths from every sample of a pixel.
@@ -93,7 +99,8 @@ impl Subject<'_> {
                 times.push(begin.elapsed().as_secs_f64() * 1e3);
                 images.push(image.display(exposure));
             }
-            settings.push(Setting { name, view_ms: mean(times), flip: self.flip(images)? });
+            let Errors { flip, radiance, .. } = self.judge(&format!("paths {name}"), &images)?;
+            settings.push(Setting { name, view_ms: mean(times), flip, radiance: Some(radiance) });
         }
         Ok(Rival { way: "paths", settings })
     }
@@ -108,6 +115,7 @@ impl Subject<'_> {
             name: format!("{} paths a pixel", timed.paths),
             view_ms: timed.view_ms,
             flip: timed.flip,
+            radiance: None,
         };
         Ok(Rival { way: "mitsuba", settings: timed.into_iter().map(setting).collect() })
     }
