@@ -169,6 +169,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let scene = open_metered(&options.scene)?;
     let mut bench = bench(&gpu, &scene, [64, 1])?;
     let subject = Subject::new(options, &gpu, &bench);
+    subject.save("reference", &subject.truths)?;
     progress.inc(1);
     let (direct, base) = subject.direct(&mut bench, progress)?;
     let mut rivals = vec![direct];
