@@ -233,6 +233,8 @@ impl Subject {
         let flip = mean(flips.collect::<Result<Vec<_>, _>>()?);
         let errors: Vec<RadianceError> =
             self.references.iter().zip(&images).map(|(reference, image)| reference.errors(image)).collect();
+        // A view without light has no relative error.
+        let of = |field: fn(&RadianceError) -> f64| mean(errors.iter().map(field).filter(|e| e.is_finite()));
         let (before_s, view_s) = ((first - median(&times)).max(0.0), median(&times));
         let leaves = sampler.paths().unwrap_or_default();
         let of_leaves = |ms: f64| (leaves.sides > 0).then_some(ms);
@@ -241,9 +243,9 @@ impl Subject {
             "before_s": before_s,
             "view_s": view_s,
             "flip": flip,
-            "error": mean(errors.iter().map(|errors| errors.error)),
-            "bias": mean(errors.iter().map(|errors| errors.bias)),
-            "energy": mean(errors.iter().map(|errors| errors.energy)),
+            "error": of(|errors| errors.error),
+            "bias": of(|errors| errors.bias),
+            "energy": of(|errors| errors.energy),
             "leaf_sides": (leaves.sides > 0).then_some(leaves.sides),
             "build_ms": of_leaves(leaves.build_ms),
             "links_ms": of_leaves(leaves.links_ms),

@@ -224,7 +224,9 @@ impl<'a> Subject<'a> {
         let radiance: Vec<RadianceError> =
             self.references.iter().zip(images).map(|(reference, image)| reference.errors(image)).collect();
         self.save(name, images)?;
-        let of = |field: fn(&RadianceError) -> f64| mean(radiance.iter().map(field));
+        // A view without light has no relative error.
+        let of =
+            |field: fn(&RadianceError) -> f64| mean(radiance.iter().map(field).filter(|e| e.is_finite()));
         let radiance =
             RadianceError { error: of(|r| r.error), bias: of(|r| r.bias), energy: of(|r| r.energy) };
         Ok(Errors { flip: mean(tiles.iter().map(|view| view.mean)), tiles, radiance })
