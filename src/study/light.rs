@@ -13,7 +13,7 @@ use crate::args;
 
 /// Measures indirect light by paths, virtual point lights and points: seconds and error against the path-traced reference
 ///
-/// Without --scene: terrain:50000; without --size: 200x150. The reference takes minutes.
+/// Without --scene: rooms; without --size: 160x120. The reference takes minutes.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -21,7 +21,7 @@ Examples:
 pub(super) struct Light {
     #[command(flatten)]
     scene: Scene,
-    /// Position of the viewer in metres [default: the scene's first camera]
+    /// Position of the viewer in metres [default: the scene's first three cameras]
     #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
     eye: Option<DVec3>,
     /// Point that the viewer looks at
@@ -29,7 +29,7 @@ pub(super) struct Light {
     target: Option<DVec3>,
     #[command(flatten)]
     size: Size,
-    /// Paths a pixel of the reference; its noise falls with their root, and its time is proportional [default: 256]
+    /// Paths a pixel of the reference; its noise falls with their root, and its time is proportional [default: 128]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     paths: Option<u32>,
     /// Folder for the images of all rows

@@ -13,6 +13,7 @@ mod cluster;
 mod device;
 mod effects;
 mod epr;
+mod equal_error;
 mod hard_cases;
 mod history;
 mod light;
@@ -94,6 +95,7 @@ enum Study {
     Device(device::Device),
     Effects(effects::EffectStudy),
     Epr(epr::EprStudy),
+    EqualError(equal_error::EqualError),
     Throughput(throughput::Throughput),
     Campaign(campaign::Campaign),
 }
@@ -146,6 +148,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Effects(study) => ("effects", study.run(form.quick, form.out.clone(), &progress).await?),
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
         Study::Epr(study) => ("epr", study.run(form.quick, form.out.clone(), &progress).await?),
+        Study::EqualError(study) => ("equal-error", study.run(form.quick, &progress).await?),
         Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
         Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
         // A campaign writes its own folder.

@@ -8,7 +8,7 @@ use argus_compositor::{GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::metrics::{self, Comparison};
-use argus_scene::reference::{SceneSight, Tracer, cache};
+use argus_scene::reference::{DirectLight, Indirect as Paths, SceneSight, Tracer, cache};
 use argus_scene::rig::{Among, Sight};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
@@ -28,6 +28,8 @@ pub(crate) struct Bench {
     pub(crate) sampler: GpuSampler,
     pub(crate) compositor: GpuCompositor,
     pub(crate) tracer: Tracer,
+    /// Light between surfaces in references.
+    truth_paths: Option<Paths>,
     sight: Option<SceneSight>,
 }
 
@@ -93,7 +95,13 @@ impl Bench {
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
         let tracer = Tracer::new(Arc::clone(&scene));
         let sight = (!scene.is_animated()).then(|| SceneSight::new(&scene));
-        Ok(Self { scene, info, sampler, compositor, tracer, sight })
+        Ok(Self { scene, info, sampler, compositor, tracer, truth_paths: None, sight })
+    }
+
+    /// From now on references have direct light by rays, and light between surfaces by `paths`.
+    pub(crate) fn light_references(&mut self, light: DirectLight, paths: Option<Paths>) {
+        self.tracer = Tracer::new(Arc::clone(&self.scene)).with_direct_light(light);
+        self.truth_paths = paths;
     }
 
     /// Releases samples held by the compositor.
@@ -253,8 +261,8 @@ impl Bench {
     /// side in `sides`. Images are cached between runs.
     pub(crate) fn truth(&self, camera: &Camera, size: [u32; 2], samples: u32, sides: &[u32]) -> Truth {
         let exposure = self.scene.lighting.exposure;
-        let folder = cache::directory();
-        let image = cache::render(folder.as_deref(), &self.tracer, camera, size, samples, |_| ());
+        let (folder, paths) = (cache::directory(), self.truth_paths);
+        let image = cache::render_with(folder.as_deref(), &self.tracer, camera, size, samples, paths, |_| ());
         let ranges = sides.iter().map(|&side| (side, self.ranges(camera, size, side))).collect();
         Truth { image: image.display(exposure), ranges }
     }
@@ -334,7 +342,11 @@ pub(crate) fn device_ms(frames: &[Frame]) -> f64 {
 
 /// FLIP, PSNR and SSIM of a frame against the reference image.
 pub(crate) fn compare(frame: &Frame, reference: &RgbImage) -> Result<Comparison> {
+    Ok(metrics::compare(reference, &image_of(frame)?)?)
+}
+
+/// A frame's colour.
+pub(crate) fn image_of(frame: &Frame) -> Result<RgbImage> {
     let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
-    let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
-    Ok(metrics::compare(reference, &image)?)
+    RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
 }

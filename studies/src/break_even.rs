@@ -1,8 +1,8 @@
 //! Break-even: the number of views from which rendering samples is cheaper than rendering every view directly.
 //!
 //! N views cost S·g + N·c from samples and N·g directly, for each visibility backend. Both costs are linear in N, so
-//! two measurements give each curve; the largest N is also timed in full as a check. Shading is plain: effects would
-//! make direct views dearer and leave warped views unchanged. views dearer and leave views from samples as they are.
+//! two measurements give each curve; the largest N is also timed in full as a check. Shading is plain; with effects of
+//! light, which make direct views dearer, [`crate::equal_error`] has these numbers.
 
 use std::sync::Arc;
 
@@ -199,7 +199,7 @@ fn scene(
 
 /// The smallest number of views for which samples and warped views cost less than direct views. `None` if a warped view
 /// is no cheaper than a direct one, or if a cost is NaN.
-fn break_even(samples_ms: f64, warped_ms: f64, direct_ms: f64) -> Option<u64> {
+pub(crate) fn break_even(samples_ms: f64, warped_ms: f64, direct_ms: f64) -> Option<u64> {
     let gain = direct_ms - warped_ms;
     (gain > 0.0 && samples_ms >= 0.0).then(|| (samples_ms / gain).floor() as u64 + 1)
 }

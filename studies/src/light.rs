@@ -1,8 +1,8 @@
 //! Light: the cost and the error of each method of indirect light, against the path-traced reference.
 //!
-//! One view, with all effects of direct light, is rendered by each method. A row has the seconds before the first view
-//! (leaf sides, VPLs or octrees), those of a view, and the error against the reference. Views have one ray a pixel, so
-//! that only light differs; the noise of the reference is part of every row.
+//! Some views, with all effects of direct light and metered exposure, are rendered by each method. A row has the seconds
+//! before the first view (leaf sides, VPLs or octrees), those of a view, and the error against the reference. Views have
+//! one ray a pixel, so that only light differs. FLIP includes the reference's noise; errors of radiance do not.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -11,17 +11,19 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, Indirect, PathKnobs, PointKnobs, SamplerKnobs, VplKnobs};
-use argus_scene::metrics::compare;
+use argus_scene::metrics::flip_mean;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
-use argus_scene::tone::linear_from_srgb;
 use argus_scene::{
-    Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, SceneState, ViewJob, Visibility,
+    Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, Scene, SceneState, ViewJob, Visibility,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
-use serde_json::json;
+use serde_json::{Map, Value, json};
 
-use crate::median::median;
+use crate::bench::image_of;
+use crate::median::{mean, median};
+use crate::metered::open_metered;
+use crate::radiance::{RadianceError, Reference};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.
@@ -29,13 +31,13 @@ use crate::{Effort, Machine, Report, report};
 pub struct Options {
     /// Scene, as [`argus_scene::open`] takes it.
     pub scene: String,
-    /// Camera of the view; `None`: the scene's first camera.
+    /// Camera of the view; `None`: the scene's own cameras, [`MOST_VIEWS`] at most.
     pub camera: Option<Camera>,
     /// View size in pixels.
     pub size: [u32; 2],
     /// Most reflections between light and visible surface, of the reference and of paths.
     pub bounces: u32,
-    /// Paths a pixel of the reference.
+    /// Paths a pixel of the reference, at least two.
     pub paths: u32,
     /// Measured views of each row; each time is their median.
     pub rounds: usize,
@@ -50,22 +52,23 @@ impl Default for Options {
         let paths = PathKnobs::default();
         let vpl = VplKnobs::default();
         Self {
-            scene: "terrain:50000".to_owned(),
+            scene: "rooms".to_owned(),
             camera: None,
-            size: [200, 150],
+            size: [160, 120],
             bounces: paths.bounces,
-            paths: 256,
+            paths: 128,
             rounds: 3,
             methods: vec![
                 Indirect::Off,
-                Indirect::Paths(paths),
+                Indirect::Paths(PathKnobs { level: 6, ..paths }),
+                Indirect::Paths(PathKnobs { level: 7, ..paths }),
                 Indirect::Paths(PathKnobs { level: 8, ..paths }),
-                Indirect::Paths(PathKnobs { gather: 16, ..paths }),
-                Indirect::Paths(PathKnobs { rays: 16, gather: 64, ..paths }),
+                Indirect::Paths(PathKnobs { level: 7, gather: 16, ..paths }),
+                Indirect::Paths(PathKnobs { level: 8, rays: 16, gather: 64, ..paths }),
                 Indirect::Vpl(vpl),
                 Indirect::Vpl(VplKnobs { bounces: 4, ..vpl }),
+                Indirect::Vpl(VplKnobs { bounces: 4, samples: 64, ..vpl }),
                 Indirect::Points(PointKnobs::default()),
-                Indirect::Points(PointKnobs { bounces: 4, ..PointKnobs::default() }),
             ],
             images: None,
         }
@@ -90,6 +93,27 @@ impl Effort for Options {
     }
 }
 
+/// Most views that are rendered.
+const MOST_VIEWS: usize = 3;
+
+/// A method's times and errors.
+struct Found {
+    method: Indirect,
+    /// Seconds before the first view, and of a view.
+    before_s: f64,
+    view_s: f64,
+    flip: f64,
+    row: Map<String, Value>,
+}
+
+/// The scene, its views, and their references.
+struct Subject {
+    gpu: Arc<Gpu>,
+    scene: Arc<Scene>,
+    views: Vec<ViewJob>,
+    references: Vec<Reference>,
+}
+
 /// Runs the study; `progress` counts rows.
 ///
 /// # Errors
@@ -97,73 +121,141 @@ impl Effort for Options {
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_length(options.methods.len() as u64);
-    let scene = Arc::new(argus_scene::open(&options.scene)?);
-    let camera = options.camera.unwrap_or_else(|| scene.default_camera());
-    let exposure = scene.lighting.exposure;
     progress.set_message("tracing the reference");
-    let effects = LightEffects::ALL;
-    let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 16 });
-    let indirect = Paths { paths: options.paths, bounces: options.bounces };
-    let truth = tracer.render_with(&camera, options.size, 1, Some(indirect), |_| {}).display(exposure);
-    let unlit = tracer.render_with(&camera, options.size, 1, None, |_| {}).display(exposure);
-    let save = |image: &RgbImage, name: String| -> Result<()> {
-        let Some(folder) = &options.images else { return Ok(()) };
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        Ok(image.save(folder.join(name))?)
-    };
-    save(&truth, "reference.png".to_owned())?;
-    // What surfaces reflect onto one another.
-    let (whole, direct) = (linear(&truth), linear(&unlit));
-    let reflected = (whole.iter().sum::<f64>() - direct.iter().sum::<f64>()).max(1e-9);
-    let mut rows = Vec::new();
+    let subject = Subject::new(options, gpu)?;
+    let truths: Vec<RgbImage> = subject.references.iter().map(Reference::display).collect();
+    options.save("reference", &truths)?;
+    let mut found = Vec::new();
     for (number, &method) in options.methods.iter().enumerate() {
         progress.set_message(method.to_string());
-        let effects = method.effects_with(LightEffects::ALL);
-        let knobs = SamplerKnobs { effects, indirect: method, ..SamplerKnobs::default() };
-        let mut sampler = GpuSampler::with_knobs(Arc::clone(&gpu), Arc::clone(&scene), knobs)?;
-        let job = job(camera, options.size);
-        let begin = Instant::now();
-        let image = view(&mut sampler, &job)?;
-        let first = begin.elapsed().as_secs_f64();
-        let mut times = Vec::new();
-        for _ in 0..options.rounds.max(1) {
-            let begin = Instant::now();
-            view(&mut sampler, &job)?;
-            times.push(begin.elapsed().as_secs_f64());
-        }
-        save(&image, format!("{number:02}.png"))?;
-        let found = linear(&image);
-        let off: f64 = found.iter().zip(&whole).map(|(found, truth)| (found - truth).abs()).sum();
-        let leaves = sampler.paths().unwrap_or_default();
-        rows.push(report::row(json!({
-            "method": method.to_string(),
-            "before_s": (first - median(&times)).max(0.0),
-            "view_s": median(&times),
-            "relative_error": off / reflected,
-            "energy": (found.iter().sum::<f64>() - direct.iter().sum::<f64>()) / reflected,
-            "flip": compare(&truth, &image)?.flip_mean,
-            "leaf_sides": (leaves.sides > 0).then_some(leaves.sides),
-            "build_ms": (leaves.sides > 0).then_some(leaves.build_ms),
-            "links_ms": (leaves.sides > 0).then_some(leaves.links_ms),
-            "direct_ms": (leaves.sides > 0).then_some(leaves.direct_ms),
-            "bounces_ms": (leaves.sides > 0).then_some(leaves.gather_ms),
-        })));
+        found.push(subject.found(options, number, method, &truths)?);
         progress.inc(1);
     }
-    let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
-    report.notes.push(format!(
-        "relative_error: the sum of differences from the reference ({} paths a pixel, {} bounces), noise of direct light \
-        included, by the sum of its indirect light. energy: the share of indirect light that was found. Both are of \
-        displayed values made linear, so that values beyond white count as white.",
-        options.paths, options.bounces
-    ));
-    report.notes.push(
+    let rows = found.iter().map(|found| found.row.clone()).collect();
+    let mut report = Report::new(options.scene.clone(), Machine::here(subject.gpu.kind()), rows);
+    report.notes = vec![
+        format!(
+            "{} views. Reference: {} paths a pixel, {} bounces; FLIP between its halves: {:.3}, and its noise adds about half of \
+             that to every row. error: root mean squared error of radiance over the root mean square, free of the reference's \
+             noise; bias: the same of blocks of 8×8 pixels; energy: mean radiance over the reference's. White pixels are left \
+             out.",
+            subject.views.len(),
+            options.paths,
+            options.bounces,
+            mean(subject.references.iter().map(Reference::noise)),
+        ),
         "before_s: the first view, compilation of programs included, less a later one. VPLs and points do not reflect the \
-        sky's light, which paths and the reference do."
+         sky's light, which paths and the reference do."
             .to_owned(),
-    );
-    report.note_longest_pass(&gpu);
+    ];
+    report.notes.extend(at_equal_time(&found));
+    report.note_longest_pass(&subject.gpu);
     Ok(report)
+}
+
+/// For each row of paths, the best other method that has a first view no later.
+fn at_equal_time(found: &[Found]) -> Vec<String> {
+    let first = |found: &Found| found.before_s + found.view_s;
+    let of_paths = found.iter().filter(|found| matches!(found.method, Indirect::Paths(_)));
+    let note = |paths: &Found| {
+        let rivals =
+            found.iter().filter(|rival| matches!(rival.method, Indirect::Vpl(_) | Indirect::Points(_)));
+        let best =
+            rivals.filter(|rival| first(rival) <= first(paths)).min_by(|a, b| a.flip.total_cmp(&b.flip));
+        let best = best.map_or("no other method has one".to_owned(), |best| {
+            format!("the best other method has {:.3} ({})", best.flip, best.method)
+        });
+        format!(
+            "First view within {:.1} s: FLIP {:.3} by {}; {best}.",
+            first(paths),
+            paths.flip,
+            paths.method
+        )
+    };
+    of_paths.map(note).collect()
+}
+
+impl Options {
+    fn save(&self, name: &str, images: &[RgbImage]) -> Result<()> {
+        let Some(folder) = &self.images else { return Ok(()) };
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        for (view, image) in images.iter().enumerate() {
+            image.save(folder.join(format!("{name}-{view}.png")))?;
+        }
+        Ok(())
+    }
+}
+
+impl Subject {
+    fn new(options: &Options, gpu: Arc<Gpu>) -> Result<Self> {
+        let scene = open_metered(&options.scene)?;
+        let own = scene.cameras.iter().map(|named| named.camera);
+        let mut cameras: Vec<Camera> = options.camera.map_or_else(|| own.collect(), |camera| vec![camera]);
+        if cameras.is_empty() {
+            cameras.push(scene.default_camera());
+        }
+        cameras.truncate(MOST_VIEWS);
+        let light = DirectLight { effects: LightEffects::ALL, rays: 16 };
+        let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(light);
+        // The halves share the paths.
+        let paths = Paths { paths: (options.paths / 2).max(1), bounces: options.bounces };
+        let reference = |camera: &Camera| {
+            Reference::render(&tracer, &scene.lighting, camera, options.size, 1, Some(paths))
+        };
+        let references = cameras.iter().map(reference).collect();
+        let views = cameras.iter().map(|camera| job(*camera, options.size)).collect();
+        Ok(Self { gpu, scene, views, references })
+    }
+
+    /// Renders the views by one method.
+    fn found(
+        &self,
+        options: &Options,
+        number: usize,
+        method: Indirect,
+        truths: &[RgbImage],
+    ) -> Result<Found> {
+        let effects = method.effects_with(LightEffects::ALL);
+        let knobs = SamplerKnobs { effects, indirect: method, ..SamplerKnobs::default() };
+        let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&self.scene), knobs)?;
+        let begin = Instant::now();
+        view(&mut sampler, &self.views[0])?;
+        let first = begin.elapsed().as_secs_f64();
+        let (mut times, mut images) = (Vec::new(), Vec::new());
+        for round in 0..options.rounds.max(1) {
+            for job in &self.views {
+                let begin = Instant::now();
+                let image = view(&mut sampler, job)?;
+                times.push(begin.elapsed().as_secs_f64());
+                images.extend((round == 0).then_some(image));
+            }
+        }
+        options.save(&format!("{number:02}"), &images)?;
+        let flips = truths.iter().zip(&images).map(|(truth, image)| flip_mean(truth, image));
+        let flip = mean(flips.collect::<Result<Vec<_>, _>>()?);
+        let errors: Vec<RadianceError> =
+            self.references.iter().zip(&images).map(|(reference, image)| reference.errors(image)).collect();
+        // A view without light has no relative error.
+        let of = |field: fn(&RadianceError) -> f64| mean(errors.iter().map(field).filter(|e| e.is_finite()));
+        let (before_s, view_s) = ((first - median(&times)).max(0.0), median(&times));
+        let leaves = sampler.paths().unwrap_or_default();
+        let of_leaves = |ms: f64| (leaves.sides > 0).then_some(ms);
+        let row = report::row(json!({
+            "method": method.to_string(),
+            "before_s": before_s,
+            "view_s": view_s,
+            "flip": flip,
+            "error": of(|errors| errors.error),
+            "bias": of(|errors| errors.bias),
+            "energy": of(|errors| errors.energy),
+            "leaf_sides": (leaves.sides > 0).then_some(leaves.sides),
+            "build_ms": of_leaves(leaves.build_ms),
+            "links_ms": of_leaves(leaves.links_ms),
+            "direct_ms": of_leaves(leaves.direct_ms),
+            "bounces_ms": of_leaves(leaves.gather_ms),
+        }));
+        Ok(Found { method, before_s, view_s, flip, row })
+    }
 }
 
 fn job(camera: Camera, [width, height]: [u32; 2]) -> ViewJob {
@@ -183,13 +275,7 @@ fn job(camera: Camera, [width, height]: [u32; 2]) -> ViewJob {
 
 fn view(sampler: &mut GpuSampler, job: &ViewJob) -> Result<RgbImage> {
     let frame = sampler.render_views(std::slice::from_ref(job), &Cancel::new()).remove(0)?;
-    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
-    RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
-}
-
-/// Channels of an image, made linear.
-fn linear(image: &RgbImage) -> Vec<f64> {
-    image.iter().map(|&byte| f64::from(linear_from_srgb(f32::from(byte) / 255.0))).collect()
+    image_of(&frame)
 }
 
 #[cfg(test)]
@@ -204,5 +290,22 @@ mod tests {
                 assert!(!options.methods[..index].contains(method));
             }
         }
+    }
+
+    #[test]
+    fn paths_are_compared_with_the_best_method_that_is_no_slower() {
+        let found = |method, before_s, flip| Found { method, before_s, view_s: 0.5, flip, row: Map::new() };
+        let vpl = |bounces| Indirect::Vpl(VplKnobs { bounces, ..VplKnobs::default() });
+        let all = [
+            found(Indirect::Paths(PathKnobs::default()), 2.0, 0.1),
+            found(vpl(1), 1.0, 0.4),
+            found(vpl(2), 1.5, 0.3),
+            found(vpl(3), 2.5, 0.05),
+            found(Indirect::Off, 0.0, 0.01),
+        ];
+        let notes = at_equal_time(&all);
+        assert!(notes.len() == 1 && notes[0].contains("2.5 s: FLIP 0.100"), "{notes:?}");
+        assert!(notes[0].contains("0.300") && notes[0].contains("of 2 bounces"), "{notes:?}");
+        assert!(at_equal_time(&all[..1])[0].contains("no other method"));
     }
 }

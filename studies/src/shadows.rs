@@ -19,7 +19,7 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use crate::bench::{Bench, compare};
+use crate::bench::{Bench, compare, image_of};
 use crate::median::{mean, median};
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
@@ -266,11 +266,6 @@ fn of_light(stages: &[Stage]) -> f64 {
     let shared = stages.iter().filter(|stage| stage.name == SHARED_STAGE).map(|stage| stage.ms);
     // From 0.0, because the sum of no floats is -0.0.
     own.chain(shared).fold(0.0, |sum, ms| sum + ms)
-}
-
-fn image_of(frame: &Frame) -> Result<RgbImage> {
-    let bytes = frame.color.as_ref().context("the frame has no colour")?.to_vec();
-    RgbImage::from_raw(frame.width, frame.height, bytes).context("the frame is short")
 }
 
 /// Share of pixels that are wrong.

@@ -186,6 +186,26 @@ fn the_break_even_study_gives_the_number_of_views_from_which_samples_are_cheaper
 }
 
 #[test]
+fn the_equal_error_study_gives_each_ways_time_for_the_error_of_views_from_samples() {
+    let study = json(&["study", "equal-error", "--quick", "--json"]);
+    for row in rows(&study) {
+        assert!(number(row, "view_ms") > 0.0 && (0.0..=1.0).contains(&number(row, "flip")), "{row:#}");
+        assert!(number(row, "error") > 0.0 && number(row, "energy") > 0.0, "{row:#}");
+    }
+    let of = |way: &str| rows(&study).iter().filter(|row| row["way"] == way).collect::<Vec<_>>();
+    assert_eq!((of("samples").len(), of("direct").len(), of("paths").len()), (2, 2, 2));
+    let slowest = of("paths").iter().map(|row| number(row, "view_ms")).fold(0.0, f64::max);
+    for row in of("samples") {
+        assert!(number(row, "excess_tile") >= number(row, "excess_flip"), "{row:#}");
+        assert!(row["paths_ms"].is_null() || number(row, "paths_ms") <= slowest, "{row:#}");
+        assert!(row["mitsuba_ms"].is_null(), "{row:#}");
+    }
+    // Frames cost nothing beforehand, samples do.
+    assert_eq!(number(of("samples")[0], "samples_ms"), 0.0);
+    assert!(number(of("samples")[1], "samples_ms") > 0.0);
+}
+
+#[test]
 fn the_radiosity_study_varies_each_knob_and_light_brings_images_closer_to_path_tracing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();

@@ -25,7 +25,7 @@ pub struct PathKnobs {
 
 impl Default for PathKnobs {
     fn default() -> Self {
-        Self { level: 8, rays: 4, bounces: 5, gather: 4 }
+        Self { level: 7, rays: 4, bounces: 5, gather: 4 }
     }
 }
 

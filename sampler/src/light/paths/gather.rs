@@ -1,8 +1,8 @@
 //! Texels gather what leaf sides reflect.
 //!
-//! A texel of each block of 2×2 casts rays. These texels form an image of half the size, in which neighbours share what
-//! they found within a surface, as for direct light. All texels then take the mean of those around them that show the same
-//! surface. Where there are none they cast rays themselves.
+//! A texel of each block of 2×2 casts rays, and a second one where the block shows two surfaces. They form two images of half
+//! the size, in which neighbours share what they found within a surface, as for direct light. All texels then take the mean
+//! of those around them that show the same surface. Where there are none they cast rays themselves.
 
 use argus_scene::Bounds;
 use glam::{Vec2, Vec3};
@@ -16,7 +16,7 @@ use crate::light_rays::LightRaysAbout;
 
 /// Slots whose rays are cast by a texel without neighbours in a list, and by one in an image.
 const SLOTS_IN_LIST: usize = 8;
-const SLOTS_ALONE: usize = 2;
+const SLOTS_ALONE: usize = 4;
 /// Blocks on each side of a texel's own whose light it takes; and if none of them shows its surface.
 const REACHES: [i64; 2] = [1, 3];
 
@@ -39,10 +39,14 @@ impl Gatherer<'_> {
             let alone = |index: usize| self.of_slots(&texels.all[index], &pattern, 0, SLOTS_IN_LIST);
             return (0..count).into_par_iter().with_min_len(64).map(alone).collect();
         };
-        let half = halved(texels, first);
-        let one = |index: usize| self.of_slots(&half.all[index], &pattern, half.slot(index), 1);
-        let found: Vec<Vec3> = (0..half.all.len()).into_par_iter().with_min_len(64).map(one).collect();
-        let found = smoothed(found, &half);
+        // The second surface of a block casts other rays than the first.
+        let layers = halved(texels, first).into_iter().zip([0, SLOTS / 2]).map(|(half, other)| {
+            let one = |index: usize| self.of_slots(&half.all[index], &pattern, half.slot(index) + other, 1);
+            let found: Vec<Vec3> = (0..half.all.len()).into_par_iter().with_min_len(64).map(one).collect();
+            let found = smoothed(found, &half);
+            (half, found)
+        });
+        let layers: Vec<(Texels, Vec<Vec3>)> = layers.collect();
         let spread = |index: usize| {
             let texel = &texels.all[index];
             if !texel.exists {
@@ -50,7 +54,7 @@ impl Gatherer<'_> {
             }
             REACHES
                 .into_iter()
-                .find_map(|reach| mean_around(texels.place(index), texel, &half, &found, reach))
+                .find_map(|reach| mean_around(texels.place(index), texel, &layers, reach))
                 .unwrap_or_else(|| self.of_slots(texel, &pattern, texels.slot(index), SLOTS_ALONE))
         };
         (0..count).into_par_iter().with_min_len(256).map(spread).collect()
@@ -84,48 +88,105 @@ impl Gatherer<'_> {
     }
 }
 
-/// For each block of 2×2 in an image, its first texel that exists.
-fn halved(texels: &Texels, first: [u32; 2]) -> Texels {
+/// For each block of 2×2 in an image, its first texel that exists, and its first that shows another surface than that one.
+fn halved(texels: &Texels, first: [u32; 2]) -> [Texels; 2] {
     let begin = first.map(|at| at / 2);
     let size = [0, 1].map(|axis| {
         let last = first[axis] as usize + texels.size[axis].max(1) - 1;
         last / 2 - begin[axis] as usize + 1
     });
-    let at = |index: usize| {
+    let at = |index: usize| -> (Texel, Texel) {
         let block = [begin[0] as usize + index % size[0], begin[1] as usize + index / size[0]];
         let places = (0..4).map(|corner| [2 * block[0] + corner % 2, 2 * block[1] + corner / 2]);
-        let inside = places.filter_map(|[x, y]| {
+        let mut inside = places.filter_map(|[x, y]| {
             let x = x.checked_sub(first[0] as usize).filter(|x| *x < texels.size[0])?;
             let y = y.checked_sub(first[1] as usize).filter(|y| *y < texels.size[1])?;
-            Some(texels.all[y * texels.size[0] + x])
+            Some(texels.all[y * texels.size[0] + x]).filter(|texel| texel.exists)
         });
-        inside.into_iter().find(|texel| texel.exists).unwrap_or_default()
+        let one = inside.next().unwrap_or_default();
+        let other = inside.find(|texel| !one.agrees(texel)).unwrap_or_default();
+        (one, other)
     };
-    let all = (0..size[0] * size[1]).into_par_iter().with_min_len(1024).map(at).collect();
-    Texels { size, first: Some(begin), effort: Effort::Shared, all, bounds: Bounds::EMPTY }
+    let (ones, others): (Vec<Texel>, Vec<Texel>) =
+        (0..size[0] * size[1]).into_par_iter().with_min_len(1024).map(at).unzip();
+    [ones, others].map(|all| Texels {
+        size,
+        first: Some(begin),
+        effort: Effort::Shared,
+        all,
+        bounds: Bounds::EMPTY,
+    })
 }
 
 /// Mean of what blocks around a place found on the surface of its texel, weighted by nearness; `None` if none shows it.
-fn mean_around(place: [u32; 2], texel: &Texel, half: &Texels, found: &[Vec3], reach: i64) -> Option<Vec3> {
-    let begin = half.first?;
-    let [own_x, own_y] = [0, 1].map(|axis| i64::from(place[axis] / 2) - i64::from(begin[axis]));
+fn mean_around(place: [u32; 2], texel: &Texel, layers: &[(Texels, Vec<Vec3>)], reach: i64) -> Option<Vec3> {
     // A block's middle is between its texels.
     let aside = place.map(|at| if at % 2 == 0 { -0.25 } else { 0.25 });
     let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
-    for y in -reach..=reach {
-        for x in -reach..=reach {
-            let (column, row) = (own_x + x, own_y + y);
-            if column < 0 || row < 0 || column >= half.size[0] as i64 || row >= half.size[1] as i64 {
-                continue;
-            }
-            let index = row as usize * half.size[0] + column as usize;
-            if texel.agrees(&half.all[index]) {
-                let near = |by: i64, aside: f32| (reach as f32 + 0.5 - (by as f32 - aside).abs()).max(0.0);
-                let weight = near(x, aside[0]) * near(y, aside[1]);
-                sum += found[index] * weight;
-                weights += weight;
+    for (half, found) in layers {
+        let begin = half.first?;
+        let [own_x, own_y] = [0, 1].map(|axis| i64::from(place[axis] / 2) - i64::from(begin[axis]));
+        for y in -reach..=reach {
+            for x in -reach..=reach {
+                let (column, row) = (own_x + x, own_y + y);
+                if column < 0 || row < 0 || column >= half.size[0] as i64 || row >= half.size[1] as i64 {
+                    continue;
+                }
+                let index = row as usize * half.size[0] + column as usize;
+                if texel.agrees(&half.all[index]) {
+                    let near =
+                        |by: i64, aside: f32| (reach as f32 + 0.5 - (by as f32 - aside).abs()).max(0.0);
+                    let weight = near(x, aside[0]) * near(y, aside[1]);
+                    sum += found[index] * weight;
+                    weights += weight;
+                }
             }
         }
     }
     (weights > 0.0).then(|| sum / weights)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An image of texels 10 m before an eye, of which rows with `odd` face up and the rest face the eye.
+    fn rows(odd: impl Fn(usize) -> bool, size: usize) -> Texels {
+        let texel = |index: usize| {
+            let side = if odd(index / size) { Vec3::Y } else { Vec3::Z };
+            let place = Vec3::new((index % size) as f32, -((index / size) as f32), 0.0) * 0.01;
+            let position = place - Vec3::Z * 10.0;
+            Texel { exists: true, position, normal: side, side, start: position, is_lifted: false }
+        };
+        Texels {
+            size: [size; 2],
+            first: Some([0, 0]),
+            effort: Effort::Shared,
+            all: (0..size * size).map(texel).collect(),
+            bounds: Bounds::EMPTY,
+        }
+    }
+
+    #[test]
+    fn a_ledge_of_one_row_shares_what_its_own_texels_find_wherever_it_lies() {
+        for ledge in [6, 7] {
+            let texels = rows(|row| row == ledge, 16);
+            let layers = halved(&texels, [0, 0]).map(|half| {
+                let found = half.all.iter().map(|texel| texel.side).collect();
+                (half, found)
+            });
+            for index in 0..texels.all.len() {
+                let texel = &texels.all[index];
+                let mean = mean_around(texels.place(index), texel, &layers, REACHES[0]);
+                assert_eq!(mean.map(Vec3::normalize), Some(texel.side), "ledge {ledge}, texel {index}");
+            }
+        }
+    }
+
+    #[test]
+    fn blocks_of_one_surface_have_no_second_texel() {
+        let [ones, others] = halved(&rows(|_| false, 8), [0, 0]);
+        assert!(ones.all.iter().all(|texel| texel.exists));
+        assert!(others.all.iter().all(|texel| !texel.exists));
+    }
 }
