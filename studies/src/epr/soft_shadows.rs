@@ -197,7 +197,7 @@ impl Places {
         let scale = BRIGHTNESS / mean.max(f64::MIN_POSITIVE);
         let mut image = RgbImage::new(width, height);
         for ((index, _, _, albedo), e) in self.all.iter().zip(each) {
-            let bytes = argus_scene::tone::display_from_radiance(*albedo * (e * scale) as f32, 0.0);
+            let bytes = argus_scene::tone::display_from_radiance(*albedo * (e * scale) as f32, 1.0);
             let (x, y) = ((*index % width as usize) as u32, (*index / width as usize) as u32);
             image.put_pixel(x, y, image::Rgb(bytes));
         }
