@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use argus_studies::epr::{Options, Pose, run};
+use argus_studies::epr::{Options, Part, Pose, run};
 use argus_studies::{Effort as _, Report};
 use indicatif::ProgressBar;
 
@@ -21,6 +21,16 @@ pub(super) struct EprStudy {
     scene: Scene,
     #[command(flatten)]
     size: Size,
+    /// What is measured: `reflections` (points and their rivals), `recursion` (one to three bounces between two cylinders),
+    /// `motion` (stability over time) or `shadows` (of a spherical light) [default: reflections]
+    #[arg(long, value_name = "PART", value_parser = part)]
+    part: Option<Part>,
+    /// Numbers of points of the light of --part shadows [default: 1,5,10,20]
+    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=256))]
+    light_samples: Vec<u32>,
+    /// Frames of --part motion [default: 8]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    frames: Option<u32>,
     /// Numbers of mirroring balls that are added to the scene; 0 for the scene's own reflective objects [default: 1,10,50]
     #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(0..=2048))]
     reflectors: Vec<u32>,
@@ -39,6 +49,11 @@ pub(super) struct EprStudy {
     /// Number of measured rounds; times are their median [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rounds: Option<u16>,
+}
+
+fn part(text: &str) -> Result<Part, String> {
+    let found = Part::ALL.into_iter().find(|part| part.to_string() == text);
+    found.ok_or_else(|| format!("must be one of {}", Part::ALL.map(|part| part.to_string()).join(", ")))
 }
 
 fn pose(text: &str) -> Result<Pose, String> {
@@ -69,6 +84,11 @@ impl EprStudy {
         }
         if !self.density.is_empty() {
             options.densities = self.density;
+        }
+        options.part = self.part.unwrap_or(options.part);
+        options.frames = self.frames.unwrap_or(options.frames);
+        if !self.light_samples.is_empty() {
+            options.light_samples = self.light_samples;
         }
         options.taps = self.taps.unwrap_or(options.taps);
         options.budget = self.budget.unwrap_or(options.budget);

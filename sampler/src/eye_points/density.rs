@@ -3,6 +3,7 @@
 use argus_scene::closest_on_triangle;
 use glam::DVec3;
 
+use super::shadows::shadow_density;
 use super::{Eye, PointReflector};
 
 /// The rule by which density follows reflectors.
@@ -14,6 +15,8 @@ pub enum DensityRule {
     Planar,
     /// A texel of the map (improved view-independent rendering).
     Map,
+    /// A pixel of the eye where a triangle's shadow may fall, for maps around points of a light (section 5.1).
+    Shadow,
 }
 
 /// Density of points, and its rule.
@@ -44,7 +47,7 @@ const WIDEST_CELL: f64 = 16.0;
 /// one cell for each texel of the map is needed, and a cell is at most 16 texels wide. Distances are those of nearest
 /// points, so a density is never too low.
 pub fn density_for(eye: &Eye, reflector: &PointReflector, corners: [DVec3; 3], density: &Density) -> f64 {
-    density_at(eye, reflector, distance(reflector, corners), density)
+    density_at(eye, reflector, corners, distance(reflector, corners), density)
 }
 
 /// Distance of a triangle from a reflector's middle, metres.
@@ -52,19 +55,33 @@ pub(super) fn distance(reflector: &PointReflector, corners: [DVec3; 3]) -> f64 {
     (closest_on_triangle(reflector.center, corners) - reflector.center).length()
 }
 
-/// [`density_for`] a triangle at a distance from the reflector's middle.
-pub(super) fn density_at(eye: &Eye, reflector: &PointReflector, distance: f64, density: &Density) -> f64 {
+/// [`density_for`] a triangle whose distance from the reflector's middle is known.
+pub(super) fn density_at(
+    eye: &Eye,
+    reflector: &PointReflector,
+    corners: [DVec3; 3],
+    distance: f64,
+    density: &Density,
+) -> f64 {
     let from_center = distance.max(eye.near);
     let eye_to_reflector = ((reflector.center - eye.position).length() - reflector.radius).max(eye.near);
     let reflector_to_triangle = (from_center - reflector.radius).max(eye.near);
     let of_map = f64::from(reflector.side) / (2.0 * from_center);
     let by_eye = |curvature: f64| {
+        if reflector.front.is_some() {
+            // The map is seen from the eye's mirror image: the way from there is that from the eye by the mirror.
+            return eye.pixels / from_center;
+        }
         eye.pixels / (eye_to_reflector + reflector_to_triangle * (1.0 + 2.0 * eye_to_reflector * curvature))
     };
     let wanted = match density.rule {
         DensityRule::Eye => by_eye(reflector.curvature).min(of_map) * density.scale.sqrt(),
         DensityRule::Planar => by_eye(0.0).min(of_map) * density.scale.sqrt(),
         DensityRule::Map => of_map,
+        DensityRule::Shadow => {
+            let by_eye = shadow_density(eye, reflector.center, corners, from_center);
+            by_eye.min(of_map) * density.scale.sqrt()
+        }
     };
     wanted.max(of_map / WIDEST_CELL) * density.reduction
 }
@@ -81,7 +98,14 @@ mod tests {
     }
 
     fn reflector(radius: f64, side: u32) -> PointReflector {
-        PointReflector { instance: 0, center: DVec3::ZERO, radius, curvature: radius.recip(), side }
+        PointReflector {
+            instance: 0,
+            center: DVec3::ZERO,
+            radius,
+            curvature: radius.recip(),
+            side,
+            front: None,
+        }
     }
 
     fn full(rule: DensityRule) -> Density {

@@ -119,6 +119,12 @@ impl Piece {
         let middle = (self.corners[0] + self.corners[1] + self.corners[2]) / 3.0;
         self.grid.rows(if self.whole_cell { [middle; 3] } else { self.corners })
     }
+
+    /// Row and column of each of its cells, in the order of points.
+    pub(super) fn cells(&self) -> impl Iterator<Item = [u16; 2]> {
+        let rows = self.rows();
+        (0..rows.count).flat_map(move |row| rows.columns(row).map(move |column| [row as u16, column as u16]))
+    }
 }
 
 /// Pieces, and for each a bit for every reflector whose middle sees it.
@@ -135,12 +141,22 @@ pub struct Pieces {
 impl Pieces {
     /// The reflectors that see a piece, ascending.
     pub fn seen_by(&self, piece: usize) -> impl Iterator<Item = usize> {
-        let words = &self.visible[piece * self.words..(piece + 1) * self.words];
-        words.iter().enumerate().flat_map(|(word, &bits)| {
+        self.bits(piece).iter().enumerate().flat_map(|(word, &bits)| {
             let next = |bits: &u64| Some(bits & (bits - 1)).filter(|rest| *rest != 0);
             let from = Some(bits).filter(|bits| *bits != 0);
             std::iter::successors(from, next).map(move |bits| 64 * word + bits.trailing_zeros() as usize)
         })
+    }
+
+    /// The words of bits of a piece.
+    pub(super) fn bits(&self, piece: usize) -> &[u64] {
+        &self.visible[piece * self.words..(piece + 1) * self.words]
+    }
+
+    /// Adds a piece with its words of bits.
+    pub(super) fn push(&mut self, piece: Piece, bits: &[u64]) {
+        self.all.push(piece);
+        self.visible.extend_from_slice(bits);
     }
 
     /// Bytes of pieces and bits.
@@ -167,15 +183,30 @@ pub(super) struct Cutter<'a> {
     pub(super) culling: bool,
 }
 
+/// A piece with its bits.
+struct Cut {
+    piece: Piece,
+    bits: Vec<u64>,
+    culled: bool,
+}
+
 impl Cutter<'_> {
-    /// The pieces of all facets.
+    /// The pieces of all facets, without those that are culled.
+    #[cfg(test)]
     pub(super) fn cut(&self, facets: &[Facet]) -> Pieces {
+        self.cut_and_culled(facets)[0].clone()
+    }
+
+    /// The pieces of all facets, and those that are culled.
+    pub(super) fn cut_and_culled(&self, facets: &[Facet]) -> [Pieces; 2] {
         let words = self.reflectors.len().div_ceil(64);
         let cut = |(index, facet): (usize, &Facet)| {
             let mut found = Vec::new();
             let mut seen_by = [Vec::new(), Vec::new()];
             for (number, reflector) in self.reflectors.iter().enumerate() {
+                let in_front = |corner: &DVec3| reflector.front.is_none_or(|front| front.contains(*corner));
                 if reflector.instance != facet.instance
+                    && facet.corners.iter().any(in_front)
                     && let Some(side) = facet.side_towards(reflector.center)
                 {
                     seen_by[side as usize].push(number);
@@ -188,9 +219,12 @@ impl Cutter<'_> {
             }
             found
         };
-        let each: Vec<(Piece, Vec<u64>)> = facets.par_iter().enumerate().flat_map_iter(cut).collect();
-        let (all, visible): (Vec<Piece>, Vec<Vec<u64>>) = each.into_iter().unzip();
-        Pieces { all, visible: visible.concat(), words }
+        let each: Vec<Cut> = facets.par_iter().enumerate().flat_map_iter(cut).collect();
+        let mut pieces = [Pieces { words, ..Pieces::default() }, Pieces { words, ..Pieces::default() }];
+        for cut in each {
+            pieces[usize::from(cut.culled)].push(cut.piece, &cut.bits);
+        }
+        pieces
     }
 
     #[allow(clippy::too_many_arguments, reason = "a recursion over parts of one triangle")]
@@ -202,13 +236,13 @@ impl Cutter<'_> {
         corners: [DVec3; 3],
         seen_by: &[usize],
         depth: u32,
-        found: &mut Vec<(Piece, Vec<u64>)>,
+        found: &mut Vec<Cut>,
     ) {
         let (mut density, mut nearest) = (0.0f64, f64::INFINITY);
         for &number in seen_by {
             let reflector = &self.reflectors[number];
             let distance = distance(reflector, corners);
-            density = density.max(density_at(self.eye, reflector, distance, &self.density));
+            density = density.max(density_at(self.eye, reflector, corners, distance, &self.density));
             nearest = nearest.min(distance);
         }
         let [a, b, c] = corners;
@@ -222,14 +256,15 @@ impl Cutter<'_> {
             return;
         }
         let small = self.culling && depth == 0 && cells < CULLED_BELOW;
-        if small && chance(facet.instance, facet.primitive) >= cells / CULLED_BELOW {
-            return;
-        }
-        let grid = if small { Grid::around_middle(corners, density) } else { Grid::new(corners, density) };
+        let culled = small && chance(facet.instance, facet.primitive) >= cells / CULLED_BELOW;
+        let whole_cell = small && !culled;
+        let grid =
+            if whole_cell { Grid::around_middle(corners, density) } else { Grid::new(corners, density) };
         let Some(grid) = grid else { return };
         let mut bits = vec![0u64; self.reflectors.len().div_ceil(64)];
         seen_by.iter().for_each(|&number| bits[number / 64] |= 1 << (number % 64));
-        found.push((Piece { facet: index, side, corners, grid, whole_cell: small }, bits));
+        let piece = Piece { facet: index, side, corners, grid, whole_cell };
+        found.push(Cut { piece, bits, culled });
     }
 }
 

@@ -116,6 +116,16 @@ impl Maps {
         (map, self.direction(map, face, column as u32, row as u32))
     }
 
+    /// The direction through the middle of a texel, and those of the texels after it on the face's two axes, beyond its edge if
+    /// need be. Of length 1 along the face's axis.
+    pub(super) fn neighbourhood(&self, texel: usize) -> [DVec3; 3] {
+        let (map, direction) = self.direction_of(texel);
+        let Layout { first, side } = self.layout[map];
+        let face = (texel - first) / (side as usize).pow(2);
+        let step = 2.0 / f64::from(side);
+        [DVec3::ZERO, DVec3::X, DVec3::Y].map(|axis| direction + from_face(face, axis * step))
+    }
+
     /// Writes what a texel sees at a range in metres, unless it sees something nearer.
     #[inline]
     pub fn write(&self, texel: usize, range: f64, id: u32) {
@@ -130,6 +140,47 @@ impl Maps {
         (key != 0).then(|| (key as u32, f64::from(f32::from_bits((key >> 32) as u32)).recip()))
     }
 
+    /// The plane that a texel and its neighbours in the face see: all points p about the map's middle whose product with
+    /// the result is 1. `None` for sky. Of the two neighbours on an axis, the one whose depth differs less counts: the other
+    /// may see another surface.
+    #[inline]
+    pub fn plane(&self, map: usize, texel: usize) -> Option<DVec3> {
+        let Layout { first, side } = self.layout[map];
+        let (side, within) = (side as usize, texel - first);
+        let (face, row, column) = (within / (side * side), within / side % side, within % side);
+        let step = 2.0 / side as f64;
+        let coordinate = |at: usize| (at as f64 + 0.5) * step - 1.0;
+        let (x, y) = (coordinate(column), coordinate(row));
+        // The inverse of the depth along the face's axis: linear in the face's coordinates on a plane.
+        let inverse = |texel: usize, x: f64, y: f64| {
+            let (_, range) = self.get(texel)?;
+            Some((x * x + y * y + 1.0).sqrt() / range)
+        };
+        let here = inverse(texel, x, y)?;
+        let slope = |at: usize, stride: usize, place: &dyn Fn(f64) -> (f64, f64)| {
+            let of = |texel: usize, sign: f64| {
+                let (x, y) = place(sign * step);
+                inverse(texel, x, y).map(|there| (there - here) * sign / step)
+            };
+            let before = if at > 0 { of(texel - stride, -1.0) } else { None };
+            let after = if at + 1 < side { of(texel + stride, 1.0) } else { None };
+            match (before, after) {
+                (Some(a), Some(b)) => {
+                    if a.abs() < b.abs() {
+                        a
+                    } else {
+                        b
+                    }
+                }
+                (Some(a), None) | (None, Some(a)) => a,
+                (None, None) => 0.0,
+            }
+        };
+        let right = slope(column, 1, &|step| (x + step, y));
+        let up = slope(row, side, &|step| (x, y + step));
+        Some(from_face(face, DVec3::new(right, up, here - right * x - up * y)))
+    }
+
     /// All texels' bits: equal for equal maps.
     pub fn bits(&self) -> impl Iterator<Item = u64> {
         self.keys.iter().map(|key| key.load(Ordering::Relaxed))
@@ -141,8 +192,14 @@ mod tests {
     use super::*;
 
     fn maps() -> Maps {
-        let map =
-            |side| PointReflector { instance: 0, center: DVec3::ZERO, radius: 1.0, curvature: 1.0, side };
+        let map = |side| PointReflector {
+            instance: 0,
+            center: DVec3::ZERO,
+            radius: 1.0,
+            curvature: 1.0,
+            side,
+            front: None,
+        };
         Maps::new(&[map(32), map(96), map(64)])
     }
 

@@ -14,13 +14,18 @@
 //!
 //! Bytes are equal for any number of threads.
 
+mod bounces;
 mod cells;
 mod density;
 mod facets;
+#[cfg(test)]
+mod hard_tests;
 mod lookup;
 mod maps;
+mod planar;
 mod reflectors;
 mod requests;
+mod shadows;
 mod splat;
 #[cfg(test)]
 mod tests;
@@ -35,14 +40,17 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::packets::cutouts::Cutouts;
+pub use bounces::{Bounces, Mirror, Sight, Surfaces};
 pub use cells::{Grid, Point, Rows};
 pub use density::{Density, DensityRule, density_for};
 use facets::Cutter;
 pub use facets::{Facet, Piece, Pieces, Side};
 pub use lookup::{STEPS, lookup};
 pub use maps::Maps;
+pub use planar::{HalfSpace, LARGEST_MIRROR_SIDE};
 pub use reflectors::{Eye, LARGEST_SIDE, PointReflector, map_side};
 pub use requests::{Lookups, ReflectivePixel, Requests, taps};
+pub use shadows::{LARGEST_SHADOW_SIDE, is_lit, light_map, light_points, shadow_side};
 use splat::Splats;
 pub use traced::{MetByRay, ReflectionRays};
 
@@ -78,7 +86,8 @@ pub struct EyePointKnobs {
     pub density: Density,
     /// Most points, 8 bytes each. More are never made, as long as there are no more pieces.
     pub budget: u32,
-    /// Whether most triangles below a tenth of a cell are left out (section 3.2). It saves points and may leave holes.
+    /// Whether most triangles below a tenth of a cell are left out (section 3.2). It saves points. Those that stand alone,
+    /// where a map would see nothing without them, are kept as far as the budget allows.
     pub culling: bool,
 }
 
@@ -86,6 +95,15 @@ impl Default for EyePointKnobs {
     fn default() -> Self {
         Self { density: Density::default(), budget: 1 << 25, culling: false }
     }
+}
+
+/// How points come into maps (section 3.4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Splatting {
+    /// All points are made first, and splatted then.
+    Buffered,
+    /// Points are splatted as they are made, and none is stored: a texel's point is found from its number.
+    Bufferless,
 }
 
 /// How a budget was kept.
@@ -103,7 +121,7 @@ pub struct BudgetReport {
 pub struct EyePoints {
     /// Pieces of triangles.
     pub pieces: Pieces,
-    /// Points, in the order of pieces.
+    /// Points, in the order of pieces; none where splatting needs no buffer.
     pub points: Vec<Point>,
     /// First point of each piece, and the number of all.
     first: Vec<u32>,
@@ -132,6 +150,28 @@ pub struct ShadingPoint {
     pub footprint: [DVec3; 2],
 }
 
+/// A clock of passes, one after the other.
+struct Stages {
+    all: Vec<Stage>,
+    begin: Instant,
+}
+
+impl Stages {
+    fn new() -> Self {
+        Self { all: Vec::new(), begin: Instant::now() }
+    }
+
+    /// Ends a pass; the next one begins.
+    fn end(&mut self, name: &'static str) {
+        self.all.push(Stage::new(name, self.begin.elapsed().as_secs_f64() * 1e3));
+        self.begin = Instant::now();
+    }
+
+    fn all(self) -> Vec<Stage> {
+        self.all
+    }
+}
+
 /// Most rounds in which density is lowered.
 const MOST_ROUNDS: u32 = 6;
 /// Least and largest factor on the density in a round after the first.
@@ -151,41 +191,67 @@ impl PointScene {
 
     /// Makes points for reflectors that an eye sees, and fills their maps.
     pub fn points(&self, eye: &Eye, reflectors: &[PointReflector], knobs: &EyePointKnobs) -> EyePoints {
-        let mut begin = Instant::now();
-        let mut stages = Vec::new();
-        let mut stage = |name: &'static str| {
-            stages.push(Stage::new(name, begin.elapsed().as_secs_f64() * 1e3));
-            begin = Instant::now();
-        };
-        let (pieces, first, budget) = self.pieces(eye, reflectors, knobs);
-        stage("density");
-        let points = generate(&pieces, &first);
-        stage("points");
-        let maps = Maps::new(reflectors);
-        let splats = Splats {
-            facets: &self.facets,
-            pieces: &pieces,
-            points: &points,
-            first: &first,
-            reflectors,
-            cut: &self.cutouts,
-        };
-        splats.splat_to(&maps);
-        stage("splat");
-        EyePoints { pieces, points, first, maps, budget, stages }
+        self.points_by(eye, reflectors, knobs, Splatting::Buffered)
     }
 
-    /// Pieces whose points fit in the budget, and the first point of each.
+    /// Makes points for reflectors that an eye sees, and fills their maps. All ways to splat give the same maps.
+    pub fn points_by(
+        &self,
+        eye: &Eye,
+        reflectors: &[PointReflector],
+        knobs: &EyePointKnobs,
+        splatting: Splatting,
+    ) -> EyePoints {
+        let mut stages = Stages::new();
+        let ([mut pieces, culled], mut first, budget) = self.pieces(eye, reflectors, knobs);
+        stages.end("density");
+        let buffered = splatting == Splatting::Buffered;
+        let mut points = if buffered { generate(&pieces, &first, 0) } else { Vec::new() };
+        stages.end("points");
+        let maps = Maps::new(reflectors);
+        let splats = self.splats(&pieces, buffered.then_some(&points), &first, reflectors);
+        splats.splat_to(&maps, 0);
+        // A culled triangle that stands alone would leave a hole.
+        let alone = splats.fill_holes(&culled, &maps);
+        let kept = pieces.all.len();
+        for index in alone {
+            let count = u64::from(first[pieces.all.len()]) + culled.all[index].rows().cells();
+            if count <= u64::from(knobs.budget) {
+                pieces.push(culled.all[index], culled.bits(index));
+                first.push(count as u32);
+            }
+        }
+        if buffered {
+            points.extend(generate(&pieces, &first, kept));
+        }
+        self.splats(&pieces, buffered.then_some(&points), &first, reflectors).splat_to(&maps, kept);
+        stages.end("splat");
+        EyePoints { pieces, points, first, maps, budget, stages: stages.all() }
+    }
+
+    fn splats<'a>(
+        &'a self,
+        pieces: &'a Pieces,
+        points: Option<&'a Vec<Point>>,
+        first: &'a [u32],
+        reflectors: &'a [PointReflector],
+    ) -> Splats<'a> {
+        let points = points.map(Vec::as_slice);
+        Splats { facets: &self.facets, pieces, points, first, reflectors, cut: &self.cutouts }
+    }
+
+    /// Pieces whose points fit in the budget, pieces that are culled, and the first point of each of the former.
     fn pieces(
         &self,
         eye: &Eye,
         reflectors: &[PointReflector],
         knobs: &EyePointKnobs,
-    ) -> (Pieces, Vec<u32>, BudgetReport) {
+    ) -> ([Pieces; 2], Vec<u32>, BudgetReport) {
         let (mut reduction, mut wanted) = (knobs.density.reduction, None);
         for round in 0.. {
             let density = Density { reduction, ..knobs.density };
-            let pieces = Cutter { eye, reflectors, density, culling: knobs.culling }.cut(&self.facets);
+            let [pieces, culled] =
+                Cutter { eye, reflectors, density, culling: knobs.culling }.cut_and_culled(&self.facets);
             let counts: Vec<u64> = pieces.all.par_iter().map(|piece| piece.rows().cells()).collect();
             let sum: u64 = counts.iter().sum();
             let wanted = *wanted.get_or_insert(sum);
@@ -198,7 +264,7 @@ impl PointScene {
                     next = next.saturating_add(count as u32);
                 }
                 first.push(next);
-                return (pieces, first, BudgetReport { wanted, reduction, kept });
+                return ([pieces, culled], first, BudgetReport { wanted, reduction, kept });
             }
             let budget = f64::from(knobs.budget);
             reduction *= match round {
@@ -249,7 +315,7 @@ impl PointScene {
 
     /// A point, for shading: the middle of its cell, or the closest place of its triangle.
     pub fn shading_of_point(&self, points: &EyePoints, id: u32) -> ShadingPoint {
-        let point = points.points[id as usize];
+        let point = points.point(id);
         let piece = &points.pieces.all[point.piece() as usize];
         let facet = &self.facets[piece.facet as usize];
         let middle = piece.grid.point(point.middle());
@@ -266,27 +332,42 @@ impl PointScene {
     }
 }
 
-/// The points of all pieces, each from its place in the list on.
-fn generate(pieces: &Pieces, first: &[u32]) -> Vec<Point> {
-    let mut points = vec![Point(0); first.last().map_or(0, |count| *count as usize)];
-    let mut parts = Vec::with_capacity(pieces.all.len());
+/// The points of all pieces from one on, in their order.
+fn generate(pieces: &Pieces, first: &[u32], from: usize) -> Vec<Point> {
+    let count = first.last().zip(first.get(from)).map_or(0, |(end, begin)| end - begin);
+    let mut points = vec![Point(0); count as usize];
+    let mut parts = Vec::with_capacity(pieces.all.len() - from);
     let mut rest = points.as_mut_slice();
-    for (number, piece) in pieces.all.iter().enumerate() {
+    for (number, piece) in pieces.all.iter().enumerate().skip(from) {
         let (part, others) = rest.split_at_mut((first[number + 1] - first[number]) as usize);
         rest = others;
         parts.push((number as u32, piece, part));
     }
     parts.into_par_iter().with_min_len(16).for_each(|(number, piece, part)| {
-        let rows = piece.rows();
-        let cells = (0..rows.count).flat_map(|row| rows.columns(row).map(move |column| (row, column)));
-        for (point, (row, column)) in part.iter_mut().zip(cells) {
-            *point = Point::new(number, row as u16, column as u16);
+        for (point, [row, column]) in part.iter_mut().zip(piece.cells()) {
+            *point = Point::new(number, row, column);
         }
     });
     points
 }
 
 impl EyePoints {
+    /// Number of points, whether a buffer has them or not.
+    pub fn count(&self) -> usize {
+        self.first.last().map_or(0, |count| *count as usize)
+    }
+
+    /// A point that a texel names.
+    pub fn point(&self, id: u32) -> Point {
+        if let Some(&point) = self.points.get(id as usize) {
+            return point;
+        }
+        let piece = self.first.partition_point(|first| *first <= id) - 1;
+        let number = (id - self.first[piece]) as usize;
+        let [row, column] = self.pieces.all[piece].cells().nth(number).unwrap_or_default();
+        Point::new(piece as u32, row, column)
+    }
+
     /// Bytes of pieces, points and maps.
     pub fn bytes(&self) -> usize {
         self.pieces.bytes() + size_of_val(&self.points[..]) + size_of_val(&self.first[..]) + self.maps.bytes()
@@ -300,7 +381,7 @@ pub struct Reflected {
     pub radiance: Vec<Vec3>,
     /// Number of shaded points.
     pub shades: usize,
-    /// Bytes of bits and of shaded radiance.
+    /// Bytes of looked-up texels, bits and shaded radiance.
     pub bytes: usize,
     /// Time of each pass.
     pub stages: Vec<Stage>,
@@ -315,9 +396,9 @@ pub fn reflect(
     id_of: impl Fn(usize, u32) -> u32 + Sync,
     shade: impl Fn(u32) -> Vec3 + Sync,
 ) -> Reflected {
-    let begin = Instant::now();
+    let stages = Stages::new();
     let requests = lookups.request(count, &id_of);
-    shade_and_mirror(lookups, sky, (&requests, begin), id_of, shade)
+    shade_and_mirror(lookups, sky, (&requests, stages), id_of, shade)
 }
 
 /// Shades all ids, as rendering does that is not deferred to the eye, and looks up what pixels reflect. Arguments are those of
@@ -329,29 +410,24 @@ pub fn reflect_all(
     id_of: impl Fn(usize, u32) -> u32 + Sync,
     shade: impl Fn(u32) -> Vec3 + Sync,
 ) -> Reflected {
-    let begin = Instant::now();
+    let stages = Stages::new();
     let requests = Requests::all(lookups.maps, count, &id_of);
-    shade_and_mirror(lookups, sky, (&requests, begin), id_of, shade)
+    shade_and_mirror(lookups, sky, (&requests, stages), id_of, shade)
 }
 
 fn shade_and_mirror(
     lookups: &Lookups<'_>,
     sky: &argus_scene::Sky,
-    (requests, mut begin): (&Requests, Instant),
+    (requests, mut stages): (&Requests, Stages),
     id_of: impl Fn(usize, u32) -> u32 + Sync,
     shade: impl Fn(u32) -> Vec3 + Sync,
 ) -> Reflected {
-    let mut stages = Vec::new();
-    let mut stage = |name: &'static str| {
-        stages.push(Stage::new(name, begin.elapsed().as_secs_f64() * 1e3));
-        begin = Instant::now();
-    };
     let ids = requests.ids();
-    stage("request");
+    stages.end("request");
     let shaded: Vec<Vec3> = ids.par_iter().with_min_len(64).map(|&id| shade(id)).collect();
-    stage("shade");
+    stages.end("shade");
     let radiance = lookups.mirror(requests, &shaded, sky, &id_of);
-    stage("mirror");
+    stages.end("mirror");
     let bytes = requests.bytes() + size_of_val(&shaded[..]);
-    Reflected { radiance, shades: shaded.len(), bytes, stages }
+    Reflected { radiance, shades: shaded.len(), bytes, stages: stages.all() }
 }

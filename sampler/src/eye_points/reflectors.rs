@@ -3,6 +3,8 @@
 use argus_scene::{Camera, Instance, Mesh, Scene};
 use glam::DVec3;
 
+use super::HalfSpace;
+
 /// The viewer whose pixels set the density of points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Eye {
@@ -30,7 +32,7 @@ impl Eye {
 pub struct PointReflector {
     /// Index into [`Scene::instances`].
     pub instance: u32,
-    /// The middle of its bounds, metres, world space: where its map is seen from.
+    /// Where its map is seen from, metres, world space: the middle of its bounds, or the eye's mirror image.
     pub center: DVec3,
     /// Distance of its farthest vertex from the middle, metres.
     pub radius: f64,
@@ -38,6 +40,8 @@ pub struct PointReflector {
     pub curvature: f64,
     /// Texels on an edge of each of its map's six faces.
     pub side: u32,
+    /// What the map sees, if that is only what lies in front of a planar mirror.
+    pub front: Option<HalfSpace>,
 }
 
 /// Largest side of a map's face, as in the paper (section 4.2).
@@ -69,7 +73,16 @@ impl PointReflector {
             radius,
             curvature,
             side,
+            front: None,
         })
+    }
+
+    /// Distance from the map's middle at which it begins to see along a unit direction, metres; `None` if it sees nothing
+    /// there.
+    pub fn begin(&self, direction: DVec3) -> Option<f64> {
+        let Some(front) = self.front else { return Some(0.0) };
+        let begin = (front.point - self.center).dot(front.normal) / direction.dot(front.normal);
+        (begin >= 0.0 && begin.is_finite()).then_some(begin)
     }
 }
 

@@ -56,6 +56,8 @@ pub fn taps(count: u32) -> Vec<DVec2> {
 
 /// Requested ids: a bit for each.
 pub struct Requests {
+    /// The texel of each pixel's taps, in order, if lookups were made: the same are not made twice.
+    texels: Vec<u32>,
     bits: Vec<AtomicU64>,
     /// Requested ids before each word.
     before: Vec<u32>,
@@ -90,21 +92,20 @@ impl Lookups<'_> {
     /// Marks what all taps meet. `count` is the number of ids, and `id_of` gives that of a texel: the point that it sees, or
     /// the texel itself.
     pub fn request(&self, count: usize, id_of: impl Fn(usize, u32) -> u32 + Sync) -> Requests {
-        let bits: Vec<AtomicU64> = (0..count.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
-        self.pixels.par_iter().with_min_len(64).for_each(|pixel| {
-            for &tap in self.taps {
+        let mut requests = Requests::none(count);
+        let mut texels = vec![0u32; self.pixels.len() * self.taps.len()];
+        let of_pixel = texels.par_chunks_mut(self.taps.len().max(1)).zip(self.pixels).with_min_len(64);
+        of_pixel.for_each(|(texels, pixel)| {
+            for (found, &tap) in texels.iter_mut().zip(self.taps) {
                 let (texel, _) = self.texel(pixel, tap);
+                *found = texel as u32;
                 if let Some((seen, _)) = self.maps.get(texel) {
-                    let id = id_of(texel, seen);
-                    let (word, bit) = (&bits[id as usize / 64], 1u64 << (id % 64));
-                    // Most have been requested before: reading alone leaves the word shared.
-                    if word.load(Ordering::Relaxed) & bit == 0 {
-                        word.fetch_or(bit, Ordering::Relaxed);
-                    }
+                    requests.add(id_of(texel, seen));
                 }
             }
         });
-        Requests::of(bits)
+        requests.texels = texels;
+        requests.counted()
     }
 
     /// The mean radiance that each pixel's taps meet. `shaded` has that of all requested ids, ascending.
@@ -115,18 +116,22 @@ impl Lookups<'_> {
         sky: &Sky,
         id_of: impl Fn(usize, u32) -> u32 + Sync,
     ) -> Vec<Vec3> {
-        let radiance = |pixel: &ReflectivePixel| {
+        let taps = self.taps.len();
+        let radiance = |(number, pixel): (usize, &ReflectivePixel)| {
             let mut sum = Vec3::ZERO;
-            for &tap in self.taps {
-                let (texel, direction) = self.texel(pixel, tap);
+            for (tap, &offset) in self.taps.iter().enumerate() {
+                let texel = match requests.texels.get(number * taps + tap) {
+                    Some(&texel) => texel as usize,
+                    None => self.texel(pixel, offset).0,
+                };
                 sum += match self.maps.get(texel) {
                     Some((seen, _)) => shaded[requests.slot(id_of(texel, seen))],
-                    None => sky_radiance(sky, direction.as_vec3()),
+                    None => sky_radiance(sky, pixel.ray(self.eye, offset).1.as_vec3()),
                 };
             }
-            sum / self.taps.len().max(1) as f32
+            sum / taps.max(1) as f32
         };
-        self.pixels.par_iter().with_min_len(64).map(radiance).collect()
+        self.pixels.par_iter().enumerate().with_min_len(64).map(radiance).collect()
     }
 
     /// Where each pixel's central tap says that its ray ends, metres, world space; `None` for the sky.
@@ -142,27 +147,43 @@ impl Lookups<'_> {
 }
 
 impl Requests {
-    fn of(bits: Vec<AtomicU64>) -> Self {
+    /// No request yet of `count` ids.
+    pub(super) fn none(count: usize) -> Self {
+        let bits = (0..count.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        Self { texels: Vec::new(), bits, before: Vec::new() }
+    }
+
+    /// Requests an id. Slots are known after [`Self::counted`].
+    #[inline]
+    pub(super) fn add(&self, id: u32) {
+        let (word, bit) = (&self.bits[id as usize / 64], 1u64 << (id % 64));
+        // Most have been requested before: reading alone leaves the word shared.
+        if word.load(Ordering::Relaxed) & bit == 0 {
+            word.fetch_or(bit, Ordering::Relaxed);
+        }
+    }
+
+    /// Requests with slots.
+    pub(super) fn counted(mut self) -> Self {
         let mut sum = 0;
-        let before = bits.iter().map(|word| {
+        let before = self.bits.iter().map(|word| {
             let here = sum;
             sum += word.load(Ordering::Relaxed).count_ones();
             here
         });
-        let before = before.collect();
-        Self { bits, before }
+        self.before = before.collect();
+        self
     }
 
     /// Every id that a texel sees, as if all of them were looked up. Arguments are those of [`Lookups::request`].
     pub fn all(maps: &Maps, count: usize, id_of: impl Fn(usize, u32) -> u32 + Sync) -> Self {
-        let bits: Vec<AtomicU64> = (0..count.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
+        let requests = Self::none(count);
         (0..maps.texels()).into_par_iter().with_min_len(4096).for_each(|texel| {
             if let Some((seen, _)) = maps.get(texel) {
-                let id = id_of(texel, seen);
-                bits[id as usize / 64].fetch_or(1 << (id % 64), Ordering::Relaxed);
+                requests.add(id_of(texel, seen));
             }
         });
-        Self::of(bits)
+        requests.counted()
     }
 
     /// All requested ids, ascending.
@@ -177,16 +198,16 @@ impl Requests {
 
     /// Place of a requested id among all.
     #[inline]
-    fn slot(&self, id: u32) -> usize {
+    pub(super) fn slot(&self, id: u32) -> usize {
         let word = id as usize / 64;
         let lower = (1u64 << (id % 64)) - 1;
         let before = (self.bits[word].load(Ordering::Relaxed) & lower).count_ones();
         (self.before[word] + before) as usize
     }
 
-    /// Bytes of bits and sums.
+    /// Bytes of texels, bits and sums.
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.bits[..]) + size_of_val(&self.before[..])
+        size_of_val(&self.texels[..]) + size_of_val(&self.bits[..]) + size_of_val(&self.before[..])
     }
 }
 
@@ -231,7 +252,8 @@ mod tests {
     #[test]
     fn requested_ids_are_listed_once_and_in_order() {
         let bits = [1u64 << 3 | 1 << 63, 0, 1, u64::MAX].map(AtomicU64::new).into();
-        let requests = Requests { bits, before: vec![0, 2, 2, 3] };
+        let requests = Requests { texels: Vec::new(), bits, before: Vec::new() }.counted();
+        assert_eq!(requests.before, [0, 2, 2, 3]);
         let ids = requests.ids();
         assert_eq!(ids[..4], [3, 63, 128, 192]);
         assert_eq!(ids.len(), 67);

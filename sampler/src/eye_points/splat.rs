@@ -19,8 +19,8 @@ const SLACK: f64 = 1e-6;
 pub(super) struct Splats<'a> {
     pub(super) facets: &'a [Facet],
     pub(super) pieces: &'a Pieces,
-    /// Points of all pieces, in the order of pieces.
-    pub(super) points: &'a [Point],
+    /// Points of all pieces, in the order of pieces; `None`: they are made while they are splatted.
+    pub(super) points: Option<&'a [Point]>,
     /// First point of each piece, and the number of all.
     pub(super) first: &'a [u32],
     pub(super) reflectors: &'a [PointReflector],
@@ -28,9 +28,9 @@ pub(super) struct Splats<'a> {
 }
 
 impl Splats<'_> {
-    /// Splats all points. The maps' bytes do not depend on the number of threads.
-    pub(super) fn splat_to(&self, maps: &Maps) {
-        (0..self.pieces.all.len()).into_par_iter().with_max_len(32).for_each(|piece| {
+    /// Splats the points of all pieces from one on. The maps' bytes do not depend on the number of threads.
+    pub(super) fn splat_to(&self, maps: &Maps, from: usize) {
+        (from..self.pieces.all.len()).into_par_iter().with_max_len(32).for_each(|piece| {
             for map in self.pieces.seen_by(piece) {
                 self.piece(piece, map, maps);
             }
@@ -40,14 +40,14 @@ impl Splats<'_> {
     fn piece(&self, number: usize, map: usize, maps: &Maps) {
         let piece = &self.pieces.all[number];
         let facet = &self.facets[piece.facet as usize];
-        let center = self.reflectors[map].center;
+        let PointReflector { center, front, .. } = self.reflectors[map];
         let plane = Plane::new(facet, center);
         let range = self.first[number]..self.first[number + 1];
-        for id in range.clone() {
-            let point = self.points[id as usize];
-            let [row, column] = point.cell().map(f64::from);
+        let single = range.len() == 1 && !piece.whole_cell;
+        let splat = |id: u32, cell: [u16; 2]| {
+            let [row, column] = cell.map(f64::from);
             let corner = |x: f64, y: f64| piece.grid.point(glam::DVec2::new(column + x, row + y)) - center;
-            let outline = if range.len() == 1 && !piece.whole_cell {
+            let outline = if single {
                 // A triangle that is smaller than its cell is bounded more closely by its own corners.
                 Outline::new(&piece.corners.map(|corner| corner - center))
             } else {
@@ -58,6 +58,9 @@ impl Splats<'_> {
                     for x in columns.0..=columns.1 {
                         let direction = maps.direction(map, face, x, y);
                         let Some(met) = plane.meet(direction, piece.whole_cell) else { continue };
+                        if front.is_some_and(|front| !front.contains(center + met)) {
+                            continue;
+                        }
                         let place = piece.grid.place(center + met);
                         if place.x.floor() != column || place.y.floor() != row {
                             continue;
@@ -69,7 +72,42 @@ impl Splats<'_> {
                     }
                 }
             });
+        };
+        match self.points {
+            Some(points) => range.for_each(|id| splat(id, points[id as usize].cell())),
+            None => range.zip(piece.cells()).for_each(|(id, cell)| splat(id, cell)),
         }
+    }
+
+    /// Those of `others`, ascending, that some reflector sees in a texel which sees nothing yet.
+    pub(super) fn fill_holes(&self, others: &Pieces, maps: &Maps) -> Vec<usize> {
+        let fills = |piece: &usize| {
+            let facet = &self.facets[others.all[*piece].facet as usize];
+            others.seen_by(*piece).any(|map| self.fills_a_hole(facet, map, maps))
+        };
+        (0..others.all.len()).into_par_iter().with_min_len(64).filter(fills).collect()
+    }
+
+    fn fills_a_hole(&self, facet: &Facet, map: usize, maps: &Maps) -> bool {
+        let PointReflector { center, front, .. } = self.reflectors[map];
+        let mut found = false;
+        Outline::new(&facet.corners.map(|corner| corner - center)).bounds(
+            maps.side(map),
+            |face, columns, rows| {
+                for (y, x) in (rows.0..=rows.1).flat_map(|y| (columns.0..=columns.1).map(move |x| (y, x))) {
+                    if found || maps.get(maps.index(map, face, x, y)).is_some() {
+                        continue;
+                    }
+                    let met = Plane::new(facet, center).meet(maps.direction(map, face, x, y), false);
+                    let seen = |met: &DVec3| {
+                        front.is_none_or(|front| front.contains(center + *met))
+                            && !(facet.cutout && self.cut.is_open(facet, center + *met))
+                    };
+                    found = met.as_ref().is_some_and(seen);
+                }
+            },
+        );
+        found
     }
 
     /// Splats whole triangles, as a rasteriser would: ids are those of facets. The bounds of a triangle are those of its
@@ -89,7 +127,8 @@ impl Splats<'_> {
                             let Some(met) = plane.meet(maps.direction(map, face, x, y), false) else {
                                 continue;
                             };
-                            if !(facet.cutout && cut.is_open(facet, center + met)) {
+                            let behind = reflector.front.is_some_and(|front| !front.contains(center + met));
+                            if !(behind || facet.cutout && cut.is_open(facet, center + met)) {
                                 maps.write(maps.index(map, face, x, y), met.length(), index as u32);
                             }
                         }

@@ -104,13 +104,14 @@ impl ReflectionRays {
             .map(|texel| {
                 let (map, direction) = maps.direction_of(texel);
                 let reflector = &reflectors[map];
-                let found = self.nearest(
-                    &abouts[map],
-                    reflector.center,
-                    reflector.center,
-                    direction.normalize(),
-                    reflector.instance,
-                );
+                let direction = direction.normalize();
+                let begin = reflector.begin(direction)?;
+                let start = reflector.center + direction * begin;
+                let mut found =
+                    self.nearest(&abouts[map], reflector.center, start, direction, reflector.instance);
+                if let Some(met) = &mut found {
+                    met.range += begin;
+                }
                 if let Some(met) = found {
                     maps.write(texel, met.range, texel as u32);
                 }

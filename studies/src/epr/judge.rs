@@ -4,8 +4,7 @@ use anyhow::Result;
 use argus_sampler::eye_points::{Maps, ReflectivePixel};
 use argus_scene::metrics;
 use argus_scene::reference::Hit;
-use argus_scene::shading::{diffuse_radiance, sky_radiance};
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3};
 use image::RgbImage;
 use rayon::prelude::*;
 
@@ -38,9 +37,22 @@ pub(super) struct Errors {
     pub(super) rmse: f64,
 }
 
+/// Errors of an image; `right` is not known from it.
+pub(super) fn of_images(seen: &Seen, truth: &RgbImage, image: &RgbImage) -> Result<Errors> {
+    let compared = metrics::compare(truth, image)?;
+    let pixels = f64::from(image.width()) * f64::from(image.height());
+    let reflective = seen.pixels.len().max(1) as f64;
+    Ok(Errors {
+        right: f64::NAN,
+        flip: compared.flip_mean,
+        flip_reflective: (compared.flip_mean * pixels / reflective).min(1.0),
+        rmse: 255.0 * 10f64.powf(-compared.psnr_db / 20.0),
+    })
+}
+
 impl Stage {
     /// The nearest surface along a ray, past those of one instance.
-    fn past(&self, origin: DVec3, direction: DVec3, own: u32) -> Option<Hit> {
+    pub(super) fn past(&self, origin: DVec3, direction: DVec3, own: u32) -> Option<Hit> {
         let mut from = origin;
         for _ in 0..MOST_PASSED {
             let hit = self.tracer.trace(from, direction)?;
@@ -52,32 +64,21 @@ impl Stage {
         None
     }
 
+    /// A place of a surface, off it by as little as rounding allows; `eye` is where the place is seen from.
+    pub(super) fn off_surface(&self, place: DVec3, normal: DVec3, eye: DVec3) -> DVec3 {
+        place + normal * (OFF_SURFACE * (place - eye).length())
+    }
+
     /// The truth for what an eye sees.
     pub(super) fn truth(&self, seen: &Seen, taps: &[DVec2]) -> Truth {
         let eye = seen.eye.position;
-        let ray = |pixel: &ReflectivePixel, tap: DVec2| {
-            let (origin, direction) = pixel.ray(eye, tap);
-            let origin = origin + pixel.normal * (OFF_SURFACE * (origin - eye).length());
+        let central = |pixel: &ReflectivePixel| {
+            let (origin, direction) = pixel.ray(eye, DVec2::ZERO);
             let own = seen.reflectors[pixel.reflector as usize].instance;
-            (self.past(origin, direction, own), direction)
+            self.past(self.off_surface(origin, pixel.normal, eye), direction, own).map(|hit| hit.position)
         };
-        let arriving = |pixel: &ReflectivePixel| {
-            let mut sum = Vec3::ZERO;
-            for &tap in taps {
-                let (hit, direction) = ray(pixel, tap);
-                sum += match hit {
-                    Some(hit) => {
-                        let surface = self.tracer.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
-                        diffuse_radiance(&surface, &self.scene.lighting)
-                    }
-                    None => sky_radiance(&self.scene.lighting.sky, direction.as_vec3()),
-                };
-            }
-            sum / taps.len().max(1) as f32
-        };
-        let central = |pixel: &ReflectivePixel| ray(pixel, DVec2::ZERO).0.map(|hit| hit.position);
-        let arriving: Vec<Vec3> = seen.pixels.par_iter().map(arriving).collect();
         let met = seen.pixels.par_iter().map(central).collect();
+        let arriving = self.arriving(seen, taps, 1);
         let image = seen.image(&arriving, self.scene.lighting.exposure);
         Truth { met, image }
     }
@@ -95,7 +96,11 @@ impl Stage {
         let judge = |&texel: &usize| {
             let (map, direction) = maps.direction_of(texel);
             let reflector = &seen.reflectors[map];
-            let met = self.past(reflector.center, direction, reflector.instance);
+            let direction = direction.normalize();
+            let begin = reflector.begin(direction);
+            let met = begin.and_then(|begin| {
+                self.past(reflector.center + direction * begin, direction, reflector.instance)
+            });
             match (met, maps.get(texel)) {
                 (Some(_), None) => [1, 0],
                 (Some(hit), Some((id, _))) => [0, u32::from(facet_of(id) != (hit.instance, hit.triangle))],
@@ -110,15 +115,7 @@ impl Stage {
 impl Truth {
     /// Errors of a way's image, and of where it says that central rays end.
     pub(super) fn errors(&self, seen: &Seen, image: &RgbImage, met: &[Option<DVec3>]) -> Result<Errors> {
-        let compared = metrics::compare(&self.image, image)?;
-        let pixels = f64::from(image.width()) * f64::from(image.height());
-        let reflective = seen.pixels.len().max(1) as f64;
-        Ok(Errors {
-            right: self.right(seen, met),
-            flip: compared.flip_mean,
-            flip_reflective: (compared.flip_mean * pixels / reflective).min(1.0),
-            rmse: 255.0 * 10f64.powf(-compared.psnr_db / 20.0),
-        })
+        Ok(Errors { right: self.right(seen, met), ..of_images(seen, &self.image, image)? })
     }
 
     /// Share of reflective pixels whose central ray ends within 1° and 5% of the range of the truth.

@@ -5,11 +5,15 @@
 //! scene. The truth is reflected rays of the f64 reference.
 
 mod judge;
+mod motion;
 mod paper;
+mod recursion;
+mod soft_shadows;
 mod stage;
 mod ways;
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
@@ -26,9 +30,40 @@ pub use stage::Pose;
 use stage::{Seen, Stage};
 use ways::{Outcome, USUAL_DENSITY, Way, Ways};
 
+/// Parts of the study, each with a table of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Points and their rivals: tables 1 and 2, figures 7 and 8.
+    Reflections,
+    /// Several bounces between two cylinders: figure 5.
+    Recursion,
+    /// Stability over time: the eye and all reflectors move.
+    Motion,
+    /// Shadows of a spherical light: table 3 and figure 10.
+    Shadows,
+}
+
+impl Part {
+    /// All parts.
+    pub const ALL: [Self; 4] = [Self::Reflections, Self::Recursion, Self::Motion, Self::Shadows];
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Reflections => "reflections",
+            Self::Recursion => "recursion",
+            Self::Motion => "motion",
+            Self::Shadows => "shadows",
+        })
+    }
+}
+
 /// What the study measures.
 #[derive(Debug, Clone)]
 pub struct Options {
+    /// The part that is measured.
+    pub part: Part,
     /// A scene, as [`argus_scene::open`] takes it.
     pub scene: String,
     /// Numbers of balls that are added to it; 0 leaves the scene's own reflectors.
@@ -41,6 +76,10 @@ pub struct Options {
     pub size: [u32; 2],
     /// Lookups of each reflective pixel.
     pub taps: u32,
+    /// Numbers of points of the light of [`Part::Shadows`].
+    pub light_samples: Vec<u32>,
+    /// Frames of [`Part::Motion`].
+    pub frames: u32,
     /// Most points.
     pub budget: u32,
     /// Measured rounds; each time is their median.
@@ -53,12 +92,15 @@ impl Default for Options {
     /// Takes some minutes on two cores.
     fn default() -> Self {
         Self {
+            part: Part::Reflections,
             scene: "rooms".to_owned(),
             reflectors: vec![1, 10, 50],
             poses: Pose::ALL.to_vec(),
             densities: vec![0.25, 0.5, 1.0],
             size: [640, 360],
             taps: 25,
+            light_samples: vec![1, 5, 10, 20],
+            frames: 8,
             budget: 1 << 25,
             rounds: 1,
             images: None,
@@ -68,7 +110,14 @@ impl Default for Options {
 
 impl Effort for Options {
     fn quick() -> Self {
-        Self { reflectors: vec![3], densities: vec![0.5], size: [96, 72], taps: 4, ..Self::default() }
+        Self {
+            reflectors: vec![3],
+            densities: vec![0.5],
+            size: [96, 72],
+            taps: 4,
+            frames: 2,
+            ..Self::default()
+        }
     }
 }
 
@@ -77,15 +126,47 @@ const FIXED_SIDE: u32 = 512;
 /// Most reflectors for which maps of the fixed side are filled: each takes 30 MiB.
 const MOST_FIXED: usize = 12;
 
-/// Runs the study; `progress` counts rows.
+/// Runs a part of the study; `progress` counts rows.
 ///
 /// # Errors
 /// A scene that cannot be opened or has no reflector, or a folder that cannot be written to.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
-    progress.set_length((options.reflectors.len() * options.poses.len() * ways_of(options).len()) as u64);
     if let Some(folder) = &options.images {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
+    let (rows, note) = match options.part {
+        Part::Reflections => return reflections(options, progress),
+        Part::Recursion => (
+            recursion::rows(options, progress)?,
+            "Two cylinders that face each other (figure 5). maps_ms: points and their maps, once for any number of bounces. \
+             flip_reflective, rmse: against rays of the f64 reference with as many bounces. paper_deferred_ms: request, shading \
+             and lookups in the paper.",
+        ),
+        Part::Motion => (
+            motion::rows(options, progress)?,
+            "The eye turns by a quarter of a degree a frame, and reflectors rise and sink. Changes are from frame to frame, of \
+             255, on pixels that show the same reflector twice. beyond: change beyond that of the reflected rays of the f64 \
+             reference; change_of_error: of the difference from them. resized_maps: whose side changed.",
+        ),
+        Part::Shadows => (
+            soft_shadows::rows(options, progress)?,
+            "Shadows of a ball of light (section 5), by maps around its points. wrong: pairs of a pixel and a point of the light \
+             that differ from a ray; visibility_error: mean difference of the share of the light that a pixel sees. paper_…: the \
+             breakfast scene on a GTX 1080 Ti at 1920×1080 (table 3).",
+        ),
+    };
+    let [width, height] = options.size;
+    let mut report = Report::new(&options.scene, Machine::here("not used"), rows);
+    report.notes.push(format!(
+        "{width}×{height} pixels, {} taps a reflective pixel; all on the CPU. {note}",
+        options.taps
+    ));
+    Ok(report)
+}
+
+/// Points and their rivals.
+fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    progress.set_length((options.reflectors.len() * options.poses.len() * ways_of(options).len()) as u64);
     let mut rows = Vec::new();
     let mut notes = Vec::new();
     for &balls in &options.reflectors {
@@ -150,6 +231,7 @@ fn ways_of(options: &Options) -> Vec<Way> {
     let others = [
         Way::PlanarPoints,
         Way::CulledPoints,
+        Way::BufferlessPoints,
         Way::MapPoints,
         Way::MultiView(None),
         Way::MultiView(Some(FIXED_SIDE)),
@@ -231,11 +313,16 @@ impl Subject<'_> {
 
     /// Writes an image of a row, if images are wanted.
     fn save(&self, name: &str, image: &image::RgbImage) -> Result<()> {
-        let Some(folder) = &self.options.images else { return Ok(()) };
-        let name = name.replace([' ', ','], "-").replace("--", "-").replace('²', "");
-        let path = folder.join(format!("epr-{}-{}-{name}.png", self.balls, self.pose));
-        image.save(&path).with_context(|| format!("cannot write {}", path.display()))
+        save(self.options, &format!("{}-{}-{name}", self.balls, self.pose), image)
     }
+}
+
+/// Writes an image, if images are wanted.
+fn save(options: &Options, name: &str, image: &image::RgbImage) -> Result<()> {
+    let Some(folder) = &options.images else { return Ok(()) };
+    let name = name.replace([' ', ','], "-").replace("--", "-").replace('²', "");
+    let path = folder.join(format!("epr-{name}.png"));
+    image.save(&path).with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// A plot of error against time, a series for each way.

@@ -39,7 +39,9 @@ impl fmt::Display for Pose {
 pub(super) struct Stage {
     pub(super) scene: Arc<Scene>,
     pub(super) tracer: Tracer,
-    /// Instances at time zero.
+    /// Seconds of scene time.
+    pub(super) time_secs: f64,
+    /// Instances at that time.
     placed: Vec<Instance>,
     /// Indices of instances, ascending: the added balls, or the scene's own reflectors where none are added.
     pub(super) instances: Vec<u32>,
@@ -60,7 +62,7 @@ pub(super) struct Seen {
 }
 
 /// Smallest distance that counts, metres.
-const NEAR: f64 = 1e-3;
+pub(super) const NEAR: f64 = 1e-3;
 /// A change from pixel to pixel is at most as large as that of a surface seen at this cosine.
 const LEAST_COSINE: f64 = 0.05;
 
@@ -74,41 +76,81 @@ impl Stage {
             instances.retain(|&instance| instance as usize >= own);
         }
         anyhow::ensure!(!instances.is_empty(), "{spec} has no reflective object: add balls by --reflectors");
+        Ok(Self::of(scene, instances))
+    }
+
+    /// Opens a scene as it is, of which nothing reflects.
+    pub(super) fn without_reflectors(spec: &str) -> Result<Self> {
+        Ok(Self::of(Arc::new(argus_scene::open(spec)?), Vec::new()))
+    }
+
+    /// Unit normal of the plane of what a ray meets, on the side that is seen.
+    pub(super) fn plane_normal(&self, hit: &Hit, direction: DVec3) -> DVec3 {
+        let instance = &self.placed[hit.instance as usize];
+        let mesh = &self.scene.meshes[instance.mesh as usize];
+        let first = 3 * hit.triangle as usize;
+        let corners =
+            [0, 1, 2].map(|corner| mesh.positions[mesh.indices[first + corner] as usize].as_dvec3());
+        let [a, b, c] = corners.map(|corner| instance.world_from_mesh.transform_vector3(corner));
+        let normal = (b - a).cross(c - a).normalize_or(-direction);
+        if normal.dot(direction) > 0.0 { -normal } else { normal }
+    }
+
+    /// A scene at time zero with its reflectors, ascending.
+    pub(super) fn of(scene: Arc<Scene>, instances: Vec<u32>) -> Self {
         let tracer = Tracer::new(Arc::clone(&scene));
         let placed = scene.at(0.0).instances;
-        Ok(Self { scene, tracer, placed, instances })
+        Self { scene, tracer, time_secs: 0.0, placed, instances }
+    }
+
+    /// The stage at another time in seconds.
+    pub(super) fn at(&self, time_secs: f64) -> Self {
+        Self {
+            scene: Arc::clone(&self.scene),
+            tracer: self.tracer.at(time_secs),
+            time_secs,
+            placed: self.scene.at(time_secs).instances,
+            instances: self.instances.clone(),
+        }
     }
 
     /// The camera of a pose.
     pub(super) fn camera(&self, pose: Pose) -> Result<Camera> {
         let first = self.scene.default_camera();
-        let balls: Vec<(u32, DVec3, f64)> = self
-            .instances
-            .iter()
-            .filter_map(|&index| {
-                let found = self.scene.reflector(index, &self.placed[index as usize])?;
-                Some((index, found.center, found.radius / 3f64.sqrt()))
-            })
-            .collect();
+        let balls = self.balls();
         let middle = balls.iter().map(|ball| ball.1).sum::<DVec3>() / balls.len().max(1) as f64;
         let distant = Camera { target: middle, fov_deg: 60.0, up: DVec3::Y, ..first };
         let distant = if distant.validate().is_ok() { distant } else { first };
         if pose == Pose::Distant {
             return Ok(distant);
         }
-        let eye = distant.eye;
+        let (_, center, radius) = self.nearest(&distant).context("there is no reflector")?;
+        let back = (distant.eye - center).normalize_or(DVec3::Z);
+        let close = Camera { eye: center + back * 3.0 * radius, target: center, ..distant };
+        close.validate().map_err(anyhow::Error::from)?;
+        Ok(close)
+    }
+
+    /// Instance, middle and radius of each reflector, metres; the radius is that of a ball within its box.
+    fn balls(&self) -> Vec<(u32, DVec3, f64)> {
+        let of_instance = |&index: &u32| {
+            let found = self.scene.reflector(index, &self.placed[index as usize])?;
+            Some((index, found.center, found.radius / 3f64.sqrt()))
+        };
+        self.instances.iter().filter_map(of_instance).collect()
+    }
+
+    /// The reflector nearest to a camera whose middle it sees, or the nearest of all if it sees none: instance, middle and
+    /// radius, metres.
+    pub(super) fn nearest(&self, camera: &Camera) -> Option<(u32, DVec3, f64)> {
+        let (balls, eye) = (self.balls(), camera.eye);
         let seen = |ball: &&(u32, DVec3, f64)| {
             self.tracer.trace(eye, ball.1 - eye).is_some_and(|hit| hit.instance == ball.0)
         };
         let nearer = |a: &&(u32, DVec3, f64), b: &&(u32, DVec3, f64)| {
             (a.1 - eye).length().total_cmp(&(b.1 - eye).length())
         };
-        let nearest = balls.iter().filter(seen).min_by(nearer).or_else(|| balls.iter().min_by(nearer));
-        let &(_, center, radius) = nearest.context("there is no reflector")?;
-        let back = (eye - center).normalize_or(DVec3::Z);
-        let close = Camera { eye: center + back * 3.0 * radius, target: center, ..distant };
-        close.validate().map_err(anyhow::Error::from)?;
-        Ok(close)
+        balls.iter().filter(seen).min_by(nearer).or_else(|| balls.iter().min_by(nearer)).copied()
     }
 
     /// What a camera sees, one ray a pixel.
@@ -126,7 +168,7 @@ impl Stage {
                 return (self.tracer.radiance_of(hit.as_ref(), direction, dx, dy), None);
             };
             let surface = self.tracer.surface(&hit, direction, dx, dy);
-            let pixel = self.pixel(&eye, &hit, &surface, [direction, right, down]);
+            let pixel = self.pixel(eye.position, &hit, &surface, [direction, right, down]);
             (Vec3::ZERO, Some((hit.instance, index, surface, -direction.as_vec3(), pixel)))
         };
         let count = width as usize * height as usize;
@@ -139,7 +181,8 @@ impl Stage {
         numbers.retain(|&instance, number| {
             *number = reflectors.len() as u32;
             let placed = &self.placed[instance as usize];
-            let found = PointReflector::new(&self.scene, instance, placed, &eye, LARGEST_SIDE);
+            let found = PointReflector::planar(&self.scene, instance, placed, &eye)
+                .or_else(|| PointReflector::new(&self.scene, instance, placed, &eye, LARGEST_SIDE));
             reflectors.extend(found);
             found.is_some()
         });
@@ -154,10 +197,11 @@ impl Stage {
         Seen { eye, size: [width, height], reflectors, pixels, surfaces, background }
     }
 
-    /// A pixel of a reflector: positions and normals at the neighbouring pixels are those of its triangle's plane.
-    fn pixel(
+    /// A pixel of a reflector that is seen from a place in three directions: its own and those of its neighbours on the right
+    /// and below. Positions and normals there are those of the plane of its triangle.
+    pub(super) fn pixel(
         &self,
-        eye: &Eye,
+        eye: DVec3,
         hit: &Hit,
         surface: &Surface,
         [direction, right, down]: [DVec3; 3],
@@ -186,8 +230,8 @@ impl Stage {
         let normal = surface.normal.as_dvec3();
         let here = normal_at(hit.position);
         let steps = [right, down].map(|neighbour| {
-            let t = (hit.position - eye.position).dot(plane) / neighbour.dot(plane);
-            let step = eye.position + neighbour * t - hit.position;
+            let t = (hit.position - eye).dot(plane) / neighbour.dot(plane);
+            let step = eye + neighbour * t - hit.position;
             let most = hit.range * (neighbour - direction).length() / LEAST_COSINE;
             let step = if step.is_finite() { step.clamp_length_max(most) } else { DVec3::ZERO };
             (step, normal_at(hit.position + step) - here)

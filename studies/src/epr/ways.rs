@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use argus_sampler::eye_points::{
     Density, DensityRule, EyePointKnobs, Lookups, Maps, PointReflector, PointScene, Reflected,
-    ReflectionRays, STEPS, reflect, reflect_all,
+    ReflectionRays, STEPS, Splatting, reflect, reflect_all,
 };
 use argus_scene::Stage as Timed;
 use argus_scene::shading::sky_radiance;
@@ -24,6 +24,8 @@ pub(super) enum Way {
     PlanarPoints,
     /// Eye-based points without most of the smallest triangles.
     CulledPoints,
+    /// Eye-based points that are splatted as they are made: the paper's splats without a buffer.
+    BufferlessPoints,
     /// Points as dense as texels, all of which are shaded: improved view-independent rendering.
     MapPoints,
     /// Every triangle is rasterised into every map, all of whose texels are shaded. The maps' sides follow the eye, or are
@@ -41,6 +43,7 @@ impl fmt::Display for Way {
             Self::Points(_) => f.write_str("points"),
             Self::PlanarPoints => f.write_str("points, planar"),
             Self::CulledPoints => f.write_str("points, culled"),
+            Self::BufferlessPoints => f.write_str("points, bufferless"),
             Self::MapPoints => f.write_str("iVIR"),
             Self::MultiView(None) => f.write_str("MVR, adaptive"),
             Self::MultiView(Some(side)) => write!(f, "MVR, {side}²"),
@@ -96,7 +99,7 @@ impl Way {
     pub(super) fn density(self) -> Option<f64> {
         match self {
             Self::Points(density) => Some(density),
-            Self::PlanarPoints | Self::CulledPoints => Some(USUAL_DENSITY),
+            Self::PlanarPoints | Self::CulledPoints | Self::BufferlessPoints => Some(USUAL_DENSITY),
             _ => None,
         }
     }
@@ -106,10 +109,13 @@ impl Ways<'_> {
     /// Goes a way once.
     pub(super) fn go(&self, way: Way) -> Outcome {
         match way {
-            Way::Points(scale) => self.points(DensityRule::Eye, scale, false),
-            Way::PlanarPoints => self.points(DensityRule::Planar, USUAL_DENSITY, false),
-            Way::CulledPoints => self.points(DensityRule::Eye, USUAL_DENSITY, true),
-            Way::MapPoints => self.points(DensityRule::Map, 1.0, false),
+            Way::Points(scale) => self.points(DensityRule::Eye, scale, false, Splatting::Buffered),
+            Way::PlanarPoints => self.points(DensityRule::Planar, USUAL_DENSITY, false, Splatting::Buffered),
+            Way::CulledPoints => self.points(DensityRule::Eye, USUAL_DENSITY, true, Splatting::Buffered),
+            Way::BufferlessPoints => {
+                self.points(DensityRule::Eye, USUAL_DENSITY, false, Splatting::Bufferless)
+            }
+            Way::MapPoints => self.points(DensityRule::Map, 1.0, false, Splatting::Buffered),
             Way::MultiView(side) => self.multi_view(side),
             Way::TracedMaps => self.traced_maps(),
             Way::Rays => self.rays(),
@@ -135,27 +141,27 @@ impl Ways<'_> {
         }
     }
 
-    fn points(&self, rule: DensityRule, scale: f64, culling: bool) -> Outcome {
+    fn points(&self, rule: DensityRule, scale: f64, culling: bool, splatting: Splatting) -> Outcome {
         let reflectors = &self.seen.reflectors;
         let density = Density { rule, scale, ..Density::default() };
         let knobs = EyePointKnobs { density, budget: self.budget, culling };
-        let found = self.points.points(&self.seen.eye, reflectors, &knobs);
+        let found = self.points.points_by(&self.seen.eye, reflectors, &knobs, splatting);
         let lookups = self.lookups(&found.maps, reflectors, STEPS);
         let sky = &self.stage.scene.lighting.sky;
         let shade = |id: u32| self.stage.shade(&self.points.shading_of_point(&found, id));
         let reflected = match rule {
-            DensityRule::Map => reflect_all(&lookups, sky, found.points.len(), |_, id| id, shade),
-            _ => reflect(&lookups, sky, found.points.len(), |_, id| id, shade),
+            DensityRule::Map => reflect_all(&lookups, sky, found.count(), |_, id| id, shade),
+            _ => reflect(&lookups, sky, found.count(), |_, id| id, shade),
         };
         let outcome = self.outcome(&found.maps, reflectors, reflected);
         let facet_of = |id: u32| {
-            let piece = &found.pieces.all[found.points[id as usize].piece() as usize];
+            let piece = &found.pieces.all[found.point(id).piece() as usize];
             let facet = &self.points.facets()[piece.facet as usize];
             (facet.instance, facet.primitive)
         };
         let holes = self.stage.holes(self.seen, &found.maps, facet_of);
         Outcome {
-            points: Some(found.points.len() as u64),
+            points: Some(found.count() as u64),
             wanted: (found.budget.reduction < 1.0).then_some(found.budget.wanted),
             bytes: found.bytes() + outcome.bytes,
             stages: [found.stages, outcome.stages].concat(),
