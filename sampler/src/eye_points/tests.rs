@@ -312,7 +312,13 @@ fn hard_places_have_no_holes_and_no_nan() {
             for from in
                 [DVec3::new(0.0, 0.0, 2.5), DVec3::new(0.2, 0.1, 0.0), DVec3::ZERO, DVec3::splat(50.0)]
             {
-                let eye = Eye { position: moved + from, pixels: 200.0, height: 240, near: 1e-3 };
+                let eye = Eye {
+                    position: moved + from,
+                    half_size: DVec3::ZERO,
+                    pixels: 200.0,
+                    height: 240,
+                    near: 1e-3,
+                };
                 let reflectors = reflectors_of(&scene, &eye);
                 assert_eq!(reflectors.len(), 1);
                 let points = PointScene::new(&scene, 0.0);
