@@ -69,7 +69,7 @@ messages! {
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
     Specification => |m| converted(Specification::try_from(m)),
-    MegaViewsSampling, VplIndirect, PointIndirect, PathIndirect, EffectRow, ReflectionProbes,
+    MegaViewsSampling, VplIndirect, PointIndirect, PathIndirect, EffectRow, ReflectionProbes, ProbePoints,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SceneState, Version, SampleId,
     Stage => |m| converted(Stage::try_from(m)),

@@ -6,9 +6,9 @@ use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects, LightLevel,
     Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane,
-    PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, Provenance, ReflectionProbeSet,
-    Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash, SceneState, Search,
-    Served, Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
+    PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye, ProbeSource, Provenance,
+    ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash,
+    SceneState, Search, Served, Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -118,7 +118,7 @@ pub(crate) fn sample_camera() -> impl Strategy<Value = SampleCamera> {
             center,
             layout: OmniLayout::DualParaboloid { side }
         }),
-        (point(), reflection_probes()).prop_map(|(center, ReflectionProbeSet { knobs, count })| {
+        (point(), reflection_probes()).prop_map(|(center, ReflectionProbeSet { knobs, count, .. })| {
             SampleCamera::Omni { center, layout: OmniLayout::ReflectionProbes { side: knobs.side, count } }
         }),
     ]
@@ -176,12 +176,18 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
 
 fn reflection_probes() -> impl Strategy<Value = ReflectionProbeSet> {
     // So few that the largest are within bounds.
-    (4..=8u32, 1..=10u32, 1..=200u32, any::<u32>()).prop_map(|(log_side, levels, most, count)| {
-        ReflectionProbeSet {
-            knobs: Reflections { side: 1 << log_side, levels, most },
+    let octree = (1..=10u32).prop_map(|levels| (ProbeSource::Octree { levels }, None));
+    let points = (1024..=1u32 << 27, point(), point(), 0.1..1e4f64).prop_map(|(budget, a, b, pixels)| {
+        let viewpoints = Bounds { min: a.min(b), max: a.max(b) };
+        (ProbeSource::Points { budget }, Some(ProbeEye { viewpoints, pixels }))
+    });
+    (4..=8u32, prop_oneof![octree, points], 1..=200u32, any::<u32>()).prop_map(
+        |(log_side, (source, eye), most, count)| ReflectionProbeSet {
+            knobs: Reflections { side: 1 << log_side, most, source },
             count: 1 + count % most,
-        }
-    })
+            eye,
+        },
+    )
 }
 
 fn sub_samples() -> impl Strategy<Value = u32> {
@@ -479,6 +485,7 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
             let small = |probes: ReflectionProbeSet| ReflectionProbeSet {
                 knobs: Reflections { side: 16, ..probes.knobs },
                 count: probes.count.min(3),
+                eye: probes.eye,
             };
             let info = SampleSetInfo { rig, reflections: info.reflections.map(small), ..info };
             let at = DVec3::splat((seed % 1000) as f64);

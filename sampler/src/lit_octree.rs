@@ -21,7 +21,7 @@ use crate::resident::{Cull, GuideUse, Placement, Resident, upload};
 use crate::tile::Tile;
 
 /// Columns and most rows of the image that leaves are shaded in: half a million leaves at a time.
-const CHUNK_SIDE: u32 = 1024;
+pub(crate) const CHUNK_SIDE: u32 = 1024;
 /// Bit in the index of a single-sided triangle, as in `shaders/sampler/shade_leaves.wgsl`.
 const SINGLE_SIDED: u32 = 1 << 31;
 
@@ -274,7 +274,7 @@ impl LitOctree {
 }
 
 /// The image that leaves are shaded in, as a tile. Its rays are not used.
-fn image_of(size: [u32; 2]) -> Tile {
+pub(crate) fn image_of(size: [u32; 2]) -> Tile {
     let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov: DVec2::ONE, offset: [0, 0], size };
     Tile { face, begin: [0, 0], size, side: 1 }
 }

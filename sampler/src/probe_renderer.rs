@@ -1,14 +1,17 @@
-//! Renders reflection probes: maps of radiance and range around each reflective object, from an octree of the scene
-//! (ManyLoDs, Holländer et al. 2011, section 5). Samples, direct views and compositors share them.
+//! Renders reflection probes: maps of radiance and range around each reflective object. Samples, direct views and compositors
+//! share them. There are two sources ([`argus_scene::ProbeSource`]):
 //!
-//! One traversal renders all probes, with a cut through the octree for each. Nodes that belong to one object alone are
-//! culled from its own probe. The octree's leaves are shaded as samples are, so reflections show only diffuse light.
+//! - An octree of the scene ([`octree`]; ManyLoDs, Holländer et al. 2011, section 5). One traversal renders all probes, with a
+//!   cut through the octree for each. Nodes that belong to one object alone are culled from its own probe.
+//! - Points on triangles ([`points`]; Gavane and Watson, "Eye-Based Point Rendering for Dynamic Multiview Effects", 2022), which
+//!   have the exact range, and details that an octree's cells do not.
+//!
+//! Leaves and points are shaded as samples are, so reflections show only diffuse light.
 //!
 //! # Lifetime
 //!
-//! Once for each pose and lighting: the lit octree is built, and one traversal renders it for all objects. *Resample
-//! probes* turns each dual paraboloid into an octahedral map of radiance and range. *Blur probes* adds coarser levels,
-//! each blurred for its roughness.
+//! Once for each pose and lighting: the octree is built and lit, or points are made and shaded. *Resample probes* or *resample
+//! points* makes octahedral maps of radiance and range. *Blur probes* adds coarser levels, each blurred for its roughness.
 //!
 //! The probes of one time are one more sample of the set (`SampleId::REFLECTION_PROBES`), the last of a plan. A sample's
 //! *reflector* plane names the probe of each texel, and the light that passes through it. Both roles look up probes with
@@ -18,41 +21,83 @@
 //! Without reflective objects or reflections, none of these programs is compiled. The reference traces rays instead
 //! (`scene/src/reference/reflection.rs`); `argus study reflections` measures the difference.
 
-use std::sync::Arc;
+mod octree;
+mod points;
+
 use std::time::Instant;
 
-use argus_gpu::many_views::{ManyViews, NodeOwners, ViewList, ViewPoint};
-use argus_gpu::{Gpu, wgpu};
+use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{
-    FaceMask, InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind,
+    FaceMask, InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, ProbeSource,
     ReflectionProbeSet, Reflector, RenderError, Sample, SampleCamera, SampleId, Scene, Stage,
 };
 use bytes::BytesMut;
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 
+pub(crate) use self::octree::OctreeProbes;
+pub(crate) use self::points::{FilledMaps, PointProbes};
 use crate::SamplerKnobs;
-use crate::eye::Eye;
-use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
-use crate::passes::{NodeMaps, OwnNodes, ProbePlanes, ResampleProbes, ResolveSample, Shade, ShadeSample};
+use crate::passes::{ProbePlanes, ResolveSample, Shade, ShadeSample};
 use crate::resident::{GuideUse, Resident, upload};
-
-/// Most bytes of probes that are rendered at once: a few thousand small ones, or sixteen of the largest.
-const MOST_BYTES: u64 = 64 << 20;
 
 /// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
     pub(crate) set: ReflectionProbeSet,
     /// Instances that have a probe.
     reflectors: Vec<u32>,
-    pub(crate) octree: LitOctree,
-    own_nodes: OwnNodes,
-    resample: ResampleProbes,
-    /// Kept across octrees, because its programs are reused.
-    views: Option<ManyViews>,
+    pub(crate) source: ProbePrograms,
     pub(crate) shade: Shade,
     pub(crate) shade_sample: ShadeSample,
     pub(crate) resolve: ResolveSample,
     made: Option<Made>,
+}
+
+/// What renders the probes.
+pub(crate) enum ProbePrograms {
+    Octree(Box<OctreeProbes>),
+    Points(Box<PointProbes>),
+}
+
+/// Where probes are, at a pose.
+pub(crate) struct ProbePlaces {
+    /// Centre of the scene, metres, world space.
+    pub(crate) middle: DVec3,
+    /// Viewpoint of each probe relative to it, and radius of the reflector. Metres. Lookups use the same values.
+    spheres: Vec<Vec4>,
+    /// Instance of each probe.
+    pub(crate) instances: Vec<u32>,
+    /// For each instance 1 + the index of its probe; 0 for none.
+    probe_of_instance: wgpu::Buffer,
+}
+
+impl ProbePlaces {
+    /// Viewpoint of each probe, metres, world space.
+    pub(crate) fn centers(&self) -> Vec<DVec3> {
+        self.spheres.iter().map(|sphere| self.middle + sphere.truncate().as_dvec3()).collect()
+    }
+}
+
+/// Planes of rendered probes.
+#[derive(Default)]
+pub(crate) struct ProbeBytes {
+    radiance: BytesMut,
+    inverse_range: BytesMut,
+}
+
+impl ProbeBytes {
+    /// Submits commands, and appends the probes that they make.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn read(&mut self, mut commands: Commands, planes: &ProbePlanes) -> Result<(), RenderError> {
+        let pending = [&planes.radiance, &planes.inverse_range]
+            .map(|plane| commands.read_buffer(plane, 0..plane.size()));
+        let mut finished = commands.submit().wait()?;
+        let [radiance, inverse_range] = pending.map(|pending| finished.take(pending));
+        self.radiance.extend_from_slice(&radiance);
+        self.inverse_range.extend_from_slice(&inverse_range);
+        Ok(())
+    }
 }
 
 /// Rendered probes, with their lighting and time.
@@ -101,10 +146,14 @@ impl ProbeRenderer {
         Ok(Self {
             set,
             reflectors,
-            octree: LitOctree::new(gpu, resident, guides, set.knobs.levels),
-            own_nodes: OwnNodes::new(gpu),
-            resample: ResampleProbes::new(gpu, resident.features, 1),
-            views: None,
+            source: match set.knobs.source {
+                ProbeSource::Octree { levels } => {
+                    ProbePrograms::Octree(Box::new(OctreeProbes::new(gpu, resident, guides, levels)))
+                }
+                ProbeSource::Points { budget } => {
+                    ProbePrograms::Points(Box::new(PointProbes::new(gpu, resident, guides, budget)))
+                }
+            },
             shade: Shade::new(gpu, resident.features, guides, true),
             shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
             resolve: ResolveSample::new(gpu, resident.features.specular, 1, true, sampler.effects.any()),
@@ -114,13 +163,17 @@ impl ProbeRenderer {
 
     /// Marks all as out of date, because surfaces moved.
     pub(crate) fn forget_pose(&mut self) {
-        self.octree.forget_pose();
+        if let ProbePrograms::Octree(probes) = &mut self.source {
+            probes.octree.forget_pose();
+        }
         self.made = None;
     }
 
     /// Marks lighting as out of date.
     pub(crate) fn forget_light(&mut self) {
-        self.octree.forget_light();
+        if let ProbePrograms::Octree(probes) = &mut self.source {
+            probes.octree.forget_light();
+        }
         self.made = None;
     }
 
@@ -140,20 +193,17 @@ impl ProbeRenderer {
         self.made.as_ref().map(|made| Sample { id, ..made.sample.clone() })
     }
 
-    /// Renders the probes. The octree must be lit and the scene posed at `time_secs`.
+    /// Where the probes are at a time.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`], or the errors of the device.
-    pub(crate) fn make(
-        &mut self,
-        gpu: &Arc<Gpu>,
+    /// [`RenderError::OutOfMemory`] if the device cannot bind a word for each instance.
+    pub(crate) fn places(
+        &self,
+        gpu: &Gpu,
         scene: &Scene,
         resident: &Resident,
-        lighting: &Lighting,
         time_secs: f64,
-    ) -> Result<Vec<Stage>, RenderError> {
-        let begin = Instant::now();
-        let side = self.set.knobs.side;
+    ) -> Result<ProbePlaces, RenderError> {
         let middle = scene.bounds().center();
         let posed = scene.at(time_secs);
         let reflectors = self.reflectors.iter().map(|&index| {
@@ -165,8 +215,8 @@ impl ProbeRenderer {
                 radius: 0.0,
             })
         });
-        let spheres: Vec<[f32; 4]> = reflectors
-            .map(|reflector| (reflector.center - middle).as_vec3().extend(reflector.radius as f32).to_array())
+        let spheres = reflectors
+            .map(|reflector| (reflector.center - middle).as_vec3().extend(reflector.radius as f32))
             .collect();
         let mut probe_of_instance = vec![0u32; resident.instance_count.max(1)];
         for (number, &instance) in (1..).zip(&self.reflectors) {
@@ -174,64 +224,36 @@ impl ProbeRenderer {
         }
         let probe_of_instance =
             upload(gpu, "probes of instances", &probe_of_instance, wgpu::BufferUsages::STORAGE)?;
+        Ok(ProbePlaces { middle, spheres, instances: self.reflectors.clone(), probe_of_instance })
+    }
 
-        let [mut radiance, mut inverse_range] = [BytesMut::new(), BytesMut::new()];
-        if let Some(octree) = self.octree.octree().cloned() {
-            let mut commands = gpu.commands("own nodes");
-            let owners = self.octree.owners(gpu, &mut commands, &self.own_nodes, &probe_of_instance);
-            commands.submit().wait()?;
-            let owners = owners
-                .ok_or_else(|| RenderError::Internal("the octree has no owners of nodes".to_owned()))?;
-            // From the stored f32 positions, which lookups use too.
-            let seen_from = |place: &[f32; 4]| {
-                let [x, y, z, _] = place.map(f64::from);
-                ViewPoint::everywhere(middle + DVec3::new(x, y, z))
-            };
-            let points: Vec<ViewPoint> = spheres.iter().map(seen_from).collect();
-            let eye = Eye::new(gpu, resident, middle, lighting)?;
-            let sky = (&eye.lighting, &resident.environment);
-            let most = (MOST_BYTES / ProbePlanes::bytes_of_map(side)).max(1) as usize;
-            for (first, points) in (0..).step_by(most).zip(points.chunks(most)) {
-                let list = ViewList::new(gpu, &octree.root, points)?;
-                let own = NodeOwners { owners: owners.clone(), first };
-                let kept = self.views.take();
-                let traversed = ManyViews::reuse_or_new(kept, gpu, &octree, map_knobs(side, &octree));
-                let mut traversed = traversed.map_err(to_render_error)?;
-                traversed.cull_own_nodes(own).map_err(to_render_error)?;
-                traversed.render(&list).map_err(to_render_error)?;
-                self.resample.set_arrays(gpu, traversed.maps().arrays.len());
-                let planes = ProbePlanes::new(gpu, side, points.len() as u32);
-                let missing = || RenderError::Internal("the octree was not lit".to_owned());
-                let lit = self.octree.nodes().ok_or_else(missing)?;
-                let maps =
-                    NodeMaps { octree: lit.octree, views: &traversed, surfels: lit.surfels, ends: lit.ends };
-                let mut commands = gpu.commands("resample probes");
-                self.resample.record(gpu, &mut commands, &maps, sky, &planes);
-                let pending = [&planes.radiance, &planes.inverse_range]
-                    .map(|plane| commands.read_buffer(plane, 0..plane.size()));
-                let mut finished = commands.submit().wait()?;
-                let [one, other] = pending.map(|pending| finished.take(pending));
-                radiance.extend_from_slice(&one);
-                inverse_range.extend_from_slice(&other);
-                self.views = Some(traversed);
-            }
-        }
-        let layout = OmniLayout::ReflectionProbes { side, count: self.set.count };
-        let camera = SampleCamera::Omni { center: middle, layout };
+    /// Takes over rendered probes, for a lighting and a time. Returns the cost since `begin`.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn take_over(
+        &mut self,
+        gpu: &Gpu,
+        (places, bytes): (ProbePlaces, ProbeBytes),
+        (lighting, time_secs): (&Lighting, f64),
+        begin: Instant,
+    ) -> Result<Vec<Stage>, RenderError> {
+        let layout = OmniLayout::ReflectionProbes { side: self.set.knobs.side, count: self.set.count };
+        let camera = SampleCamera::Omni { center: places.middle, layout };
         let plane = |kind, format, bytes| Plane {
             kind,
             format,
             size: Plane::size_of(kind, &camera),
             data: PlaneData::Host(bytes),
         };
-        let spheres = bytemuck::cast_slice(&spheres).to_vec();
+        let spheres = bytemuck::cast_slice(&places.spheres).to_vec();
         let sample = Sample {
             id: SampleId { version: 0, camera: SampleId::REFLECTION_PROBES },
             camera,
             faces: FaceMask::ALL,
             planes: vec![
-                plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, radiance.freeze()),
-                plane(PlaneKind::InverseRange, PlaneFormat::R32Float, inverse_range.freeze()),
+                plane(PlaneKind::Radiance, PlaneFormat::Rgb9e5Ufloat, bytes.radiance.freeze()),
+                plane(PlaneKind::InverseRange, PlaneFormat::R32Float, bytes.inverse_range.freeze()),
                 plane(PlaneKind::ProbeSphere, PlaneFormat::R32Float, spheres.into()),
             ],
             stages: Vec::new(),
@@ -242,7 +264,7 @@ impl ProbeRenderer {
             lighting: lighting.clone(),
             time_secs,
             sample: Sample { stages: stages.clone(), ..sample },
-            probe_bindings: ProbeBindings { probes, probe_of_instance },
+            probe_bindings: ProbeBindings { probes, probe_of_instance: places.probe_of_instance },
         });
         Ok(stages)
     }

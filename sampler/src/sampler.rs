@@ -1,6 +1,7 @@
 //! Renders samples, direct views and lists of pixels.
 
 mod octree_samples;
+mod point_probes;
 mod probes;
 mod rays;
 mod tile_loop;

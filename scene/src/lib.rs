@@ -75,7 +75,7 @@ pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{base_of, in_environment, is_procedural, open, split_environment, with_additions};
-pub use reflection::{ReflectionProbeSet, Reflections, Reflector};
+pub use reflection::{ProbeEye, ProbeSource, ReflectionProbeSet, Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
 pub use sample::{

@@ -1,13 +1,17 @@
 //! Reflection and refraction of the scene in glossy and transparent objects. Each such object has a reflection probe: a
 //! map of all directions around it (ManyLoDs, Holländer et al. 2011, section 5 and figure 3). Its pixels look the probe
-//! up along their reflected and refracted directions.
+//! up along their reflected and refracted directions. Probes are rendered from an octree of the scene, or filled with points
+//! (Gavane and Watson, "Eye-Based Point Rendering for Dynamic Multiview Effects", 2022).
+
+mod eye;
 
 use std::fmt;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::{Bounds, Instance, InvalidField, Material, Scene};
+pub use self::eye::ProbeEye;
+use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene};
 
 /// Settings of the reflection probes, the same for all samples of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -15,10 +19,38 @@ pub struct Reflections {
     /// Texels on a side of a probe's finest level: a power of two, 16 to 256. More texels show finer detail; cost grows
     /// with the square of the side.
     pub side: u32,
-    /// Levels below the root of the octree that probes are rendered from: 1 to 10.
-    pub levels: u32,
     /// Largest number of probes of a scene, 1 to 1024. The largest reflectors have one; the rest reflect only the sky.
     pub most: u32,
+    /// What probes are rendered from.
+    pub source: ProbeSource,
+}
+
+/// What reflection probes are rendered from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub enum ProbeSource {
+    /// An octree of the scene.
+    Octree {
+        /// Levels below the root: 1 to 10.
+        levels: u32,
+    },
+    /// Points on the scene's triangles, as dense as viewers see them in reflections.
+    Points {
+        /// Most points that are made at once, 1024 to 2²⁷, of 8 bytes each. Where more are wanted, points are less dense.
+        budget: u32,
+    },
+}
+
+impl ProbeSource {
+    /// Levels of an octree unless a user says otherwise: cells of 1/250 of the scene.
+    pub const USUAL_LEVELS: u32 = 8;
+    /// A budget of points unless a user says otherwise: 32 MiB.
+    pub const USUAL_BUDGET: u32 = 1 << 22;
+    /// The usual octree.
+    pub const OCTREE: Self = Self::Octree { levels: Self::USUAL_LEVELS };
+    /// Points with the usual budget.
+    pub const POINTS: Self = Self::Points { budget: Self::USUAL_BUDGET };
+    /// The bounds of a budget of points.
+    const BUDGETS: std::ops::RangeInclusive<u32> = 1 << 10..=1 << 27;
 }
 
 /// Texels on a side of a probe's coarsest level, for surfaces of roughness 1. This and `RING` equal those in
@@ -37,14 +69,18 @@ const MOST_BYTES: u64 = 256 << 20;
 impl Default for Reflections {
     /// Texels of three degrees, and cells of 1/250 of the scene.
     fn default() -> Self {
-        Self { side: 64, levels: 8, most: 256 }
+        Self { side: 64, most: 256, source: ProbeSource::OCTREE }
     }
 }
 
 impl fmt::Display for Reflections {
     /// All settings, short, as in a frame's provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "of {} from {} levels, at most {}", self.side, self.levels, self.most)
+        let Self { side, most, source } = self;
+        match source {
+            ProbeSource::Octree { levels } => write!(f, "of {side} from {levels} levels, at most {most}"),
+            ProbeSource::Points { budget } => write!(f, "of {side} from {budget} points, at most {most}"),
+        }
     }
 }
 
@@ -58,11 +94,17 @@ impl Reflections {
             let reason = format!("must be 16, 32, 64, 128 or 256 texels, not {}", self.side);
             return Err(InvalidField::new("reflections.side", reason));
         }
-        if !(1..=10).contains(&self.levels) {
-            return Err(InvalidField::new(
-                "reflections.levels",
-                format!("must be 1 to 10, not {}", self.levels),
-            ));
+        match self.source {
+            ProbeSource::Octree { levels } if !(1..=10).contains(&levels) => {
+                let reason = format!("must be 1 to 10, not {levels}");
+                return Err(InvalidField::new("reflections.levels", reason));
+            }
+            ProbeSource::Points { budget } if !ProbeSource::BUDGETS.contains(&budget) => {
+                let (least, most) = (ProbeSource::BUDGETS.start(), ProbeSource::BUDGETS.end());
+                let reason = format!("must be {least} to {most} points, not {budget}");
+                return Err(InvalidField::new("reflections.points", reason));
+            }
+            ProbeSource::Octree { .. } | ProbeSource::Points { .. } => {}
         }
         if !(1..=1024).contains(&self.most) {
             return Err(InvalidField::new(
@@ -85,22 +127,28 @@ pub fn map_size(side: u32) -> [u32; 2] {
 }
 
 /// The reflection probes of a scene: their settings and number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ReflectionProbeSet {
     /// Settings of every probe.
     pub knobs: Reflections,
     /// Number of probes, at least 1.
     pub count: u32,
+    /// Viewers whose pixels set the density of points; `None` for probes from an octree, which do not depend on viewers.
+    pub eye: Option<ProbeEye>,
 }
 
 impl ReflectionProbeSet {
-    /// The probes of a scene; `None` if it has no reflector.
+    /// The probes of a scene that is sampled by a rig; `None` if it has no reflector.
     ///
     /// # Errors
     /// The setting that is out of range, or `reflections.side` if all probes together take too much memory.
-    pub fn of(scene: &Scene, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
+    pub fn of(scene: &Scene, rig: &Rig, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
         knobs.validate()?;
-        let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32 };
+        let eye = match knobs.source {
+            ProbeSource::Octree { .. } => None,
+            ProbeSource::Points { .. } => ProbeEye::of(rig, &scene.bounds()),
+        };
+        let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32, eye };
         if maps.count == 0 {
             return Ok(None);
         }
@@ -114,6 +162,16 @@ impl ReflectionProbeSet {
     /// The field, by name.
     pub fn validate(&self) -> Result<(), InvalidField> {
         self.knobs.validate()?;
+        match (self.knobs.source, self.eye) {
+            (ProbeSource::Points { .. }, None) => {
+                return Err(InvalidField::new("reflections.viewpoints", "must be given for points"));
+            }
+            (ProbeSource::Octree { .. }, Some(_)) => {
+                let reason = "are of no use to probes from an octree";
+                return Err(InvalidField::new("reflections.viewpoints", reason));
+            }
+            (_, eye) => eye.map_or(Ok(()), |eye| eye.validate())?,
+        }
         if !(1..=self.knobs.most).contains(&self.count) {
             let reason = format!("must be 1 to {}, not {}", self.knobs.most, self.count);
             return Err(InvalidField::new("reflections.count", reason));
@@ -134,6 +192,14 @@ impl ReflectionProbeSet {
     fn bytes(&self) -> u64 {
         let texels: u64 = map_size(self.knobs.side).map(u64::from).iter().product();
         texels * 8 * u64::from(self.count)
+    }
+}
+
+impl fmt::Display for ReflectionProbeSet {
+    /// All that the probes are a function of, beside scene and time.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} maps {}", self.count, self.knobs)?;
+        self.eye.map_or(Ok(()), |eye| write!(f, ", {eye}"))
     }
 }
 
@@ -285,20 +351,66 @@ mod tests {
         assert_eq!(default.validate(), Ok(()));
         assert_eq!(field(Reflections { side: 48, ..default }), "reflections.side");
         assert_eq!(field(Reflections { side: 512, ..default }), "reflections.side");
-        assert_eq!(field(Reflections { levels: 11, ..default }), "reflections.levels");
+        let of = |source| Reflections { source, ..default };
+        assert_eq!(field(of(ProbeSource::Octree { levels: 11 })), "reflections.levels");
+        assert_eq!(of(ProbeSource::POINTS).validate(), Ok(()));
+        for budget in [0, 1023, u32::MAX] {
+            assert_eq!(field(of(ProbeSource::Points { budget })), "reflections.points");
+        }
         assert_eq!(field(Reflections { most: 0, ..default }), "reflections.most");
     }
 
     #[test]
     fn too_large_probes_and_a_wrong_number_of_them_are_refused() {
         let field = |maps: ReflectionProbeSet| maps.validate().unwrap_err().field;
-        let few =
-            ReflectionProbeSet { knobs: Reflections { most: 1024, ..Reflections::default() }, count: 1024 };
+        let few = ReflectionProbeSet {
+            knobs: Reflections { most: 1024, ..Reflections::default() },
+            count: 1024,
+            eye: None,
+        };
         assert_eq!(few.validate(), Ok(()));
         assert_eq!(field(ReflectionProbeSet { count: 1025, ..few }), "reflections.count");
         assert_eq!(field(ReflectionProbeSet { count: 0, ..few }), "reflections.count");
         let large = ReflectionProbeSet { knobs: Reflections { side: 256, ..few.knobs }, ..few };
         assert_eq!(field(large), "reflections.side");
-        assert_eq!(ReflectionProbeSet::of(&scene(), Reflections::default()).unwrap().unwrap().count, 3);
+        let found = ReflectionProbeSet::of(&scene(), &cells(), Reflections::default()).unwrap().unwrap();
+        assert_eq!((found.count, found.eye), (3, None));
+    }
+
+    fn cells() -> Rig {
+        Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 384 }
+    }
+
+    #[test]
+    fn points_follow_the_viewers_of_the_rig() {
+        let knobs = Reflections { source: ProbeSource::POINTS, ..Reflections::default() };
+        let set = ReflectionProbeSet::of(&scene(), &cells(), knobs).unwrap().unwrap();
+        assert_eq!(set.eye, Some(ProbeEye { viewpoints: scene().bounds(), pixels: 192.0 }));
+        let bounds = scene().bounds();
+        let above = Rig::TileCorners { bounds, tiles: [3, 2], height: 1.0, size: [400, 300] };
+        let eye = ReflectionProbeSet::of(&scene(), &above, knobs).unwrap().unwrap().eye.unwrap();
+        for index in 0..24 {
+            let at = above.camera(index).unwrap().center();
+            assert!(eye.viewpoints.contains(at) && at.y > bounds.max.y, "{at} {eye}");
+        }
+        assert_ne!(set.to_string(), ReflectionProbeSet { eye: Some(eye), ..set }.to_string());
+    }
+
+    #[test]
+    fn points_need_viewers_and_an_octree_has_none() {
+        let points = Reflections { source: ProbeSource::POINTS, ..Reflections::default() };
+        let eye = ProbeEye { viewpoints: Bounds { min: DVec3::ZERO, max: DVec3::ONE }, pixels: 100.0 };
+        let set = ReflectionProbeSet { knobs: points, count: 1, eye: Some(eye) };
+        let field = |set: ReflectionProbeSet| set.validate().unwrap_err().field;
+        assert_eq!(set.validate(), Ok(()));
+        assert_eq!(field(ReflectionProbeSet { eye: None, ..set }), "reflections.viewpoints");
+        let octree = Reflections::default();
+        assert_eq!(field(ReflectionProbeSet { knobs: octree, ..set }), "reflections.viewpoints");
+        let nowhere = ProbeEye { viewpoints: Bounds::EMPTY, ..eye };
+        assert_eq!(field(ReflectionProbeSet { eye: Some(nowhere), ..set }), "reflections.viewpoints");
+        for pixels in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let eye = Some(ProbeEye { pixels, ..eye });
+            assert_eq!(field(ReflectionProbeSet { eye, ..set }), "reflections.pixels");
+        }
     }
 }

@@ -255,7 +255,7 @@ impl SampleSetInfo {
     /// An index that [`Rig::camera`] refuses, or reflection probes of a set without reflections.
     pub fn camera(&self, index: u64) -> Result<SampleCamera, InvalidField> {
         match self.reflections {
-            Some(ReflectionProbeSet { knobs, count }) if index == SampleId::REFLECTION_PROBES => {
+            Some(ReflectionProbeSet { knobs, count, .. }) if index == SampleId::REFLECTION_PROBES => {
                 let layout = OmniLayout::ReflectionProbes { side: knobs.side, count };
                 Ok(SampleCamera::Omni { center: self.bounds.center(), layout })
             }

@@ -95,8 +95,7 @@ impl Specification {
             Sampling::Triangles => sampling.name().to_owned(),
             Sampling::MegaViews(knobs) => format!("{} {knobs}", sampling.name()),
         };
-        let reflections = reflections
-            .map_or("off".to_owned(), |ReflectionProbeSet { knobs, count }| format!("{count} maps {knobs}"));
+        let reflections = reflections.map_or("off".to_owned(), |probes| probes.to_string());
         [
             ("visibility", visibility.name().to_owned()),
             ("sampling", sampling),
@@ -145,12 +144,14 @@ pub fn check_sub_samples(sub_samples: u32) -> Result<(), InvalidField> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{MegaViews, PointKnobs, Reflections, VplKnobs, Warp};
+    use glam::DVec3;
+
+    use crate::{Bounds, MegaViews, PointKnobs, ProbeEye, ProbeSource, Reflections, VplKnobs, Warp};
 
     /// Specifications that differ from the default in one field each.
     fn others() -> [(&'static str, Specification); 7] {
         let usual = Specification::default();
-        let maps = ReflectionProbeSet { knobs: Reflections::default(), count: 3 };
+        let maps = ReflectionProbeSet { knobs: Reflections::default(), count: 3, eye: None };
         [
             ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
             ("sampling", Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual }),
@@ -199,6 +200,29 @@ mod tests {
             VplKnobs { seed: 2, ..usual },
         ] {
             assert_ne!(hash(usual), hash(other), "{other:?}");
+        }
+    }
+
+    #[test]
+    fn probes_from_points_differ_from_those_of_an_octree_and_with_their_viewers() {
+        let octree = ReflectionProbeSet { knobs: Reflections::default(), count: 3, eye: None };
+        let box_of = |edge: f64| Bounds { min: DVec3::ZERO, max: DVec3::splat(edge) };
+        let points = |edge, pixels, budget| ReflectionProbeSet {
+            knobs: Reflections { source: ProbeSource::Points { budget }, ..octree.knobs },
+            eye: Some(ProbeEye { viewpoints: box_of(edge), pixels }),
+            ..octree
+        };
+        let all = [
+            octree,
+            points(1.0, 192.0, 4096),
+            points(1.5, 192.0, 4096),
+            points(1.0, 191.5, 4096),
+            points(1.0, 192.0, 4097),
+        ];
+        let hashes =
+            all.map(|probes| Specification { reflections: Some(probes), ..Specification::default() }.hash());
+        for (number, hash) in hashes.iter().enumerate() {
+            assert!(!hashes[..number].contains(hash), "{}", all[number]);
         }
     }
 

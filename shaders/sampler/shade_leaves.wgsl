@@ -3,9 +3,9 @@
 
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
-import package::shared::geometry::{attributes, instances, mesh_from_world, meshes, normal_from_mesh, triangle_about_eye};
 import package::shared::guide::{keep_guide};
-import package::shared::surface::{Hit, radiance, surface_at};
+import package::shared::projected::{projected_onto};
+import package::shared::surface::{radiance, surface_at};
 import package::shared::surfel::{LeafChunk, Surfel, leaf_side};
 
 @group(0) @binding(0) var<uniform> chunk: LeafChunk;
@@ -20,45 +20,6 @@ import package::shared::surfel::{LeafChunk, Surfel, leaf_side};
 @group(0) @binding(7) var<storage, read_write> surfels: array<Surfel>;
 
 const SINGLE_SIDED: u32 = 0x80000000u;
-
-// A point of a triangle viewed along its normal, and the distance of its plane from the query position.
-struct Found {
-    hit: Hit,
-    // Unit normal of the triangle's front, world space.
-    normal: vec3f,
-    // Metres along the normal.
-    offset: f32,
-}
-
-// Projects `position`, relative to the eye, onto a triangle.
-fn found_at(ids: vec2u, position: vec3f, front: bool) -> Found {
-    let instance = instances[ids.x];
-    let mesh = meshes[instance.mesh];
-    let triangle = triangle_about_eye(instance, mesh, ids.y);
-    let geometric = cross(triangle.e1, triangle.e2);
-    let area = max(dot(geometric, geometric), 1e-37);
-    let from_corner = mesh_from_world(instance, position) - triangle.a;
-    // Weights of the second and third corner, clamped to the triangle.
-    let v = max(dot(cross(from_corner, triangle.e2), geometric), 0.0) / area;
-    let w = max(dot(cross(triangle.e1, from_corner), geometric), 0.0) / area;
-    let weights = vec2f(v, w) / max(v + w, 1.0);
-    let across = normal_from_mesh(instance, geometric);
-    let normal = normalize(across);
-    let offset = -dot(geometric, from_corner) / max(length(across), 1e-37);
-    let point = position + normal * offset;
-    let range = clamp(length(point), 1e-18, 1e18);
-    // Two directions in the plane, a cell long each: the texture footprint.
-    let right = normalize(select(vec3f(0.0, -normal.z, normal.y), vec3f(normal.z, 0.0, -normal.x), abs(normal.x) < 0.7));
-    let down = cross(normal, right);
-    let step = chunk.cell / range;
-    let records = mesh.first.z + triangle.corners * mesh.first.w;
-    let hit = Hit(
-        instance, mesh, triangle, records, attributes[records.x], attributes[records.y], attributes[records.z],
-        vec3f(1.0 - weights.x - weights.y, weights), geometric, geometric, point / range, 1.0, range, front,
-        right * step, down * step,
-    );
-    return Found(hit, normal, offset);
-}
 
 @compute @workgroup_size(8, 8)
 fn shade_leaves(@builtin(global_invocation_id) id: vec3u) {
@@ -80,7 +41,7 @@ fn shade_leaves(@builtin(global_invocation_id) id: vec3u) {
     // Without a triangle that faces the other way, the back is the back of the front triangle, if it is double-sided.
     let front = !is_back || triangles.x != triangles.y;
     let seen = front || (ids.y & SINGLE_SIDED) == 0u;
-    let found = found_at(vec2u(ids.x, ids.y & ~SINGLE_SIDED), position, front);
+    let found = projected_onto(vec2u(ids.x, ids.y & ~SINGLE_SIDED), position, chunk.cell, front);
     let surface = surface_at(found.hit);
     keep_guide(at, surface, 0u);
     shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), select(0.0, 1.0, seen));

@@ -33,6 +33,13 @@ fn rgb9e5_from_radiance(radiance: vec3f) -> u32 {
     return q.r | (q.g << 9u) | (q.b << 18u) | (u32(exponent) << 27u);
 }
 
+// Radiance of a word of rgb9e5.
+fn radiance_from_rgb9e5(word: u32) -> vec3f {
+    // Exact, unlike exp2: 2^(e − 15 − 9).
+    let scale = bitcast<f32>(((word >> 27u) + 127u - 24u) << 23u);
+    return vec3f((vec3u(word) >> vec3u(0u, 9u, 18u)) & vec3u(511u)) * scale;
+}
+
 // Linear 0..1 to sRGB-encoded 0..1; clamps, NaN to 0.
 fn srgb_from_linear(linear: vec3f) -> vec3f {
     let x = min(select(vec3f(0.0), linear, linear > vec3f(0.0)), vec3f(1.0));

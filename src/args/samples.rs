@@ -67,9 +67,10 @@ pub(crate) struct SampleSource {
     /// --sampling megaviews [default: 1]
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
-    /// Reflections on glossy and transparent objects: off, or maps (one reflection probe for each object, for views from
-    /// samples and for direct views) [default: off]
-    #[arg(long, value_name = "KIND", value_parser = ["off", "maps"])]
+    /// Reflections on glossy and transparent objects: off, or one reflection probe for each object, for views from samples
+    /// and for direct views: maps (from an octree of the scene) or points (from its triangles: sharper, and slower in scenes of
+    /// many triangles) [default: off]
+    #[arg(long, value_name = "KIND", value_parser = ["off", "maps", "points"])]
     reflections: Option<String>,
     /// Texels on a side of a reflection probe: 16, 32, 64, 128 or 256 [default: 64]
     #[arg(long, value_name = "TEXELS")]
@@ -77,6 +78,10 @@ pub(crate) struct SampleSource {
     /// Levels of the octree that reflection probes are rendered from, 1 to 10; more levels show finer detail [default: 8]
     #[arg(long, value_name = "N")]
     reflection_levels: Option<u32>,
+    /// Most points that fill reflection probes at once, 1024 to 134217728, of 8 bytes each. Where more are wanted, reflections
+    /// are coarser, and the worker logs it; for --reflections points [default: 4194304]
+    #[arg(long, value_name = "N")]
+    reflection_points: Option<u32>,
     /// Greatest number of objects with a reflection probe, 1 to 1024; the largest objects come first [default: 256]
     #[arg(long, value_name = "N")]
     reflectors: Option<u32>,
@@ -93,6 +98,7 @@ impl SampleSource {
             .with("coordinator.reflections", "--reflections", self.reflections.as_ref())
             .with("coordinator.reflection_side", "--reflection-side", self.reflection_side)
             .with("coordinator.reflection_levels", "--reflection-levels", self.reflection_levels)
+            .with("coordinator.reflection_points", "--reflection-points", self.reflection_points)
             .with("coordinator.reflectors", "--reflectors", self.reflectors)
     }
 }

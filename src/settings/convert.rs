@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use argus_cluster::leadership::nats_host;
 use argus_cluster::{coordinator, core, worker};
-use argus_scene::{MegaViews, Reflections, Sampling};
+use argus_scene::{MegaViews, ProbeSource, Reflections, Sampling};
 use tempfile::{Builder, NamedTempFile};
 
 use super::{Coordinator, Limits, Settings, Worker};
@@ -46,7 +46,10 @@ impl Settings {
                 ("coordinator.map_block", format!("must be 1, 2 or 4, not {}", coordinator.map_block))
             }),
             coordinator.reflections().is_err().then(|| {
-                ("coordinator.reflections", format!("must be off or maps, not {:?}", coordinator.reflections))
+                (
+                    "coordinator.reflections",
+                    format!("must be off, maps or points, not {:?}", coordinator.reflections),
+                )
             }),
             coordinator.reflections_error(),
             within("coordinator.refining_share", coordinator.refining_share, 0.0, 1.0),
@@ -126,21 +129,32 @@ impl Coordinator {
     pub(crate) fn reflections(&self) -> Result<Option<Reflections>, ()> {
         match self.reflections.as_str() {
             "off" => Ok(None),
-            "maps" => Ok(Some(self.probe_knobs())),
+            "maps" => Ok(Some(self.probes_from(self.octree()))),
+            "points" => Ok(Some(self.probes_from(self.points()))),
             _ => Err(()),
         }
     }
 
-    fn probe_knobs(&self) -> Reflections {
-        Reflections { side: self.reflection_side, levels: self.reflection_levels, most: self.reflectors }
+    fn octree(&self) -> ProbeSource {
+        ProbeSource::Octree { levels: self.reflection_levels }
+    }
+
+    fn points(&self) -> ProbeSource {
+        ProbeSource::Points { budget: self.reflection_points }
+    }
+
+    fn probes_from(&self, source: ProbeSource) -> Reflections {
+        Reflections { side: self.reflection_side, most: self.reflectors, source }
     }
 
     /// The first invalid knob of reflection probes, by its setting.
     fn reflections_error(&self) -> Option<(&'static str, String)> {
-        let invalid = self.probe_knobs().validate().err()?;
+        let sources = [self.octree(), self.points()];
+        let invalid = sources.into_iter().find_map(|source| self.probes_from(source).validate().err())?;
         let key = match invalid.field {
             "reflections.side" => "coordinator.reflection_side",
             "reflections.levels" => "coordinator.reflection_levels",
+            "reflections.points" => "coordinator.reflection_points",
             _ => "coordinator.reflectors",
         };
         Some((key, invalid.reason))

@@ -10,7 +10,7 @@ mod layers;
 
 use std::path::PathBuf;
 
-use argus_scene::{MegaViews, Reflections, Sampling};
+use argus_scene::{MegaViews, ProbeSource, Reflections, Sampling};
 use serde::{Deserialize, Serialize};
 
 pub(crate) use convert::{mib, secs};
@@ -72,12 +72,15 @@ pub(crate) struct Coordinator {
     /// Cameras along an edge of a block that shares parts of its maps. 1 by default: at this resolution, neighbours
     /// of a lattice have little in common.
     pub(crate) map_block: u32,
-    /// Reflections of glossy and transparent objects: `off` (the sky only) or `maps` (reflection probes).
+    /// Reflections of glossy and transparent objects: `off` (the sky only), or reflection probes, from an octree (`maps`) or
+    /// from points (`points`).
     pub(crate) reflections: String,
     /// Side of a reflection probe in texels; the default gives texels of about three degrees.
     pub(crate) reflection_side: u32,
     /// Levels of the octree that probes are rendered from; the default gives cells of about a 250th of the scene.
     pub(crate) reflection_levels: u32,
+    /// Most points that fill probes at once; the default takes 32 MiB.
+    pub(crate) reflection_points: u32,
     /// Largest number of objects with a probe, the largest objects first; a probe takes 50 KiB.
     pub(crate) reflectors: u32,
     /// Share of the samplers' time for samples where views have holes. These wait for all other work, so a half costs
@@ -125,7 +128,8 @@ impl Default for Coordinator {
             map_block: maps.block,
             reflections: "off".to_owned(),
             reflection_side: probes.side,
-            reflection_levels: probes.levels,
+            reflection_levels: ProbeSource::USUAL_LEVELS,
+            reflection_points: ProbeSource::USUAL_BUDGET,
             reflectors: probes.most,
             refining_share: 0.5,
             model: None,

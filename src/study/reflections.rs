@@ -8,8 +8,8 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scene, Size, blocking};
 
-/// Measures reflection probes (`argus serve --reflections maps`): their cost beside brute force, and their error against
-/// traced reflections
+/// Measures reflection probes (`argus serve --reflections maps` and `points`): their cost beside brute force, and their error
+/// against traced reflections
 ///
 /// Without --scene: mirrors:60; without --size: 320x240.
 #[derive(clap::Args)]

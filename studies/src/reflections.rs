@@ -1,5 +1,5 @@
 //! Reflections: the cost of reflection probes, and their error against traced reflections (`--reflections maps`,
-//! ManyLoDs' figure 3).
+//! ManyLoDs' figure 3; `--reflections points`).
 //!
 //! The reference traces rays over every reflector's lobe. Probe times are those of an animated scene, where octree,
 //! light of its leaves and probes are rendered anew at each moment. A brute-force render of the same maps is timed
@@ -15,8 +15,8 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::{
-    Camera, Cancel, Frame, Outputs, Plan, ReflectionProbeSet, Reflections, RenderError, RigKind, RigKnobs,
-    SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
+    Camera, Cancel, Frame, Outputs, Plan, ProbeSource, ReflectionProbeSet, Reflections, RenderError, RigKind,
+    RigKnobs, SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -73,7 +73,11 @@ impl Effort for Options {
             scene: "mirrors:4".to_owned(),
             size: [64, 48],
             rig: RigKnobs { spacing: Some(2.0), face: Some(64), ..RigKnobs::default() },
-            base: Reflections { side: 32, levels: 6, ..Reflections::default() },
+            base: Reflections {
+                side: 32,
+                source: ProbeSource::Octree { levels: 6 },
+                ..Reflections::default()
+            },
             sides: vec![16],
             levels: vec![5],
             truth: (8, 1),
@@ -147,7 +151,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report = Report::new(&scene.name, Machine::here(gpu.kind()), found);
     report.notes.push(format!(
         "{} views of {width}×{height} pixels at {SUPERSAMPLING}² rays a pixel; {} of {} instances are reflectors; {} triangles \
-        in all. maps_ms: all probes at one moment. ready_ms: the octree and its light before them. brute_force_ms: every \
+        in all. maps_ms: all probes at one moment. ready_ms: the octree, and the light of its leaves or of points. brute_force_ms: every \
         triangle rasterised into every probe. view_ms: a view warped from {SAMPLES} samples. flip: against {rays} rays per \
         lobe.",
         subject.views.len(),
@@ -160,13 +164,20 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// The rows: without probes, the base, and one changed knob each.
+/// The rows: without probes, the base, one changed knob each, and points in place of the octree at each side.
 fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
     let base = options.base;
     let sides = options.sides.iter().map(|&side| ("resolution", Some(Reflections { side, ..base })));
-    let levels = options.levels.iter().map(|&levels| ("octree levels", Some(Reflections { levels, ..base })));
+    let levels = options.levels.iter().map(|&levels| {
+        ("octree levels", Some(Reflections { source: ProbeSource::Octree { levels }, ..base }))
+    });
     let mut rows = vec![("sky alone", None), ("as given", Some(base))];
     rows.extend(sides.chain(levels));
+    // Beside those of the octree.
+    let all_sides = std::iter::once(base.side).chain(options.sides.iter().copied());
+    rows.extend(
+        all_sides.map(|side| ("points", Some(Reflections { side, source: ProbeSource::POINTS, ..base }))),
+    );
     let mut unique: Vec<(&'static str, Option<Reflections>)> = Vec::new();
     for row in rows {
         if unique.iter().all(|(_, knobs)| *knobs != row.1) {
@@ -183,7 +194,8 @@ impl Subject {
         differs: &str,
         knobs: Option<Reflections>,
     ) -> Result<(Map<String, Value>, Vec<Frame>)> {
-        let maps = knobs.map(|knobs| ReflectionProbeSet::of(&self.bench.scene, knobs)).transpose()?.flatten();
+        let of = |knobs| ReflectionProbeSet::of(&self.bench.scene, &self.bench.info.rig, knobs);
+        let maps = knobs.map(of).transpose()?.flatten();
         let info = SampleSetInfo {
             reflections: maps,
             version: self.bench.next_version(),
@@ -222,7 +234,10 @@ impl Subject {
             "differs": differs,
             "maps": maps.map_or(0, |maps| maps.count),
             "side": knobs.map(|knobs| knobs.side),
-            "levels": knobs.map(|knobs| knobs.levels),
+            "levels": knobs.and_then(|knobs| match knobs.source {
+                ProbeSource::Octree { levels } => Some(levels),
+                ProbeSource::Points { .. } => None,
+            }),
             "maps_ms": maps_ms,
             "ready_ms": ready_ms,
             "brute_force_ms": brute_force_ms,
@@ -254,7 +269,7 @@ impl Subject {
             let found = found.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
             let stages = || found.iter().flat_map(|sample| &sample.stages);
             let maps = stages()
-                .filter(|stage: &&Stage| stage.name == "reflection probes")
+                .filter(|stage: &&Stage| ["reflection probes", "reflection points"].contains(&&*stage.name))
                 .fold(0.0, |sum, s| sum + s.ms);
             if epoch <= self.rounds as u64 {
                 times[0].push(maps);

@@ -70,9 +70,10 @@ async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn moving_objects_are_reflected_at_their_positions() {
+async fn moving_objects_are_reflected_at_their_positions_by_points() {
     let flags = ["--face=96", "--cell=2", "--refining-share=0", "--visibility=raster", "--epoch-ms=1500"];
-    let cluster = Coordinator::start(SCENE, &[&flags[..], &MAPS].concat());
+    let points = ["--reflections=points", "--reflection-side=32"];
+    let cluster = Coordinator::start(SCENE, &[&flags[..], &points].concat());
     let _workers = cluster.workers(2);
     cluster.wait_for_workers(2);
     let mut wire = Wire::connect(&cluster.url).await;
@@ -87,6 +88,8 @@ async fn moving_objects_are_reflected_at_their_positions() {
         let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
         assert!(warp.samples.iter().all(|id| id.version == warp.samples[0].version), "{:?}", warp.samples);
         assert!(warp.samples.iter().any(argus_scene::SampleId::is_reflection_probe));
+        let specification = frame.provenance.specification.unwrap().to_string();
+        assert!(specification.contains(" maps of 32 from 4194304 points, at most 256, seen by 48 pixels"));
         if epochs.last() != Some(&frame.provenance.state.epoch) {
             epochs.push(frame.provenance.state.epoch);
         }
@@ -104,8 +107,10 @@ fn maps_that_cannot_be_rendered_are_refused_at_the_start() {
     };
     let side = refused(&["--reflections=maps", "--reflection-side=48"]);
     assert!(side.contains("--reflection-side") && side.contains("64"), "{side}");
+    let points = refused(&["--reflections=points", "--reflection-points=7"]);
+    assert!(points.contains("--reflection-points") && points.contains("1024"), "{points}");
     let word = refused(&["--set", "coordinator.reflections=rays"]);
-    assert!(word.contains("reflections") && word.contains("off or maps"), "{word}");
+    assert!(word.contains("reflections") && word.contains("off, maps or points"), "{word}");
     let both = refused(&["--reflections=maps", "--sampling=megaviews"]);
     assert!(both.contains("reflections") && both.contains("megaviews"), "{both}");
 }

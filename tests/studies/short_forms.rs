@@ -128,7 +128,11 @@ fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
     let study = json(&["study", "reflections", "--quick", "--json"]);
     let sky = &rows(&study)[0];
     assert_eq!(number(sky, "maps"), 0.0);
-    assert_eq!(rows(&study).len(), 4, "as given, another resolution, other levels");
+    assert_eq!(
+        rows(&study).len(),
+        6,
+        "as given, another resolution, other levels, points at both resolutions"
+    );
     for row in &rows(&study)[1..] {
         assert_eq!(number(row, "maps"), 4.0);
         assert!(

@@ -119,7 +119,7 @@ pub async fn serve(
                 let reason = "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
                 return Err(ServeError::Sampling(InvalidField::new("reflections", reason)));
             }
-            Some(knobs) => ReflectionProbeSet::of(scene, knobs).map_err(ServeError::Sampling)?,
+            Some(knobs) => ReflectionProbeSet::of(scene, &rig, knobs).map_err(ServeError::Sampling)?,
             None => None,
         },
     };

@@ -2,8 +2,8 @@
 
 use argus_scene::{
     Bounds, Effect, Indirect, InvalidField, Light, LightEffects, LightLevel, Lighting, MapSource, MegaViews,
-    PathKnobs, PointKnobs, ReflectionProbeSet, Reflections, Rig, SampleId, SampleSetInfo, Sampling,
-    SceneState, Sky, Specification, Stage, Version, Visibility, VplKnobs,
+    PathKnobs, PointKnobs, ProbeEye, ProbeSource, ReflectionProbeSet, Reflections, Rig, SampleId,
+    SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
@@ -277,9 +277,7 @@ impl From<&Specification> for v1::Specification {
             sub_samples: specification.sub_samples,
             light_effects: specification.effects.bits(),
             indirect: indirect_to_wire(specification.indirect),
-            reflections: specification.reflections.map(|ReflectionProbeSet { knobs, count }| {
-                v1::ReflectionProbes { side: knobs.side, levels: knobs.levels, most: knobs.most, count }
-            }),
+            reflections: specification.reflections.map(Into::into),
             exposure: specification.exposure,
         }
     }
@@ -290,20 +288,54 @@ impl TryFrom<v1::Specification> for Specification {
 
     /// The specification, validated.
     fn try_from(wire: v1::Specification) -> Result<Self, InvalidField> {
-        let reflections = wire.reflections.map(|v1::ReflectionProbes { side, levels, most, count }| {
-            ReflectionProbeSet { knobs: Reflections { side, levels, most }, count }
-        });
         let specification = Self {
             visibility: visibility(wire.visibility, "specification.visibility")?,
             sampling: sampling(wire.sampling),
             sub_samples: wire.sub_samples,
             effects: LightEffects::from_bits(wire.light_effects)?,
             indirect: indirect(wire.indirect)?,
-            reflections,
+            reflections: wire.reflections.map(ReflectionProbeSet::try_from).transpose()?,
             exposure: wire.exposure,
         };
         specification.validate()?;
         Ok(specification)
+    }
+}
+
+impl From<ReflectionProbeSet> for v1::ReflectionProbes {
+    fn from(ReflectionProbeSet { knobs, count, eye }: ReflectionProbeSet) -> Self {
+        let (levels, budget) = match knobs.source {
+            ProbeSource::Octree { levels } => (levels, None),
+            ProbeSource::Points { budget } => (0, Some(budget)),
+        };
+        let points = budget.map(|budget| v1::ProbePoints {
+            budget,
+            viewpoints: eye.map(|eye| eye.viewpoints.into()),
+            pixels: eye.map_or(0.0, |eye| eye.pixels),
+        });
+        Self { side: knobs.side, levels, most: knobs.most, count, points }
+    }
+}
+
+impl TryFrom<v1::ReflectionProbes> for ReflectionProbeSet {
+    type Error = InvalidField;
+
+    /// The probes, validated.
+    fn try_from(wire: v1::ReflectionProbes) -> Result<Self, InvalidField> {
+        let v1::ReflectionProbes { side, levels, most, count, points } = wire;
+        let (source, eye) = match points {
+            None => (ProbeSource::Octree { levels }, None),
+            Some(_) if levels != 0 => {
+                return Err(InvalidField::new("reflections.levels", "must be 0 with points"));
+            }
+            Some(v1::ProbePoints { budget, viewpoints, pixels }) => {
+                let viewpoints = required(viewpoints, "reflections.viewpoints")?.try_into()?;
+                (ProbeSource::Points { budget }, Some(ProbeEye { viewpoints, pixels }))
+            }
+        };
+        let probes = Self { knobs: Reflections { side, most, source }, count, eye };
+        probes.validate()?;
+        Ok(probes)
     }
 }
 

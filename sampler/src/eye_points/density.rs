@@ -64,7 +64,7 @@ pub(super) fn density_at(
     density: &Density,
 ) -> f64 {
     let from_center = distance.max(eye.near);
-    let eye_to_reflector = ((reflector.center - eye.position).length() - reflector.radius).max(eye.near);
+    let eye_to_reflector = (eye.distance(reflector.center) - reflector.radius).max(eye.near);
     let reflector_to_triangle = (from_center - reflector.radius).max(eye.near);
     let of_map = f64::from(reflector.side) / (2.0 * from_center);
     let by_eye = |curvature: f64| {
@@ -94,7 +94,25 @@ mod tests {
         [DVec3::new(0.0, 0.0, -5.0), DVec3::new(1.0, 0.0, -5.0), DVec3::new(0.0, 1.0, -5.0)];
 
     fn eye() -> Eye {
-        Eye { position: DVec3::new(0.0, 0.0, 8.0), pixels: 900.0, height: 1080, near: 1e-3 }
+        let position = DVec3::new(0.0, 0.0, 8.0);
+        Eye { position, half_size: DVec3::ZERO, pixels: 900.0, height: 1080, near: 1e-3 }
+    }
+
+    #[test]
+    fn a_box_of_viewpoints_needs_the_density_of_its_nearest_one() {
+        let ball = reflector(0.5, 4096);
+        let rule = full(DensityRule::Eye);
+        let half_size = DVec3::new(2.0, 1.0, 3.0);
+        let of_box = density_for(&Eye { half_size, ..eye() }, &ball, CORNERS, &rule);
+        let of_nearest = density_for(&Eye { position: DVec3::Z * 5.0, ..eye() }, &ball, CORNERS, &rule);
+        assert_eq!(of_box, of_nearest);
+        for corner in [DVec3::ONE, DVec3::NEG_ONE, DVec3::new(1.0, -1.0, 1.0)] {
+            let corner = Eye { position: eye().position + half_size * corner, ..eye() };
+            assert!(density_for(&corner, &ball, CORNERS, &rule) < of_box);
+        }
+        let around = Eye { position: DVec3::ONE, half_size: DVec3::splat(2.0), ..eye() };
+        let at_near = density_for(&around, &ball, CORNERS, &rule);
+        assert!(at_near.is_finite() && at_near > of_box, "the reflector is among the viewers: {at_near}");
     }
 
     fn reflector(radius: f64, side: u32) -> PointReflector {

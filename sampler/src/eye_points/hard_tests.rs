@@ -72,7 +72,13 @@ fn hard_places_have_no_holes_and_no_nan() {
             for from in
                 [DVec3::new(0.0, 0.0, 2.5), DVec3::new(0.2, 0.1, 0.0), DVec3::ZERO, DVec3::splat(50.0)]
             {
-                let eye = Eye { position: moved + from, pixels: 200.0, height: 240, near: 1e-3 };
+                let eye = Eye {
+                    position: moved + from,
+                    half_size: DVec3::ZERO,
+                    pixels: 200.0,
+                    height: 240,
+                    near: 1e-3,
+                };
                 let reflectors = reflectors_of(&scene, &eye);
                 assert_eq!(reflectors.len(), 1);
                 let points = PointScene::new(&scene, 0.0);
@@ -115,7 +121,13 @@ fn a_mirrored_camera_shows_a_planar_mirror_without_parallax() {
     let mut scene = with_a_planar_mirror(around_a_ball(&walls, DVec3::ZERO, false));
     scene.materials.iter_mut().for_each(|material| material.double_sided = true);
     let scene = Arc::new(scene);
-    let eye = Eye { position: DVec3::new(0.4, 0.3, 1.5), pixels: 300.0, height: 240, near: 1e-3 };
+    let eye = Eye {
+        position: DVec3::new(0.4, 0.3, 1.5),
+        half_size: DVec3::ZERO,
+        pixels: 300.0,
+        height: 240,
+        near: 1e-3,
+    };
     let mirror = PointReflector::planar(&scene, 1, &scene.instances[1], &eye).unwrap();
     assert_eq!((mirror.center, mirror.side), (DVec3::new(0.4, 0.3, -3.5), 608));
     let points = PointScene::new(&scene, 0.0);
@@ -146,7 +158,13 @@ fn a_mirrored_camera_shows_a_planar_mirror_without_parallax() {
 fn a_curved_reflector_and_an_eye_in_the_mirrors_plane_have_no_mirrored_camera() {
     let ball = with_balls(rooms(20), 1).unwrap();
     let index = ball.instances.len() as u32 - 1;
-    let eye = Eye { position: DVec3::new(0.4, 0.3, 1.5), pixels: 300.0, height: 240, near: 1e-3 };
+    let eye = Eye {
+        position: DVec3::new(0.4, 0.3, 1.5),
+        half_size: DVec3::ZERO,
+        pixels: 300.0,
+        height: 240,
+        near: 1e-3,
+    };
     assert_eq!(PointReflector::planar(&ball, index, ball.instances.last().unwrap(), &eye), None);
     let scene = with_a_planar_mirror(around_a_ball(&inside_of_a_box(), DVec3::ZERO, false));
     let at = |z: f64| {
@@ -171,7 +189,8 @@ fn cut_outs_are_open_for_each_texels_ray_by_itself() {
     walls.push([Vec3::new(-2.0, -2.0, -2.0), Vec3::new(2.0, -2.0, -2.0), Vec3::new(0.0, 2.5, -2.0)]);
     let mut scene = around_a_ball(&walls, DVec3::ZERO, false);
     scene.materials.iter_mut().for_each(|material| material.double_sided = true);
-    let eye = Eye { position: DVec3::Z * 2.0, pixels: 100.0, height: 240, near: 1e-3 };
+    let eye =
+        Eye { position: DVec3::Z * 2.0, half_size: DVec3::ZERO, pixels: 100.0, height: 240, near: 1e-3 };
     let reflectors = reflectors_of(&scene, &eye);
     let mut facets = Facet::all(&scene, &scene.instances);
     let screen = facets.iter().position(|facet| facet.instance == 0 && facet.primitive == 12).unwrap();
@@ -214,7 +233,13 @@ fn a_line_of_sight_through_a_reflectors_sphere_only_adds_density() {
     let scene = around_a_ball(&inside_of_a_box(), DVec3::ZERO, false);
     let triangle = [DVec3::new(-0.5, 0.0, -3.0), DVec3::new(0.5, 0.0, -3.0), DVec3::new(0.0, 0.5, -3.0)];
     let density = |x: f64| {
-        let eye = Eye { position: DVec3::new(x, 0.0, 2.5), pixels: 200.0, height: 2000, near: 1e-3 };
+        let eye = Eye {
+            position: DVec3::new(x, 0.0, 2.5),
+            half_size: DVec3::ZERO,
+            pixels: 200.0,
+            height: 2000,
+            near: 1e-3,
+        };
         density_for(&eye, &reflectors_of(&scene, &eye)[0], triangle, &Density::default())
     };
     let (through, beside) = (density(0.0), density(2.0));

@@ -5,11 +5,14 @@ use glam::DVec3;
 
 use super::HalfSpace;
 
-/// The viewer whose pixels set the density of points.
+/// The viewer whose pixels set the density of points, or all viewers within a box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Eye {
-    /// Metres, world space.
+    /// Metres, world space: the viewpoint, or the middle of the box of viewpoints.
     pub position: DVec3,
+    /// Half the size of the box of viewpoints, metres; zero for one viewpoint. Densities are those that the nearest
+    /// viewpoint needs.
+    pub half_size: DVec3,
     /// Pixels of an image plane at unit distance, on a length of 1: half the height over the tangent of half the field of
     /// view.
     pub pixels: f64,
@@ -23,7 +26,13 @@ impl Eye {
     /// The eye of a view of `width` × `height` pixels. The camera must have passed [`Camera::validate`].
     pub fn of(camera: &Camera, width: u32, height: u32, near: f64) -> Self {
         let half = camera.tan_half_fov(width, height).y;
-        Self { position: camera.eye, pixels: f64::from(height) * 0.5 / half, height, near }
+        let pixels = f64::from(height) * 0.5 / half;
+        Self { position: camera.eye, half_size: DVec3::ZERO, pixels, height, near }
+    }
+
+    /// Distance of a point from the nearest viewpoint, metres.
+    pub(super) fn distance(&self, point: DVec3) -> f64 {
+        ((point - self.position).abs() - self.half_size).max(DVec3::ZERO).length()
     }
 }
 
@@ -97,7 +106,7 @@ fn position(mesh: &Mesh, instance: &Instance, vertex: u32) -> Option<DVec3> {
 pub fn map_side(eye: &Eye, center: DVec3, radius: f64, largest: u32) -> u32 {
     let most = largest.min(eye.height / 2) / SIDE_STEP * SIDE_STEP;
     let most = most.max(SIDE_STEP);
-    let outside = (center - eye.position).length_squared() - radius * radius;
+    let outside = eye.distance(center).powi(2) - radius * radius;
     // Within the sphere the diameter has no bound.
     let diameter = if outside > 0.0 { 2.0 * eye.pixels * radius / outside.sqrt() } else { f64::INFINITY };
     let rounded = (diameter / f64::from(SIDE_STEP)).ceil().min(f64::from(most / SIDE_STEP));
@@ -144,7 +153,7 @@ mod tests {
     use super::*;
 
     fn eye() -> Eye {
-        Eye { position: DVec3::ZERO, pixels: 1000.0, height: 1080, near: 1e-3 }
+        Eye { position: DVec3::ZERO, half_size: DVec3::ZERO, pixels: 1000.0, height: 1080, near: 1e-3 }
     }
 
     #[test]

@@ -198,7 +198,7 @@ impl Requests {
 
     /// Place of a requested id among all.
     #[inline]
-    pub(super) fn slot(&self, id: u32) -> usize {
+    pub fn slot(&self, id: u32) -> usize {
         let word = id as usize / 64;
         let lower = (1u64 << (id % 64)) - 1;
         let before = (self.bits[word].load(Ordering::Relaxed) & lower).count_ones();

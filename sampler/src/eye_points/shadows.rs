@@ -119,7 +119,8 @@ mod tests {
         for _ in 0..2000 {
             let mut place = || DVec3::new(unit(), unit(), unit()) * 10.0 - 5.0;
             let (point, corners) = (place(), [place(), place(), place()]);
-            let eye = Eye { position: place(), pixels: 900.0, height: 1080, near: 1e-3 };
+            let eye =
+                Eye { position: place(), half_size: DVec3::ZERO, pixels: 900.0, height: 1080, near: 1e-3 };
             let (distance, [u, v]) = (
                 (argus_scene::closest_on_triangle(point, corners) - point).length(),
                 [unit(), unit() * 0.99],
@@ -137,7 +138,8 @@ mod tests {
 
     #[test]
     fn a_maps_side_follows_the_farthest_ratio_within_limits() {
-        let eye = Eye { position: DVec3::ZERO, pixels: 100.0, height: 1080, near: 1e-3 };
+        let eye =
+            Eye { position: DVec3::ZERO, half_size: DVec3::ZERO, pixels: 100.0, height: 1080, near: 1e-3 };
         let side = |places: &[DVec3]| shadow_side(&eye, DVec3::X * 4.0, places, 1024);
         assert_eq!(side(&[]), 32);
         assert_eq!(side(&[DVec3::X * 4.0]), 32, "at the light");

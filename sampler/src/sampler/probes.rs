@@ -1,11 +1,15 @@
 //! Reflection probes: prepared for shading, and returned as a sample of the set.
 
+use std::time::{Duration, Instant};
+
 use argus_gpu::Gpu;
-use argus_scene::{Cancel, Lighting, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage};
+use argus_scene::{
+    Cancel, InvalidField, Lighting, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage,
+};
 
 use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
-use crate::probe_renderer::{ProbeBindings, ProbeRenderer};
+use crate::probe_renderer::{ProbeBindings, ProbePrograms, ProbeRenderer};
 use crate::resident::{GuideUse, Resident};
 use crate::{SamplerKnobs, timing};
 
@@ -90,9 +94,28 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
         check_wanted(cancel)?;
-        let mut stages =
-            self.light_octree(&mut probes.octree, lighting, time_secs, cancel)?.unwrap_or_default();
-        let made = probes.make(&self.gpu, &self.scene, &self.resident, lighting, time_secs)?;
+        let (gpu, at) = (self.gpu.clone(), (lighting, time_secs));
+        let places = probes.places(&gpu, &self.scene, &self.resident, time_secs)?;
+        let (side, mut stages) = (probes.set.knobs.side, Vec::new());
+        let viewers = probes.set.eye;
+        let (begin, bytes) = match &mut probes.source {
+            ProbePrograms::Octree(from) => {
+                let lit = self.light_octree(&mut from.octree, lighting, time_secs, cancel)?;
+                stages.extend(lit.unwrap_or_default());
+                let begin = Instant::now();
+                (begin, from.render(&gpu, &self.resident, lighting, &places, side)?)
+            }
+            ProbePrograms::Points(from) => {
+                let none = || InvalidField::new("reflections.viewpoints", "must be given for points");
+                let viewers = viewers.ok_or_else(none)?;
+                let begin = Instant::now();
+                let bytes =
+                    self.render_probe_points(from, &places, (&viewers, side), at, cancel, &mut stages)?;
+                // What no stage of the points accounts for.
+                (begin + stage_time(&stages), bytes)
+            }
+        };
+        let made = probes.take_over(&gpu, (places, bytes), at, begin)?;
         timing::add(&mut stages, made);
         Ok(stages)
     }
@@ -117,4 +140,10 @@ impl GpuSampler {
             sample.ok_or_else(|| RenderError::Internal("there are no reflection probes".to_owned()))?;
         Ok(Sample { stages, ..sample })
     }
+}
+
+/// The time of some stages.
+fn stage_time(stages: &[Stage]) -> Duration {
+    let ms: f64 = stages.iter().map(|stage| stage.ms).sum();
+    Duration::try_from_secs_f64(ms * 1e-3).unwrap_or_default()
 }

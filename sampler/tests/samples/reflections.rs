@@ -6,8 +6,8 @@ use argus_scene::procedural::mirrors;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::{level_sides, map_size};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, PlaneKind, ReflectionProbeSet, Reflections, RenderError, SampleId,
-    SampleJob, SampleSetInfo, Sampler as _, Scene, SceneState, Version, ViewJob,
+    Camera, Cancel, Material, PixelJob, PlaneKind, ProbeSource, ReflectionProbeSet, Reflections, RenderError,
+    SampleId, SampleJob, SampleSetInfo, Sampler as _, Scene, SceneState, Version, ViewJob,
 };
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -17,7 +17,12 @@ use crate::rooms::{add_room, grey, lit_by};
 const SIZE: [u32; 2] = [160, 120];
 
 fn maps(scene: &Scene) -> Option<ReflectionProbeSet> {
-    ReflectionProbeSet::of(scene, Reflections { levels: 7, ..Reflections::default() })
+    probes_from(scene, ProbeSource::Octree { levels: 7 })
+}
+
+fn probes_from(scene: &Scene, source: ProbeSource) -> Option<ReflectionProbeSet> {
+    let rig = omni_rig(scene.bounds().center(), 384);
+    ReflectionProbeSet::of(scene, &rig, Reflections { source, ..Reflections::default() })
         .expect("the knobs are in range")
 }
 
@@ -28,10 +33,21 @@ fn traced(scene: &Arc<Scene>, time_secs: f64) -> Tracer {
 
 /// FLIP of a direct view with maps, and of one without, against rays; and what the first shows.
 fn judged(name: &str, scene: &Arc<Scene>, camera: Camera, time_secs: f64) -> (f64, f64, Vec<u8>) {
+    judged_with(name, maps(scene), scene, camera, time_secs)
+}
+
+/// FLIP of a direct view with these probes, and of one without, against rays; and what the first shows.
+fn judged_with(
+    name: &str,
+    probes: Option<ReflectionProbeSet>,
+    scene: &Arc<Scene>,
+    camera: Camera,
+    time_secs: f64,
+) -> (f64, f64, Vec<u8>) {
     let truth = traced(scene, time_secs).render(&camera, SIZE[0], SIZE[1], 4, |_| {});
     let truth = truth.display(scene.lighting.exposure);
     let plain = ViewJob { time_secs, state: SceneState::of_epoch(1), ..view_job(camera, SIZE, 4) };
-    let mirrored = ViewJob { reflections: maps(scene), ..plain.clone() };
+    let mirrored = ViewJob { reflections: probes, ..plain.clone() };
     let mut sampler = sampler(scene);
     let [with, without] = [mirrored, plain].map(|job| image_of(&direct(&mut sampler, &job)));
     let (good, bad) = (flip(name, &with, &truth), flip(&format!("{name}-without"), &without, &truth));
@@ -234,4 +250,49 @@ fn probes_that_a_scene_does_not_have_are_refused_by_field() {
     assert_eq!(refused(None), "sample.index");
     let maps = maps(&scene).unwrap();
     assert_eq!(refused(Some(ReflectionProbeSet { count: 4, ..maps })), "reflections.count");
+}
+
+#[test]
+fn points_show_the_room_after_it_moved_no_worse_than_an_octree() {
+    let scene = Arc::new(mirrors(7));
+    let camera = scene.cameras[0].camera;
+    let octree = judged("mirrors-octree", &scene, camera, 2.0).0;
+    let from_points = probes_from(&scene, ProbeSource::POINTS);
+    let (points, without, _) = judged_with("mirrors-points", from_points, &scene, camera, 2.0);
+    assert!(points <= octree && points < 0.5 * without, "FLIP {points} from points, {octree} from an octree");
+}
+
+#[test]
+fn probes_from_points_have_exact_ranges_also_a_million_metres_away() {
+    for center in [DVec3::new(5.0, 0.0, 0.0), DVec3::new(1e6, -1e6, 1e6)] {
+        let scene = room_with_a_ball(center, chrome(0.0));
+        let probes = probes_from(&scene, ProbeSource::POINTS).unwrap();
+        let found = sample(&mut sampler(&scene), &probes_of(&scene, Some(probes)));
+        let columns = map_size(probes.knobs.side)[0] as usize;
+        let ranges = floats(&host_bytes(&found, PlaneKind::InverseRange));
+        for (place, &inverse) in ranges[..columns * columns].iter().enumerate() {
+            let range = 1.0 / inverse;
+            // The walls are 2 m from the ball's middle, and a corner is √3 times as far.
+            assert!((1.95..3.5).contains(&range), "texel {place}: {range} m, and no hole");
+        }
+    }
+}
+
+#[test]
+fn two_samplers_give_the_bytes_of_probes_from_points_whatever_they_rendered_before() {
+    let scene = Arc::new(mirrors(5));
+    let at = |epoch| {
+        let job = probes_of(&scene, probes_from(&scene, ProbeSource::Points { budget: 1 << 14 }));
+        let info = SampleSetInfo { epoch_secs: 0.5, ..(*job.info).clone() }
+            .at_version(&scene, Version::of_epoch(epoch, epoch));
+        let ids = job.ids.iter().map(|id| SampleId { version: epoch, ..*id }).collect();
+        SampleJob { info: Arc::new(info), ids, ..job }
+    };
+    let planes = [PlaneKind::Radiance, PlaneKind::InverseRange, PlaneKind::ProbeSphere];
+    let mut moving = sampler(&scene);
+    let [before, moved] =
+        [0, 5].map(|epoch| planes.map(|kind| host_bytes(&sample(&mut moving, &at(epoch)), kind)));
+    assert_ne!(before, moved);
+    let fresh = planes.map(|kind| host_bytes(&sample(&mut sampler(&scene), &at(5)), kind));
+    assert_eq!(moved, fresh);
 }

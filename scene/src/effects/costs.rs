@@ -5,13 +5,15 @@ use crate::{Scene, Stage};
 
 /// Stages that run for one effect alone, by name. A stage that several effects share belongs to none: reading surfaces
 /// back and adding up what arrives at them ([`SHARED_STAGE`]) runs as soon as one effect of direct light casts rays.
-pub const STAGES: [(&str, EffectKind); 23] = [
+pub const STAGES: [(&str, EffectKind); 25] = [
     ("trace shadows", EffectKind::Shadows),
     ("trace penumbras", EffectKind::SoftShadows),
     ("trace emitters", EffectKind::Emitters),
     ("trace sky", EffectKind::SkyVisibility),
     ("add highlights", EffectKind::Highlights),
     ("reflection probes", EffectKind::Reflection),
+    ("reflection points", EffectKind::Reflection),
+    ("shade points", EffectKind::Reflection),
     ("trace VPLs", EffectKind::Indirect),
     ("group VPLs", EffectKind::Indirect),
     ("maps of VPLs", EffectKind::Indirect),

@@ -9,7 +9,7 @@ use super::lights::{
 };
 use super::surfaces::{Body, bodies};
 use super::{Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, bytes};
-use crate::{Indirect, Light, LightEffects, Material, PathKnobs, Reflections, Scene};
+use crate::{Indirect, Light, LightEffects, Material, PathKnobs, ProbeSource, Reflections, Scene};
 
 /// Bytes below which `auto` leaves an effect out.
 const LEAST_BYTES: f64 = 0.5;
@@ -422,7 +422,12 @@ fn decision(effect: EffectKind, request: &Settled, found: &Found, bound: f64) ->
             match (found.causes.is_empty(), request.reflections) {
                 (true, _) => (false, because.clone()),
                 (false, None) => (false, format!("{because}, but reflections are off")),
-                (false, Some(_)) => (true, format!("{because}, by reflection probes")),
+                (false, Some(Reflections { source: ProbeSource::Octree { .. }, .. })) => {
+                    (true, format!("{because}, by reflection probes"))
+                }
+                (false, Some(Reflections { source: ProbeSource::Points { .. }, .. })) => {
+                    (true, format!("{because}, by reflection probes from points"))
+                }
             }
         }
         EffectKind::Indirect => {

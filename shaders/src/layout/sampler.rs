@@ -22,7 +22,8 @@ pub(super) const MIRRORS: &[Mirror] = &[
     LeafChunk::MIRROR,
     NodeLevel::MIRROR,
     MapLookup::MIRROR,
-    ResampleProbes::MIRROR,
+    ProbeLevel::MIRROR,
+    ProbePoint::MIRROR,
     OwnLevel::MIRROR,
     Blocks::MIRROR,
     Chosen::MIRROR,
@@ -390,8 +391,8 @@ mirror! {
 }
 
 mirror! {
-    /// A level of reflection probes: `sampler/resample_probes.wgsl`.
-    pub struct ResampleProbes {
+    /// A level of reflection probes: `shared/probe_planes.wgsl`.
+    pub struct ProbeLevel {
         /// Texels on a side of the finest level.
         pub side: u32,
         /// Columns of a probe.
@@ -404,6 +405,24 @@ mirror! {
         pub level_row: u32,
         /// Roughness of the surfaces that this level is for.
         pub roughness: f32,
+    }
+}
+
+mirror! {
+    /// A point of a triangle that fills reflection probes: `sampler/shade_points.wgsl`.
+    pub struct ProbePoint {
+        /// Index of the instance.
+        pub instance: u32,
+        /// Index of the triangle in its mesh.
+        pub primitive: u32,
+        /// Side of the square that it stands for, metres.
+        pub width: f32,
+        /// 1 if its front is seen, 0 if its back is.
+        pub front: u32,
+        /// Relative to the eye, metres.
+        pub position: [f32; 3],
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad: u32,
     }
 }
 

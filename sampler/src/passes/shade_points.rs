@@ -1,0 +1,68 @@
+//! Program: `shaders/sampler/shade_points.wgsl`. Shades points of reflection probes.
+
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+use argus_shaders::sampler::SHADE_POINTS;
+
+use super::TileContext;
+use crate::resident::{Features, GuideUse};
+use crate::scratch::Guides;
+
+/// Shades points with the functions that shade surfaces.
+pub(crate) struct ShadePoints {
+    shade: ComputePipeline,
+    keep: ComputePipeline,
+    /// Bound without indirect light.
+    unused: wgpu::Buffer,
+}
+
+impl ShadePoints {
+    /// The pipelines for a scene's features.
+    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
+        Self {
+            shade: gpu.compute_pipeline_with(&SHADE_POINTS, "shade_points", &features.constants(guides)),
+            keep: gpu.compute_pipeline(&SHADE_POINTS, "keep_points"),
+            unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
+        }
+    }
+
+    /// Shades the chunk's points in its image, which is the context's tile. `chunk` is a uniform
+    /// ([`argus_shaders::layout::sampler::LeafChunk`]), and `points` are [`argus_shaders::layout::sampler::ProbePoint`].
+    pub(crate) fn record(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        (chunk, points): (&wgpu::Buffer, &wgpu::Buffer),
+    ) {
+        let TileContext { targets, tile, .. } = context;
+        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
+        if targets.guides.is_some() {
+            // Texels beyond the last point have no guides.
+            commands.clear(guides);
+        }
+        let [width, height] = tile.sub_samples();
+        context
+            .with_surfaces(commands.compute("shade points", &self.shade))
+            .read("chunk", chunk)
+            .read("points", points)
+            .write("guides", guides)
+            .write("guide_materials", materials)
+            .write("shaded", &targets.shaded)
+            .dispatch_threads([width, height, 1]);
+    }
+
+    /// Stores the chunk's radiance as words of rgb9e5, once all light is added.
+    pub(crate) fn keep(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        (chunk, radiance): (&wgpu::Buffer, &wgpu::Buffer),
+    ) {
+        let [width, height] = context.tile.sub_samples();
+        commands
+            .compute("keep points", &self.keep)
+            .read("chunk", chunk)
+            .write("shaded", &context.targets.shaded)
+            .write("radiance_of_points", radiance)
+            .dispatch_threads([width, height, 1]);
+    }
+}

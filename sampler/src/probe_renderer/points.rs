@@ -1,0 +1,247 @@
+//! Probes from points: cube maps around reflectors are filled with points as dense as viewers see them in reflections
+//! ([`crate::eye_points`]), and each point that a map shows is shaded once.
+//!
+//! The eye is the box of the sample set's viewpoints, so that probes serve every view of the set. Within a cube map of as many
+//! texels a side as the probe, a texel of the probe is the mean of four rays.
+
+use std::sync::Arc;
+
+use argus_gpu::{Gpu, wgpu};
+use argus_scene::{ProbeEye, RenderError, Scene};
+use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, ProbePoint};
+use bytemuck::Zeroable;
+use glam::DVec3;
+use tracing::warn;
+
+use super::ProbePlaces;
+use crate::eye_points::{
+    BudgetReport, Density, Eye, EyePointKnobs, PointReflector, PointScene, Requests, Side,
+};
+use crate::lit_octree::{CHUNK_SIDE, image_of};
+use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
+use crate::resident::{GuideUse, Resident, upload};
+use crate::tile::Tile;
+
+/// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
+const MOST_BYTES: usize = 64 << 20;
+/// Bytes of a texel of a cube map.
+const TEXEL_BYTES: usize = 8;
+/// Distances below this share of the scene's extent count as this, in the density of points.
+const NEAR: f64 = 1e-4;
+
+/// The programs that fill probes with points, for one scene on one device.
+pub(crate) struct PointProbes {
+    pub(crate) budget: u32,
+    pub(crate) shade: ShadePoints,
+    pub(crate) resample: ResamplePoints,
+    pub(crate) blur: BlurProbes,
+}
+
+/// Some reflectors' cube maps, and the points that they show.
+pub(crate) struct FilledMaps {
+    /// For each texel 1 + the index of its point, or 0 for sky; and its inverse range, 1/metres, f32 bits.
+    pub(crate) texels: Vec<[u32; 2]>,
+    /// The points, each once. Positions are relative to [`ProbePlaces::middle`].
+    pub(crate) points: Vec<ProbePoint>,
+    /// Number of maps.
+    pub(crate) maps: u32,
+    /// How the budget was kept.
+    pub(crate) budget: BudgetReport,
+}
+
+/// Points that are shaded in one submission.
+pub(crate) struct PointChunk {
+    /// The image that they are shaded in, as a tile.
+    pub(crate) tile: Tile,
+    /// Uniform.
+    pub(crate) chunk: wgpu::Buffer,
+}
+
+impl PointProbes {
+    pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, budget: u32) -> Self {
+        Self {
+            budget,
+            shade: ShadePoints::new(gpu, resident.features, guides),
+            resample: ResamplePoints::new(gpu, resident.features),
+            blur: BlurProbes::new(gpu),
+        }
+    }
+
+    /// The reflectors of all probes, in groups whose maps are filled at once.
+    pub(crate) fn groups(
+        scene: &Scene,
+        places: &ProbePlaces,
+        viewers: &ProbeEye,
+        (side, time_secs): (u32, f64),
+    ) -> Vec<Vec<PointReflector>> {
+        let eye = eye_of(scene, viewers, side);
+        let posed = scene.at(time_secs);
+        let reflector = |(&instance, center): (&u32, DVec3)| {
+            let found = PointReflector::new(scene, instance, &posed.instances[instance as usize], &eye, side);
+            // The centre that lookups use, which is rounded. An object of zero size reflects nothing.
+            let nothing = PointReflector { instance, center, radius: 0.0, curvature: 0.0, side, front: None };
+            found.map_or(nothing, |found| PointReflector { center, side, ..found })
+        };
+        let all: Vec<PointReflector> = places.instances.iter().zip(places.centers()).map(reflector).collect();
+        let map_bytes = 6 * (side as usize).pow(2) * TEXEL_BYTES;
+        all.chunks((MOST_BYTES / map_bytes).max(1)).map(<[PointReflector]>::to_vec).collect()
+    }
+
+    /// Fills the maps of a group of reflectors, whose sides are equal.
+    pub(crate) fn fill(
+        points: &PointScene,
+        scene: &Scene,
+        middle: DVec3,
+        reflectors: &[PointReflector],
+        (viewers, budget): (&ProbeEye, u32),
+    ) -> FilledMaps {
+        let side = reflectors.first().map_or(1, |reflector| reflector.side);
+        let eye = eye_of(scene, viewers, side);
+        let knobs = EyePointKnobs { density: Density::default(), budget, culling: true };
+        let found = points.points(&eye, reflectors, &knobs);
+        let shown = Requests::all(&found.maps, found.points.len(), |_, id| id);
+        let texel = |key: u64| match key {
+            0 => [0; 2],
+            key => [1 + shown.slot(key as u32) as u32, (key >> 32) as u32],
+        };
+        let point = |id: u32| {
+            let point = points.shading_of_point(&found, id);
+            ProbePoint {
+                instance: point.instance,
+                primitive: point.primitive,
+                width: point.footprint[0].length() as f32,
+                front: u32::from(point.side == Side::Front),
+                position: (point.position - middle).as_vec3().to_array(),
+                _pad: 0,
+            }
+        };
+        FilledMaps {
+            texels: found.maps.bits().map(texel).collect(),
+            points: shown.ids().into_iter().map(point).collect(),
+            maps: reflectors.len() as u32,
+            budget: found.budget,
+        }
+    }
+
+    /// Points in chunks. Consecutive points are neighbours in space, and in a square of the image.
+    pub(crate) fn chunks(gpu: &Gpu, count: u32) -> Vec<PointChunk> {
+        let most = CHUNK_SIDE * CHUNK_SIDE;
+        let chunk = |first: u32| {
+            let rows = most.min(count - first).div_ceil(CHUNK_SIDE);
+            let size = [CHUNK_SIDE, rows.next_multiple_of(LEAF_BLOCK)];
+            let params = LeafChunk { size, first, leaves: count, ..LeafChunk::zeroed() };
+            let chunk = gpu.upload("points of probes", &[params], wgpu::BufferUsages::UNIFORM);
+            PointChunk { tile: image_of(size), chunk }
+        };
+        (0..count).step_by(most as usize).map(chunk).collect()
+    }
+}
+
+impl FilledMaps {
+    /// Logs that a budget was too small.
+    pub(crate) fn report(&self) {
+        let BudgetReport { wanted, reduction, kept } = self.budget;
+        if reduction < 1.0 {
+            let share = format!("{:.0}%", 100.0 * reduction);
+            warn!(
+                wanted,
+                kept,
+                density = share,
+                "reflections are coarser: more points are wanted than coordinator.reflection_points allows"
+            );
+        }
+    }
+
+    /// Uploads texels and points.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if the device cannot bind them.
+    pub(crate) fn upload(&self, gpu: &Arc<Gpu>) -> Result<[wgpu::Buffer; 2], RenderError> {
+        let storage = wgpu::BufferUsages::STORAGE;
+        let texels = upload(gpu, "texels of reflectors", &self.texels, storage)?;
+        let points = match self.points.is_empty() {
+            true => upload(gpu, "points of probes", &[ProbePoint::zeroed()], storage)?,
+            false => upload(gpu, "points of probes", &self.points, storage)?,
+        };
+        Ok([texels, points])
+    }
+}
+
+/// The viewers as an eye of the method.
+fn eye_of(scene: &Scene, viewers: &ProbeEye, side: u32) -> Eye {
+    let extent = scene.bounds().size().max_element();
+    Eye {
+        position: viewers.viewpoints.center(),
+        half_size: viewers.viewpoints.size() * 0.5,
+        pixels: viewers.pixels,
+        // Of no use where maps have one side.
+        height: 2 * side,
+        near: (NEAR * extent).max(f64::MIN_POSITIVE),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use argus_scene::procedural::{rooms, with_balls};
+    use argus_scene::{Reflections, Rig};
+
+    use super::*;
+
+    const SIDE: u32 = 32;
+
+    fn viewers(scene: &Scene) -> ProbeEye {
+        let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 128 };
+        ProbeEye::of(&rig, &scene.bounds()).unwrap()
+    }
+
+    fn reflectors(scene: &Scene) -> Vec<PointReflector> {
+        let eye = eye_of(scene, &viewers(scene), SIDE);
+        let indices = scene.reflectors(Reflections::default().most);
+        let new = |index: u32| {
+            let instance = &scene.instances[index as usize];
+            PointReflector { side: SIDE, ..PointReflector::new(scene, index, instance, &eye, SIDE).unwrap() }
+        };
+        indices.into_iter().map(new).collect()
+    }
+
+    fn filled(scene: &Arc<Scene>, budget: u32) -> FilledMaps {
+        let points = PointScene::new(scene, 0.0);
+        PointProbes::fill(&points, scene, DVec3::ZERO, &reflectors(scene), (&viewers(scene), budget))
+    }
+
+    #[test]
+    fn every_point_that_is_shaded_is_shown_and_none_is_shaded_twice() {
+        let scene = Arc::new(with_balls(rooms(20), 3).unwrap());
+        let found = filled(&scene, 1 << 22);
+        assert_eq!((found.maps, found.texels.len()), (3, 3 * 6 * 32 * 32));
+        let shown: BTreeSet<u32> = found.texels.iter().map(|[point, _]| *point).filter(|p| *p > 0).collect();
+        assert_eq!(shown.len(), found.points.len());
+        assert_eq!(shown.last(), Some(&(found.points.len() as u32)));
+        assert!(found.points.len() * 3 < found.texels.len() * 2, "fewer shades than texels");
+        assert_eq!((found.budget.reduction, found.budget.kept), (1.0, true));
+    }
+
+    #[test]
+    fn a_small_budget_lowers_the_density_says_so_and_leaves_no_hole() {
+        let scene = Arc::new(with_balls(rooms(20), 3).unwrap());
+        let [full, some] = [1 << 22, 1 << 12].map(|budget| filled(&scene, budget));
+        assert!(full.budget.wanted > 1 << 12 && some.budget.reduction < 0.9, "{:?}", some.budget);
+        assert!(some.budget.kept && some.points.len() <= 1 << 12);
+        let holes =
+            full.texels.iter().zip(&some.texels).filter(|(full, some)| (full[0] == 0) != (some[0] == 0));
+        assert!(holes.count() * 1000 <= full.texels.len());
+    }
+
+    #[test]
+    fn bytes_do_not_depend_on_the_number_of_threads() {
+        let scene = Arc::new(with_balls(rooms(20), 3).unwrap());
+        let bytes = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let found = pool.install(|| filled(&scene, 1 << 14));
+            (found.texels, bytemuck::cast_slice::<_, u8>(&found.points).to_vec())
+        };
+        assert!(bytes(1) == bytes(3));
+    }
+}
