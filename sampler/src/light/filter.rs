@@ -1,6 +1,7 @@
 //! Shares what neighbouring texels found, within surfaces.
 
-use glam::Vec3;
+use std::ops::{AddAssign, Mul};
+
 use rayon::prelude::*;
 
 use super::pattern::SQUARE;
@@ -10,9 +11,14 @@ use super::texels::Texels;
 /// so that every slot has the same weight. The second takes off the edges that a few bright rays leave.
 const REACHES: [isize; 2] = [SQUARE as isize / 2, SQUARE as isize / 4];
 
+/// What texels share: a sum of colours, or several.
+pub(super) trait Shared: Copy + Default + Send + Sync + AddAssign + Mul<f32, Output = Self> {}
+
+impl<T: Copy + Default + Send + Sync + AddAssign + Mul<f32, Output = T>> Shared for T {}
+
 /// Means over the texels around each that show the same surface, rows and then columns. Nothing changes without
 /// neighbours.
-pub(super) fn smoothed(values: Vec<Vec3>, texels: &Texels) -> Vec<Vec3> {
+pub(super) fn smoothed<T: Shared>(values: Vec<T>, texels: &Texels) -> Vec<T> {
     if texels.first.is_none() {
         return values;
     }
@@ -24,19 +30,19 @@ pub(super) fn smoothed(values: Vec<Vec3>, texels: &Texels) -> Vec<Vec3> {
 }
 
 /// Means over a reach along a line of texels `step` apart; `line` says which place a texel has on its line, and the line's length.
-fn along(
-    values: &[Vec3],
+fn along<T: Shared>(
+    values: &[T],
     texels: &Texels,
     (step, reach): (usize, isize),
     line: impl Fn(usize) -> (usize, usize) + Sync,
-) -> Vec<Vec3> {
+) -> Vec<T> {
     let mean = |index: usize| {
         let texel = &texels.all[index];
         if !texel.exists {
-            return Vec3::ZERO;
+            return T::default();
         }
         let (place, length) = line(index);
-        let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
+        let (mut sum, mut weights) = (T::default(), 0.0);
         for by in -reach..=reach {
             let there = place as isize + by;
             if there < 0 || there >= length as isize {
@@ -49,7 +55,7 @@ fn along(
                 weights += weight;
             }
         }
-        sum / weights
+        sum * (1.0 / weights)
     };
     (0..values.len()).into_par_iter().with_min_len(1024).map(mean).collect()
 }

@@ -1,6 +1,7 @@
 //! The sky's light: what an open sky sends, and the share of it that texels see.
 
 use std::f64::consts::TAU;
+use std::ops::{AddAssign, Mul};
 
 use argus_scene::light_sampling::cosine_direction;
 use argus_scene::shading::sky_radiance;
@@ -97,6 +98,30 @@ impl SkyIrradiance {
     }
 }
 
+/// Radiance of the sky, summed over rays.
+#[derive(Clone, Copy, Default)]
+struct SkySums {
+    /// Over rays that reach the sky.
+    seen: Vec3,
+    /// Over all rays.
+    whole: Vec3,
+}
+
+impl AddAssign for SkySums {
+    fn add_assign(&mut self, other: Self) {
+        self.seen += other.seen;
+        self.whole += other.whole;
+    }
+}
+
+impl Mul<f32> for SkySums {
+    type Output = Self;
+
+    fn mul(self, factor: f32) -> Self {
+        Self { seen: self.seen * factor, whole: self.whole * factor }
+    }
+}
+
 /// The share of the sky's irradiance that each texel sees, by colour: a ratio of two sums over the same rays, so that an
 /// open sky has no noise.
 pub(super) fn seen_share(
@@ -112,34 +137,32 @@ pub(super) fn seen_share(
     let pattern = Pattern::of_disc(knobs.sky_rays as usize);
     let cast = |index: usize| {
         let texel = &texels.all[index];
-        let (mut seen, mut whole) = (Vec3::ZERO, Vec3::ZERO);
+        let mut sums = SkySums::default();
         if !texel.exists {
-            return (seen, whole);
+            return sums;
         }
         let mut cast = |disc: Vec2| {
             let direction = above(texel.normal, disc);
             let radiance = sky_radiance(sky, direction);
-            whole += radiance;
+            sums.whole += radiance;
             if texel.sees(about, direction, f32::MAX) {
-                seen += radiance;
+                sums.seen += radiance;
             }
         };
         match &alone {
             Some(all) => all.iter().for_each(|&disc| cast(disc)),
             None => pattern.of_slot(texels.slot(index)).for_each(cast),
         }
-        (seen, whole)
+        sums
     };
-    let sums = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast);
-    let (seen, whole): (Vec<Vec3>, Vec<Vec3>) = sums.unzip();
+    let sums: Vec<SkySums> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
     // Each sum by itself: the mean of ratios of a few rays would favour directions in which the sky is dark.
-    let shared = |sums| if knobs.filter { smoothed(sums, texels) } else { sums };
-    let (seen, whole) = (shared(seen), shared(whole));
+    let sums = if knobs.filter { smoothed(sums, texels) } else { sums };
     let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
-    let share = |(seen, whole): (Vec3, Vec3)| {
+    let share = |SkySums { seen, whole }: SkySums| {
         Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z))
     };
-    seen.into_par_iter().zip(whole).map(share).collect()
+    sums.into_par_iter().map(share).collect()
 }
 
 #[cfg(test)]
