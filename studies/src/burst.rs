@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result, bail};
 use argus_client::load::{burst, path_views};
-use argus_client::{Answer, Client, ClientError, ConnectOptions, RenderOptions};
-use argus_scene::PlanRequest;
+use argus_client::{Answer, Client, ClientError, ClusterStatus, ConnectOptions, RenderOptions};
+use argus_scene::{LightLevel, PlanRequest};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -114,7 +114,14 @@ pub fn patient() -> RenderOptions {
     RenderOptions { deadline: Duration::from_secs(600), ..RenderOptions::default() }
 }
 
-/// Connects and waits until the workers have joined and opened the scene, so that start-up is not measured.
+/// Whether views show all light that they will ever show: no better light is being prepared.
+pub fn light_is_final(client: &Client, status: &ClusterStatus) -> bool {
+    let rises = client.description().first_light == LightLevel::Direct;
+    !rises || status.light_name() == LightLevel::Full.name()
+}
+
+/// Connects and waits until the workers have joined, opened the scene and prepared its light, so that neither start-up
+/// is measured nor images of different light are compared.
 ///
 /// # Errors
 /// If the workers do not join within two minutes.
@@ -122,7 +129,11 @@ pub async fn connect(cluster: &LocalCluster, workers: usize) -> Result<Client> {
     let options = ConnectOptions { connections: 4, ..ConnectOptions::default() };
     let client = Client::connect_with(cluster.url(), &options).await?;
     let joined = async {
-        while (client.status().await?.processes as usize) < workers {
+        loop {
+            let status = client.status().await?;
+            if status.processes as usize >= workers && light_is_final(&client, &status) {
+                break;
+            }
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
         Ok::<_, ClientError>(())

@@ -15,6 +15,7 @@ async fn sponza_is_served_over_grpc_and_looks_like_its_direct_view() {
     let coordinator = Coordinator::start(file.to_str().unwrap(), &[]);
     let _workers = coordinator.workers(2);
     coordinator.wait_for_workers(2);
+    coordinator.wait_for_full_light();
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
 

@@ -196,6 +196,11 @@ impl Coordinator {
     pub(crate) fn wait_for_workers(&self, count: u64) -> Value {
         self.wait_until(&format!("{count} workers"), |status| status["processes"] == count)
     }
+
+    /// Waits until views show all light of the sample set, so that images of later views can be compared.
+    pub(crate) fn wait_for_full_light(&self) -> Value {
+        self.wait_until("full light", |status| status["light"] == "full")
+    }
 }
 
 /// A file of the real scenes, or `None` with a notice if this machine has none. With `ARGUS_REQUIRE_SCENES=1`, that is a

@@ -8,6 +8,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep, timeout};
 
+use crate::burst::light_is_final;
+
 /// Time between two looks at the status.
 const PAUSE: Duration = Duration::from_millis(250);
 /// Idle statuses in a row that count as settled.
@@ -18,7 +20,7 @@ const PAGE: Duration = Duration::from_secs(2);
 /// Largest size of a metrics page.
 const MOST_PAGE_BYTES: u64 = 1 << 20;
 
-/// Waits until all workers have joined, their queues are empty and no more samples are rendered, or until `at_most` has
+/// Waits until all workers have joined, their queues are empty, no more samples are rendered and all light is shown, or until `at_most` has
 /// passed. Returns whether the service settled.
 pub(super) async fn settle(client: &Client, workers: usize, at_most: Duration) -> Result<bool> {
     let until = Instant::now() + at_most;
@@ -31,7 +33,8 @@ pub(super) async fn settle(client: &Client, workers: usize, at_most: Duration) -
         let status = client.status().await?;
         let idle = status.workers.iter().all(|w| w.queued_samples == 0 && w.queued_views == 0);
         let before = rendered.replace(samples_rendered(&status));
-        let still = idle && status.workers.len() >= workers && before == rendered;
+        let still =
+            idle && status.workers.len() >= workers && before == rendered && light_is_final(client, &status);
         calm = if still { calm + 1 } else { 0 };
     }
     Ok(true)

@@ -105,7 +105,6 @@ impl Views {
             return Err(Fault::Unavailable("the coordinator is shutting down".to_owned()));
         }
         let Cluster { samples, workers, .. } = cluster;
-        samples.check_version(view)?;
         // Limits are checked first, so that refused views cost no planning under overload.
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let least = match open {
@@ -115,6 +114,8 @@ impl Views {
         self.check_load(client, deadline, least, now)?;
         let nearest = |count| samples.sample_ids(&view.camera, count, samples.set().version.number);
         let plain = plan(view, samples.set(), nearest, &self.config)?;
+        // After scene and specification, which say more of why a pin cannot be repeated.
+        samples.check_version(view)?;
         if open {
             return Ok(Planned { plan: plain, expected: None, target_search: None });
         }
