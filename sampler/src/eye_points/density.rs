@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_box_of_viewpoints_needs_the_density_of_its_nearest_one() {
-        let ball = reflector(0.5, 4096);
+        let ball = reflector(0.5, 512);
         let rule = full(DensityRule::Eye);
         let half_size = DVec3::new(2.0, 1.0, 3.0);
         let of_box = density_for(&Eye { half_size, ..eye() }, &ball, CORNERS, &rule);
