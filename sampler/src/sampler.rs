@@ -1,5 +1,6 @@
 //! Renders samples, direct views and lists of pixels.
 
+mod light;
 mod octree_samples;
 mod point_probes;
 mod probes;
@@ -22,21 +23,19 @@ use tracing::warn;
 
 use self::probes::SurfacePrograms;
 use self::tile_loop::{JobScene, Output, Part, add_light, check_wanted, wait};
+use crate::SamplerKnobs;
 use crate::eye::Eye;
-use crate::indirect::{IndirectLight, LightInputs};
-use crate::light::{DirectLight, PathLight, PathReport};
+use crate::indirect::IndirectLight;
+use crate::light::DirectLight;
 use crate::omni_maps::OmniMaps;
 use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::{PlaneBuffers, ResolveView, TileContext};
 use crate::pixel_list::pixel_lists;
-use crate::point_based::PointReport;
-use crate::radiosity::IndirectReport;
-use crate::resident::{GuideUse, Resident};
+use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::visibility::VisibilityBackends;
-use crate::{Indirect, LightKnobs, SamplerKnobs, timing};
 
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
@@ -362,108 +361,6 @@ impl GpuSampler {
         }
     }
 
-    /// Prepares direct light by rays and indirect light, as far as the knobs ask for them. Returns the cost.
-    fn light(
-        &mut self,
-        lighting: &Lighting,
-        light: LightLevel,
-        time_secs: f64,
-    ) -> Result<Vec<Stage>, RenderError> {
-        let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
-        let effects = self.knobs.effects;
-        let mut stages = Vec::new();
-        match &mut self.direct {
-            Some(direct) => direct.relight(lighting),
-            None if effects.any() => {
-                let begin = Instant::now();
-                let tracer = self.visibility.prepare_packets(resident);
-                let at = (lighting, time_secs);
-                let direct =
-                    DirectLight::new(gpu, scene, resident.features, tracer, (effects, self.knobs.light), at)?;
-                self.direct = Some(direct);
-                timing::add_since(&mut stages, "build trees for light", begin);
-            }
-            None => {}
-        }
-        if self.indirect.is_none() {
-            self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect);
-        }
-        let Some(indirect) = &mut self.indirect else { return Ok(stages) };
-        let tracer = self.visibility.prepare_packets(resident);
-        let direct = self.direct.as_ref();
-        let inputs = LightInputs { gpu, scene, resident, tracer, direct, lighting, light, time_secs };
-        timing::add(&mut stages, indirect.ready(&inputs, &mut self.scratch)?);
-        Ok(stages)
-    }
-
-    /// Report on indirect light by VPLs, with the culling since the last call. `None` before it was first needed.
-    ///
-    /// # Errors
-    /// The device is lost.
-    pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
-        match &self.indirect {
-            Some(IndirectLight::Vpls(light)) => light.report(&self.gpu),
-            _ => Ok(None),
-        }
-    }
-
-    /// Report on point-based indirect light. `None` before it was first needed.
-    pub fn points(&self) -> Option<PointReport> {
-        match &self.indirect {
-            Some(IndirectLight::Points(light)) => light.report(),
-            _ => None,
-        }
-    }
-
-    /// Report on indirect light by paths. `None` before it was first needed.
-    pub fn paths(&self) -> Option<PathReport> {
-        self.indirect.as_ref().and_then(IndirectLight::paths).and_then(PathLight::report)
-    }
-
-    /// Changes the knobs of indirect light.
-    ///
-    /// # Errors
-    /// A knob is out of range, the sampler was made without indirect light, or it was made without direct light by rays,
-    /// which paths need.
-    pub fn set_indirect(&mut self, knobs: Indirect) -> Result<(), RenderError> {
-        let knobs = SamplerKnobs { indirect: knobs, ..self.knobs };
-        knobs.validate()?;
-        if [self.knobs.indirect, knobs.indirect].contains(&Indirect::Off) {
-            return Err(
-                InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
-            );
-        }
-        if GuideUse::of(&self.knobs) != GuideUse::of(&knobs) {
-            let reason = "a sampler is made with direct light by rays, which paths need, or without";
-            return Err(InvalidField::new("indirect", reason).into());
-        }
-        self.knobs = knobs;
-        if !self.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
-            self.indirect = None;
-        }
-        if let Some(maps) = &mut self.maps {
-            maps.octree.forget_light();
-        }
-        if let Some(probes) = &mut self.surface_programs.probes {
-            probes.forget_light();
-        }
-        Ok(())
-    }
-
-    /// Changes the rays of direct light.
-    ///
-    /// # Errors
-    /// A knob is out of range.
-    pub fn set_light(&mut self, light: LightKnobs) -> Result<(), RenderError> {
-        let knobs = SamplerKnobs { light, ..self.knobs };
-        knobs.validate()?;
-        self.knobs = knobs;
-        if let Some(direct) = &mut self.direct {
-            direct.set_knobs(light);
-        }
-        Ok(())
-    }
-
     /// The visibility buffer of a view, row by row: instance + 1 and triangle of its mesh for each sub-sample, 0 for the
     /// sky. Also the time it took, without building hierarchies and compiling.
     ///
@@ -541,17 +438,7 @@ impl Sampler for GpuSampler {
     }
 
     fn prepare_light(&mut self, info: &SampleSetInfo, light: LightLevel) -> Result<bool, RenderError> {
-        // Light of a pose is useless at the next one.
-        if self.animated {
-            return Ok(true);
-        }
-        if self.indirect.is_none() {
-            self.light(&info.lighting, LightLevel::Direct, info.time_secs())?;
-        }
-        match (&mut self.indirect, &self.direct) {
-            (Some(IndirectLight::Paths(paths)), Some(direct)) => paths.prepare(direct.tracing(), light),
-            _ => Ok(true),
-        }
+        self.prepare_level(info, light)
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

@@ -68,8 +68,8 @@ pub(crate) struct SampleSource {
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
     /// Reflections on glossy and transparent objects: off, or one reflection probe for each object, for views from samples
-    /// and for direct views: maps (from an octree of the scene) or points (from its triangles: sharper, and slower in scenes of
-    /// many triangles) [default: off]
+    /// and for direct views: maps (from an octree of the scene) or points (from its triangles: faster with few triangles and reflectors, slower
+    /// with many) [default: off]
     #[arg(long, value_name = "KIND", value_parser = ["off", "maps", "points"])]
     reflections: Option<String>,
     /// Texels on a side of a reflection probe: 16, 32, 64, 128 or 256 [default: 64]

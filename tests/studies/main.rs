@@ -3,6 +3,7 @@
 
 mod demo;
 mod hard_cases;
+mod light;
 mod short_forms;
 #[path = "../support/mod.rs"]
 mod support;

@@ -113,6 +113,12 @@ fn with_a_planar_mirror(mut scene: Scene) -> Scene {
     scene
 }
 
+/// An eye in front of [`with_a_planar_mirror`].
+fn before_the_mirror() -> Eye {
+    let position = DVec3::new(0.4, 0.3, 1.5);
+    Eye { position, half_size: DVec3::ZERO, pixels: 300.0, height: 240, near: 1e-3 }
+}
+
 #[test]
 fn a_mirrored_camera_shows_a_planar_mirror_without_parallax() {
     let mut walls = inside_of_a_box();
@@ -121,13 +127,7 @@ fn a_mirrored_camera_shows_a_planar_mirror_without_parallax() {
     let mut scene = with_a_planar_mirror(around_a_ball(&walls, DVec3::ZERO, false));
     scene.materials.iter_mut().for_each(|material| material.double_sided = true);
     let scene = Arc::new(scene);
-    let eye = Eye {
-        position: DVec3::new(0.4, 0.3, 1.5),
-        half_size: DVec3::ZERO,
-        pixels: 300.0,
-        height: 240,
-        near: 1e-3,
-    };
+    let eye = before_the_mirror();
     let mirror = PointReflector::planar(&scene, 1, &scene.instances[1], &eye).unwrap();
     assert_eq!((mirror.center, mirror.side), (DVec3::new(0.4, 0.3, -3.5), 608));
     let points = PointScene::new(&scene, 0.0);
@@ -158,13 +158,7 @@ fn a_mirrored_camera_shows_a_planar_mirror_without_parallax() {
 fn a_curved_reflector_and_an_eye_in_the_mirrors_plane_have_no_mirrored_camera() {
     let ball = with_balls(rooms(20), 1).unwrap();
     let index = ball.instances.len() as u32 - 1;
-    let eye = Eye {
-        position: DVec3::new(0.4, 0.3, 1.5),
-        half_size: DVec3::ZERO,
-        pixels: 300.0,
-        height: 240,
-        near: 1e-3,
-    };
+    let eye = before_the_mirror();
     assert_eq!(PointReflector::planar(&ball, index, ball.instances.last().unwrap(), &eye), None);
     let scene = with_a_planar_mirror(around_a_ball(&inside_of_a_box(), DVec3::ZERO, false));
     let at = |z: f64| {

@@ -1,8 +1,8 @@
 //! Direct frames as samples of the views around them.
 //!
 //! A frame is made into a sample with a pinhole camera: displayed colour becomes radiance again, cut off at white and with
-//! highlights as its own viewer saw them. Such samples cost nothing: somebody asked for the frames. A frame's neighbours
-//! see past its borders, so each view is warped from frames on two sides of it.
+//! highlights as its own viewer saw them. Such samples cost nothing, because the frames were rendered for their
+//! viewers. A neighbour sees past a frame's borders, so each view is warped from frames on two sides of it.
 
 use std::sync::Arc;
 

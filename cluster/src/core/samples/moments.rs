@@ -81,8 +81,8 @@ impl Samples {
             let next = SampleId { version: version.number, camera };
             locations.holders_of(next, prepared.of(camera)).next().is_some()
         };
-        let now = (now, workers.light());
-        let (changed, ordered) = self.versions.advance(now, beside, is_there, is_rendered);
+        let time_and_light = (now, workers.light());
+        let (changed, ordered) = self.versions.advance(time_and_light, beside, is_there, is_rendered);
         if changed {
             self.serve_version(needed);
         }
