@@ -181,7 +181,8 @@ fn reflection_probes() -> impl Strategy<Value = ReflectionProbeSet> {
         let viewpoints = Bounds { min: a.min(b), max: a.max(b) };
         (ProbeSource::Points { budget }, Some(ProbeEye { viewpoints, pixels }))
     });
-    (4..=8u32, prop_oneof![octree, points], 1..=200u32, any::<u32>()).prop_map(
+    let rays = Just((ProbeSource::Rays, None));
+    (4..=8u32, prop_oneof![octree, points, rays], 1..=200u32, any::<u32>()).prop_map(
         |(log_side, (source, eye), most, count)| ReflectionProbeSet {
             knobs: Reflections { side: 1 << log_side, most, source },
             count: 1 + count % most,

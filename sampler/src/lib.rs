@@ -24,6 +24,7 @@ mod pass_plan;
 mod passes;
 mod pixel_list;
 mod point_based;
+mod point_shading;
 mod probe_renderer;
 mod radiosity;
 mod ray_timing;
@@ -34,6 +35,7 @@ mod sight;
 mod tile;
 mod timing;
 mod view;
+mod view_reflections;
 mod visibility;
 mod wide;
 

@@ -1,10 +1,11 @@
 //! Renders reflection probes: maps of radiance and range around each reflective object. Samples, direct views and compositors
-//! share them. There are two sources ([`argus_scene::ProbeSource`]):
+//! share them. There are three sources ([`argus_scene::ProbeSource`]):
 //!
 //! - An octree of the scene ([`octree`]; ManyLoDs, Holländer et al. 2011, section 5). One traversal renders all probes, with a
 //!   cut through the octree for each. Nodes that belong to one object alone are culled from its own probe.
 //! - Points on triangles ([`points`]; Gavane and Watson, "Eye-Based Point Rendering for Dynamic Multiview Effects", 2022), which
 //!   have the exact range, and details that an octree's cells do not.
+//! - Rays ([`points`], too): what each texel's ray meets takes the place of a point.
 //!
 //! Leaves and points are shaded as samples are, so reflections show only diffuse light.
 //!
@@ -28,14 +29,14 @@ use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{
-    FaceMask, InvalidField, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind, ProbeSource,
-    ReflectionProbeSet, Reflector, RenderError, Sample, SampleCamera, SampleId, Scene, Stage,
+    FaceMask, InvalidField, LightLevel, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind,
+    ProbeSource, ReflectionProbeSet, Reflector, RenderError, Sample, SampleCamera, SampleId, Scene, Stage,
 };
 use bytes::BytesMut;
 use glam::{DVec3, Vec4};
 
 pub(crate) use self::octree::OctreeProbes;
-pub(crate) use self::points::{FilledMaps, PointProbes};
+pub(crate) use self::points::{Fill, Filler, PointProbes, probe_point};
 use crate::SamplerKnobs;
 use crate::passes::{ProbePlanes, ResolveSample, Shade, ShadeSample};
 use crate::resident::{GuideUse, Resident, upload};
@@ -103,6 +104,7 @@ impl ProbeBytes {
 /// Rendered probes, with their lighting and time.
 struct Made {
     lighting: Lighting,
+    light: LightLevel,
     time_secs: f64,
     sample: Sample,
     probe_bindings: ProbeBindings,
@@ -143,17 +145,24 @@ impl ProbeRenderer {
             let reason = format!("the scene has {} reflectors, not {}", reflectors.len(), set.count);
             return Err(InvalidField::new("reflections.count", reason).into());
         }
+        let filled = |fill| {
+            let probes = PointProbes::new(gpu, resident, guides, fill, set.knobs.side);
+            ProbePrograms::Points(Box::new(probes))
+        };
+        let source = match (set.knobs.source, set.eye) {
+            (ProbeSource::Octree { levels }, _) => {
+                ProbePrograms::Octree(Box::new(OctreeProbes::new(gpu, resident, guides, levels)))
+            }
+            (ProbeSource::Points { budget }, Some(viewers)) => filled(Fill::Points { viewers, budget }),
+            (ProbeSource::Points { .. }, None) => {
+                return Err(InvalidField::new("reflections.viewpoints", "must be given for points").into());
+            }
+            (ProbeSource::Rays, _) => filled(Fill::Rays),
+        };
         Ok(Self {
             set,
             reflectors,
-            source: match set.knobs.source {
-                ProbeSource::Octree { levels } => {
-                    ProbePrograms::Octree(Box::new(OctreeProbes::new(gpu, resident, guides, levels)))
-                }
-                ProbeSource::Points { budget } => {
-                    ProbePrograms::Points(Box::new(PointProbes::new(gpu, resident, guides, budget)))
-                }
-            },
+            source,
             shade: Shade::new(gpu, resident.features, guides, true),
             shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
             resolve: ResolveSample::new(gpu, resident.features.specular, 1, true, sampler.effects.any()),
@@ -178,8 +187,9 @@ impl ProbeRenderer {
     }
 
     /// Whether the probes are up to date for these lights at this time.
-    pub(crate) fn is_made(&self, lighting: &Lighting, time_secs: f64, drifts: bool) -> bool {
-        let is_now = |made: &Made| made.lighting == *lighting && (!drifts || made.time_secs == time_secs);
+    pub(crate) fn is_made(&self, lit: (&Lighting, LightLevel), time_secs: f64, drifts: bool) -> bool {
+        let is_now =
+            |made: &Made| (&made.lighting, made.light) == lit && (!drifts || made.time_secs == time_secs);
         self.made.as_ref().is_some_and(is_now)
     }
 
@@ -235,7 +245,7 @@ impl ProbeRenderer {
         &mut self,
         gpu: &Gpu,
         (places, bytes): (ProbePlaces, ProbeBytes),
-        (lighting, time_secs): (&Lighting, f64),
+        (lighting, light, time_secs): (&Lighting, LightLevel, f64),
         begin: Instant,
     ) -> Result<Vec<Stage>, RenderError> {
         let layout = OmniLayout::ReflectionProbes { side: self.set.knobs.side, count: self.set.count };
@@ -262,6 +272,7 @@ impl ProbeRenderer {
         let stages = vec![Stage::new("reflection probes", begin.elapsed().as_secs_f64() * 1e3)];
         self.made = Some(Made {
             lighting: lighting.clone(),
+            light,
             time_secs,
             sample: Sample { stages: stages.clone(), ..sample },
             probe_bindings: ProbeBindings { probes, probe_of_instance: places.probe_of_instance },

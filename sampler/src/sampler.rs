@@ -21,8 +21,9 @@ use bytes::Bytes;
 use glam::DVec3;
 use tracing::warn;
 
-use self::probes::SurfacePrograms;
-use self::tile_loop::{JobScene, Output, Part, add_light, check_wanted, wait};
+use self::probes::{ReflectFrom, SurfacePrograms};
+use self::tile_loop::{JobScene, Output, Part, wait};
+pub(crate) use self::tile_loop::{add_light, check_wanted};
 use crate::SamplerKnobs;
 use crate::eye::Eye;
 use crate::indirect::IndirectLight;
@@ -177,7 +178,7 @@ impl GpuSampler {
             time_secs: job.info.time_secs(),
             lighting: Some(lighting),
             light: job.info.version.state.light,
-            reflections,
+            reflections: ReflectFrom::probes(reflections),
             visibility,
             is_shaded: true,
         };
@@ -187,7 +188,7 @@ impl GpuSampler {
         if scene.backend == Visibility::Cpu && self.indirect.is_none() {
             tiles = tiles.into_iter().flat_map(|tile| tile.bands(BAND_SUB_SAMPLES)).collect();
         }
-        let planes = self.surface_programs.of(reflections).resolve.planes(
+        let planes = self.surface_programs.of(ReflectFrom::probes(reflections)).resolve.planes(
             &self.gpu,
             &self.knobs,
             camera.size(),
@@ -256,11 +257,14 @@ impl GpuSampler {
             time_secs: view.time_secs,
             lighting: None,
             light: view.state.light,
-            reflections: view.reflections,
+            reflections: ReflectFrom::of_view(view.reflections),
             visibility: view.visibility,
             is_shaded: view.outputs.color,
         };
         let mut scene = self.make_ready(job_scene, cancel)?;
+        if view.outputs.color {
+            self.see_reflectors(view, &faces, &mut scene);
+        }
         let mut image = |wanted: bool, side, output, pixel_bytes| -> Result<_, RenderError> {
             if !wanted {
                 return Ok(None);
@@ -296,7 +300,8 @@ impl GpuSampler {
             time_secs: job.time_secs,
             lighting: None,
             light: job.state.light,
-            reflections: job.reflections,
+            // As views from samples, into which the pixels go.
+            reflections: ReflectFrom::probes(job.reflections),
             // Lists are traced on the CPU.
             visibility: Visibility::Cpu,
             is_shaded: true,
@@ -344,6 +349,9 @@ impl GpuSampler {
         }
         if let Some(probes) = &mut self.surface_programs.probes {
             probes.forget_pose();
+        }
+        if let Some(views) = &mut self.surface_programs.of_views {
+            views.forget_pose();
         }
         self.lighting = exposed(pose.lighting, &self.knobs);
         self.posed_secs = time_secs;

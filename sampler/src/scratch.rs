@@ -67,7 +67,8 @@ impl Scratch {
             targets.gloss = Some(gpu.buffer("gloss", all * 8, storage));
         }
         if extras.reflectors && targets.reflectors.is_none() {
-            targets.reflectors = Some(gpu.buffer("reflectors", all * 4, storage));
+            targets.reflectors =
+                Some(gpu.buffer("reflectors", all * 4, storage | wgpu::BufferUsages::COPY_SRC));
         }
         if extras.guides && targets.guides.is_none() {
             targets.guides = Some(Guides {

@@ -59,7 +59,7 @@ pub mod reference;
 pub use animation::Pose;
 pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use closest::closest_on_triangle;
-pub use effects::{EffectPlan, EffectRequest, Effects};
+pub use effects::{EffectPlan, EffectRequest, Effects, ReflectionRequest};
 pub use environment::{Environment, EnvironmentMap};
 pub use error::{InvalidField, RenderError};
 pub use exposure::{Exposure, Metering};
@@ -75,7 +75,7 @@ pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{base_of, in_environment, is_procedural, open, split_environment, with_additions};
-pub use reflection::{ProbeEye, ProbeSource, ReflectionProbeSet, Reflections, Reflector};
+pub use reflection::{ProbeEye, ProbeSource, ReflectionCost, ReflectionProbeSet, Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
 pub use sample::{

@@ -1,8 +1,10 @@
 //! Reflection and refraction of the scene in glossy and transparent objects. Each such object has a reflection probe: a
 //! map of all directions around it (ManyLoDs, Holländer et al. 2011, section 5 and figure 3). Its pixels look the probe
 //! up along their reflected and refracted directions. Probes are rendered from an octree of the scene, or filled with points
-//! (Gavane and Watson, "Eye-Based Point Rendering for Dynamic Multiview Effects", 2022).
+//! (Gavane and Watson, "Eye-Based Point Rendering for Dynamic Multiview Effects", 2022), or by rays. From the last two, direct
+//! views need no probes: what their own pixels reflect is found and shaded.
 
+mod cost;
 mod eye;
 
 use std::fmt;
@@ -10,6 +12,7 @@ use std::fmt;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+pub use self::cost::ReflectionCost;
 pub use self::eye::ProbeEye;
 use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene};
 
@@ -38,6 +41,8 @@ pub enum ProbeSource {
         /// Most points that are made at once, 1024 to 2²⁷, of 8 bytes each. Where more are wanted, points are less dense.
         budget: u32,
     },
+    /// A ray for each texel.
+    Rays,
 }
 
 impl ProbeSource {
@@ -49,6 +54,20 @@ impl ProbeSource {
     pub const OCTREE: Self = Self::Octree { levels: Self::USUAL_LEVELS };
     /// Points with the usual budget.
     pub const POINTS: Self = Self::Points { budget: Self::USUAL_BUDGET };
+    /// The name that users give it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Octree { .. } => "maps",
+            Self::Points { .. } => "points",
+            Self::Rays => "rays",
+        }
+    }
+
+    /// Whether direct views look probes up, as views from samples do. Otherwise they find what their own pixels reflect.
+    pub fn serves_direct_views(&self) -> bool {
+        matches!(self, Self::Octree { .. })
+    }
+
     /// The bounds of a budget of points.
     const BUDGETS: std::ops::RangeInclusive<u32> = 1 << 10..=1 << 27;
 }
@@ -59,9 +78,11 @@ const COARSEST: u32 = 4;
 /// Texels around a level, so that a bilinear fetch never leaves it.
 const RING: u32 = 1;
 
-/// Largest roughness of a reflector, as a mean over the instance. A rougher one reflects light and dark, but no
-/// image.
+/// Largest roughness of a reflector of metal or glass, as a mean over its texture. A rougher one reflects light and dark, but
+/// no image.
 const ROUGHEST: f32 = 0.6;
+/// Largest roughness of other reflectors, which reflect a twentieth of the light that meets them head-on.
+const ROUGHEST_DIELECTRIC: f32 = 0.3;
 
 /// Most bytes of all probes of a scene. Every sampler renders them, and every compositor holds them.
 const MOST_BYTES: u64 = 256 << 20;
@@ -69,7 +90,7 @@ const MOST_BYTES: u64 = 256 << 20;
 impl Default for Reflections {
     /// Texels of three degrees, and cells of 1/250 of the scene.
     fn default() -> Self {
-        Self { side: 64, most: 256, source: ProbeSource::OCTREE }
+        Self::USUAL[0]
     }
 }
 
@@ -80,11 +101,18 @@ impl fmt::Display for Reflections {
         match source {
             ProbeSource::Octree { levels } => write!(f, "of {side} from {levels} levels, at most {most}"),
             ProbeSource::Points { budget } => write!(f, "of {side} from {budget} points, at most {most}"),
+            ProbeSource::Rays => write!(f, "of {side} by rays, at most {most}"),
         }
     }
 }
 
 impl Reflections {
+    /// The usual settings, from each source.
+    pub const USUAL: [Self; 3] = {
+        let usual = Self { side: 64, most: 256, source: ProbeSource::OCTREE };
+        [usual, Self { source: ProbeSource::POINTS, ..usual }, Self { source: ProbeSource::Rays, ..usual }]
+    };
+
     /// Rejects settings that are out of range.
     ///
     /// # Errors
@@ -104,7 +132,7 @@ impl Reflections {
                 let reason = format!("must be {least} to {most} points, not {budget}");
                 return Err(InvalidField::new("reflections.points", reason));
             }
-            ProbeSource::Octree { .. } | ProbeSource::Points { .. } => {}
+            ProbeSource::Octree { .. } | ProbeSource::Points { .. } | ProbeSource::Rays => {}
         }
         if !(1..=1024).contains(&self.most) {
             return Err(InvalidField::new(
@@ -133,7 +161,7 @@ pub struct ReflectionProbeSet {
     pub knobs: Reflections,
     /// Number of probes, at least 1.
     pub count: u32,
-    /// Viewers whose pixels set the density of points; `None` for probes from an octree, which do not depend on viewers.
+    /// Viewers whose pixels set the density of points; `None` for probes without points, which do not depend on viewers.
     pub eye: Option<ProbeEye>,
 }
 
@@ -145,7 +173,7 @@ impl ReflectionProbeSet {
     pub fn of(scene: &Scene, rig: &Rig, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
         knobs.validate()?;
         let eye = match knobs.source {
-            ProbeSource::Octree { .. } => None,
+            ProbeSource::Octree { .. } | ProbeSource::Rays => None,
             ProbeSource::Points { .. } => ProbeEye::of(rig, &scene.bounds()),
         };
         let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32, eye };
@@ -166,8 +194,8 @@ impl ReflectionProbeSet {
             (ProbeSource::Points { .. }, None) => {
                 return Err(InvalidField::new("reflections.viewpoints", "must be given for points"));
             }
-            (ProbeSource::Octree { .. }, Some(_)) => {
-                let reason = "are of no use to probes from an octree";
+            (ProbeSource::Octree { .. } | ProbeSource::Rays, Some(_)) => {
+                let reason = "are of no use to probes without points";
                 return Err(InvalidField::new("reflections.viewpoints", reason));
             }
             (_, eye) => eye.map_or(Ok(()), |eye| eye.validate())?,
@@ -218,19 +246,23 @@ impl Material {
     /// Whether the material reflects an image of the scene around it, and not only light and dark. A textured roughness
     /// counts by its mean.
     fn mirrors(&self, scene: &Scene) -> bool {
-        let in_mean = |reference: crate::TextureRef| {
-            scene.textures.get(reference.texture as usize).map_or(1.0, |texture| {
+        let in_mean = |channel: usize| {
+            let texture =
+                self.metallic_roughness_texture.and_then(|at| scene.textures.get(at.texture as usize));
+            texture.map_or(1.0, |texture| {
                 let texels = texture.rgba.len() / 4;
                 // A few thousand of them give the mean of millions.
                 let step = (texels / 4096).max(1);
-                let greens = texture.rgba.iter().skip(1).step_by(4 * step);
+                let values = texture.rgba.iter().skip(channel).step_by(4 * step);
                 let (sum, count) =
-                    greens.fold((0u64, 0u64), |(sum, count), green| (sum + u64::from(*green), count + 1));
+                    values.fold((0u64, 0u64), |(sum, count), value| (sum + u64::from(*value), count + 1));
                 sum as f32 / (255 * count.max(1)) as f32
             })
         };
-        let roughness = self.roughness * self.metallic_roughness_texture.map_or(1.0, in_mean);
-        self.is_glossy() && roughness <= ROUGHEST
+        let (roughness, metallic) = (self.roughness * in_mean(1), self.metallic * in_mean(2));
+        let is_strong = metallic >= 0.5 || self.transmission > 0.0;
+        let roughest = if is_strong { ROUGHEST } else { ROUGHEST_DIELECTRIC };
+        self.is_glossy() && roughness <= roughest
     }
 }
 

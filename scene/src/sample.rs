@@ -8,7 +8,7 @@ use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Bounds, FaceMask, Indirect, InvalidField, LightEffects, LightLevel, Lighting, OmniLayout,
+    Bounds, FaceMask, Indirect, InvalidField, LightEffects, LightLevel, Lighting, OmniLayout, ProbeSource,
     ReflectionProbeSet, Rig, SampleCamera, Sampling, Scene, SceneHash, Specification, Stage, Visibility,
 };
 
@@ -225,12 +225,15 @@ impl SampleSetInfo {
     }
 
     /// The level of light that the set is served in at first. Light among surfaces takes seconds, so that direct light is served
-    /// meanwhile. Where octree maps or reflection probes would have to be made anew at each level, and where the scene moves,
-    /// light stays at the coarse level.
+    /// meanwhile. Where maps or probes of an octree would have to be made anew at each level, and where the scene moves, light
+    /// stays at the coarse level.
     pub fn first_light(&self) -> LightLevel {
-        let has_maps = self.reflections.is_some() || self.sampling != Sampling::Triangles;
+        let from_octree =
+            |probes: &ReflectionProbeSet| matches!(probes.knobs.source, ProbeSource::Octree { .. });
+        let has_octree =
+            self.reflections.as_ref().is_some_and(from_octree) || self.sampling != Sampling::Triangles;
         match self.indirect {
-            Indirect::Paths(_) if has_maps || self.epoch_secs > 0.0 => LightLevel::Coarse,
+            Indirect::Paths(_) if has_octree || self.epoch_secs > 0.0 => LightLevel::Coarse,
             Indirect::Paths(_) => LightLevel::Direct,
             Indirect::Off | Indirect::Vpl(_) | Indirect::Points(_) => LightLevel::Full,
         }

@@ -8,10 +8,13 @@ import package::shared::shading::{sky_radiance};
 import package::shared::surface::{lighting};
 
 // Texels of all maps: 1 + the index of the point that a texel sees, or 0 for sky; and the inverse of its range, 1/metres,
-// f32 bits. Six faces a map, of `step.side` rows each.
+// f32 bits. Six faces a map, of `cube_side` rows each.
 @group(0) @binding(3) var<storage, read> texels: array<vec2u>;
 // Radiance of all points, rgb9e5.
 @group(0) @binding(4) var<storage, read> points: array<u32>;
+
+// Texels on an edge of a cube map.
+override cube_side: u32 = 64u;
 
 // The texel of a direction, as `Maps::texel_of`.
 fn texel_along(map: u32, direction: vec3f) -> vec2u {
@@ -26,7 +29,7 @@ fn texel_along(map: u32, direction: vec3f) -> vec2u {
         face = 4u;
     }
     face += select(0u, 1u, at.z < 0.0);
-    let side = step.side;
+    let side = cube_side;
     let place = (at.xy / max(abs(at.z), 1e-30) + 1.0) * 0.5 * f32(side);
     let texel = min(vec2u(max(place, vec2f(0.0))), vec2u(side - 1u));
     let index = ((map * 6u + face) * side + texel.y) * side + texel.x;

@@ -4,7 +4,7 @@ import package::shared::finite::{finite_or_zero};
 import package::shared::guide::{keep_guide};
 import package::shared::rays::{list_index, listed_sub_sample};
 import package::shared::surface::{has_specular, lighting, lit_by_rays, radiance};
-import package::shared::reflection_probes::{ProbeUniform, reflected_radiance};
+import package::shared::reflection_probes::{ProbeUniform, reflected_radiance, reflector_word};
 import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of};
 
 @group(0) @binding(3) var visibility: texture_2d<u32>;
@@ -14,9 +14,18 @@ import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of}
 // For a list of pixels, the position of each in the tile.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
 
+// Word of the reflector that a sub-sample shows, 0 for none.
+@group(2) @binding(6) var<storage, read_write> reflectors: array<u32>;
+
+// Reflections of the scene are added by a later pass: `add_reflections.wgsl`.
+override defers_reflection: bool = false;
+
 // Radiance along a sub-sample's ray, view-dependent reflection included.
 fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     let place = vec2f(sub_sample) + 0.5;
+    if defers_reflection {
+        reflectors[at] = 0u;
+    }
     if ids.x == 0u {
         return vec4f(sky_along(place), 0.0);
     }
@@ -26,7 +35,10 @@ fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     keep_guide(at, surface, probe);
     var seen = radiance(surface, true);
     // The sky's reflection is added with the light, where rays find what blocks it.
-    if has_specular && any(surface.f0 != vec3f(0.0)) && !(lit_by_rays && probe == 0u) {
+    let is_glossy = has_specular && any(surface.f0 != vec3f(0.0));
+    if defers_reflection && is_glossy && probe != 0u {
+        reflectors[at] = reflector_word(probe, surface.transmitted);
+    } else if is_glossy && !(lit_by_rays && probe == 0u) {
         seen += reflected_radiance(surface, -normalize(surface.position), lighting, probes, probe);
     }
     return vec4f(finite_or_zero(seen), 1.0 / hit.range);

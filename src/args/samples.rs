@@ -67,10 +67,11 @@ pub(crate) struct SampleSource {
     /// --sampling megaviews [default: 1]
     #[arg(long, value_name = "N")]
     map_block: Option<u32>,
-    /// Reflections on glossy and transparent objects: off, or one reflection probe for each object, for views from samples
-    /// and for direct views: maps (from an octree of the scene) or points (from its triangles: faster with few triangles and reflectors, slower
-    /// with many) [default: off]
-    #[arg(long, value_name = "KIND", value_parser = ["off", "maps", "points"])]
+    /// Reflections on glossy and transparent objects: auto (the cheapest, where the scene calls for them), off (only lights
+    /// and the sky), rays (traced), points (from the scene's triangles, as dense as viewers see them) or maps (from an octree of
+    /// the scene). Views from samples look up a reflection probe for each object. `argus scene S --plan` shows what auto takes
+    /// [default: auto]
+    #[arg(long, value_name = "KIND", value_parser = ["auto", "off", "rays", "points", "maps"])]
     reflections: Option<String>,
     /// Texels on a side of a reflection probe: 16, 32, 64, 128 or 256 [default: 64]
     #[arg(long, value_name = "TEXELS")]

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use argus_cluster::leadership::nats_host;
 use argus_cluster::{coordinator, core, worker};
-use argus_scene::{MegaViews, ProbeSource, Reflections, Sampling};
+use argus_scene::{MegaViews, ProbeSource, ReflectionRequest, Reflections, Sampling};
 use tempfile::{Builder, NamedTempFile};
 
 use super::{Coordinator, Limits, Settings, Worker};
@@ -48,7 +48,7 @@ impl Settings {
             coordinator.reflections().is_err().then(|| {
                 (
                     "coordinator.reflections",
-                    format!("must be off, maps or points, not {:?}", coordinator.reflections),
+                    format!("must be auto, off, maps, points or rays, not {:?}", coordinator.reflections),
                 )
             }),
             coordinator.reflections_error(),
@@ -122,35 +122,33 @@ impl Coordinator {
         all.into_iter().find(|sampling| sampling.name() == self.sampling)
     }
 
-    /// The knobs of reflection probes; `None` if they are off.
+    /// How reflections are found.
     ///
     /// # Errors
     /// An unknown name.
-    pub(crate) fn reflections(&self) -> Result<Option<Reflections>, ()> {
+    pub(crate) fn reflections(&self) -> Result<ReflectionRequest, ()> {
+        let [maps, points, rays] = self.reflection_sources();
         match self.reflections.as_str() {
-            "off" => Ok(None),
-            "maps" => Ok(Some(self.probes_from(self.octree()))),
-            "points" => Ok(Some(self.probes_from(self.points()))),
+            "auto" => Ok(ReflectionRequest::Auto([maps, points, rays])),
+            "off" => Ok(ReflectionRequest::Off),
+            "maps" => Ok(ReflectionRequest::By(maps)),
+            "points" => Ok(ReflectionRequest::By(points)),
+            "rays" => Ok(ReflectionRequest::By(rays)),
             _ => Err(()),
         }
     }
 
-    fn octree(&self) -> ProbeSource {
-        ProbeSource::Octree { levels: self.reflection_levels }
-    }
-
-    fn points(&self) -> ProbeSource {
-        ProbeSource::Points { budget: self.reflection_points }
-    }
-
-    fn probes_from(&self, source: ProbeSource) -> Reflections {
-        Reflections { side: self.reflection_side, most: self.reflectors, source }
+    /// The settings of reflection probes, from each source: maps, points, rays.
+    fn reflection_sources(&self) -> [Reflections; 3] {
+        let octree = ProbeSource::Octree { levels: self.reflection_levels };
+        let points = ProbeSource::Points { budget: self.reflection_points };
+        let (side, most) = (self.reflection_side, self.reflectors);
+        [octree, points, ProbeSource::Rays].map(|source| Reflections { side, most, source })
     }
 
     /// The first invalid knob of reflection probes, by its setting.
     fn reflections_error(&self) -> Option<(&'static str, String)> {
-        let sources = [self.octree(), self.points()];
-        let invalid = sources.into_iter().find_map(|source| self.probes_from(source).validate().err())?;
+        let invalid = self.reflection_sources().iter().find_map(|knobs| knobs.validate().err())?;
         let key = match invalid.field {
             "reflections.side" => "coordinator.reflection_side",
             "reflections.levels" => "coordinator.reflection_levels",
@@ -186,7 +184,7 @@ impl Coordinator {
         coordinator::Config {
             core,
             sampling: self.sampling().unwrap_or_default(),
-            reflections: self.reflections().unwrap_or_default(),
+            reflections: self.reflections().unwrap_or(ReflectionRequest::Off),
             time_scale,
             grace,
             max_connections: limits.connections,

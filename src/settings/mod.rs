@@ -72,8 +72,8 @@ pub(crate) struct Coordinator {
     /// Cameras along an edge of a block that shares parts of its maps. 1 by default: at this resolution, neighbours
     /// of a lattice have little in common.
     pub(crate) map_block: u32,
-    /// Reflections of glossy and transparent objects: `off` (the sky only), or reflection probes, from an octree (`maps`) or
-    /// from points (`points`).
+    /// Reflections of glossy and transparent objects: `off` (the sky only), from an octree (`maps`), by points (`points`), by
+    /// rays (`rays`), or the cheapest of these where the scene calls for them (`auto`).
     pub(crate) reflections: String,
     /// Side of a reflection probe in texels; the default gives texels of about three degrees.
     pub(crate) reflection_side: u32,
@@ -126,7 +126,7 @@ impl Default for Coordinator {
             map_side: maps.map_side,
             octree_levels: maps.levels,
             map_block: maps.block,
-            reflections: "off".to_owned(),
+            reflections: "auto".to_owned(),
             reflection_side: probes.side,
             reflection_levels: ProbeSource::USUAL_LEVELS,
             reflection_points: ProbeSource::USUAL_BUDGET,

@@ -1,5 +1,5 @@
 //! Reflections: the cost of reflection probes, and their error against traced reflections (`--reflections maps`,
-//! ManyLoDs' figure 3; `--reflections points`).
+//! ManyLoDs' figure 3; `--reflections points`, `--reflections rays`).
 //!
 //! The reference traces rays over every reflector's lobe. Probe times are those of an animated scene, where octree,
 //! light of its leaves and probes are rendered anew at each moment. A brute-force render of the same maps is timed
@@ -164,7 +164,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// The rows: without probes, the base, one changed knob each, and points in place of the octree at each side.
+/// The rows: without probes, the base, one changed knob each, and points and rays in place of the octree at each side.
 fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
     let base = options.base;
     let sides = options.sides.iter().map(|&side| ("resolution", Some(Reflections { side, ..base })));
@@ -174,10 +174,10 @@ fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
     let mut rows = vec![("sky alone", None), ("as given", Some(base))];
     rows.extend(sides.chain(levels));
     // Beside those of the octree.
-    let all_sides = std::iter::once(base.side).chain(options.sides.iter().copied());
-    rows.extend(
-        all_sides.map(|side| ("points", Some(Reflections { side, source: ProbeSource::POINTS, ..base }))),
-    );
+    for source in [ProbeSource::POINTS, ProbeSource::Rays] {
+        let all_sides = std::iter::once(base.side).chain(options.sides.iter().copied());
+        rows.extend(all_sides.map(|side| (source.name(), Some(Reflections { side, source, ..base }))));
+    }
     let mut unique: Vec<(&'static str, Option<Reflections>)> = Vec::new();
     for row in rows {
         if unique.iter().all(|(_, knobs)| *knobs != row.1) {
@@ -236,7 +236,7 @@ impl Subject {
             "side": knobs.map(|knobs| knobs.side),
             "levels": knobs.and_then(|knobs| match knobs.source {
                 ProbeSource::Octree { levels } => Some(levels),
-                ProbeSource::Points { .. } => None,
+                ProbeSource::Points { .. } | ProbeSource::Rays => None,
             }),
             "maps_ms": maps_ms,
             "ready_ms": ready_ms,
@@ -269,7 +269,7 @@ impl Subject {
             let found = found.into_iter().collect::<Result<Vec<_>, RenderError>>()?;
             let stages = || found.iter().flat_map(|sample| &sample.stages);
             let maps = stages()
-                .filter(|stage: &&Stage| ["reflection probes", "reflection points"].contains(&&*stage.name))
+                .filter(|stage: &&Stage| stage.name.starts_with("reflection "))
                 .fold(0.0, |sum, s| sum + s.ms);
             if epoch <= self.rounds as u64 {
                 times[0].push(maps);

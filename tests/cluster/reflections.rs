@@ -109,8 +109,8 @@ fn maps_that_cannot_be_rendered_are_refused_at_the_start() {
     assert!(side.contains("--reflection-side") && side.contains("64"), "{side}");
     let points = refused(&["--reflections=points", "--reflection-points=7"]);
     assert!(points.contains("--reflection-points") && points.contains("1024"), "{points}");
-    let word = refused(&["--set", "coordinator.reflections=rays"]);
-    assert!(word.contains("reflections") && word.contains("off, maps or points"), "{word}");
+    let word = refused(&["--set", "coordinator.reflections=waves"]);
+    assert!(word.contains("reflections") && word.contains("auto, off, maps, points or rays"), "{word}");
     let both = refused(&["--reflections=maps", "--sampling=megaviews"]);
     assert!(both.contains("reflections") && both.contains("megaviews"), "{both}");
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{
-    Effects, Exposure, Indirect, InvalidField, Reflections, RigKnobs, Sampling, Specification,
+    Effects, Exposure, Indirect, InvalidField, ReflectionRequest, RigKnobs, Sampling, Specification,
 };
 use serde::Serialize;
 
@@ -30,8 +30,8 @@ pub struct Config {
     pub indirect: Option<Indirect>,
     /// Exposure of all views.
     pub exposure: Exposure,
-    /// Reflection probes of glossy and transparent surfaces, if the scene has such surfaces; `None`: no probes.
-    pub reflections: Option<Reflections>,
+    /// Whether glossy and transparent surfaces reflect the scene, if it has such surfaces, and how that is found.
+    pub reflections: ReflectionRequest,
     /// Scene seconds per second of an animated scene; 0 holds it still.
     pub time_scale: f64,
     /// Calibrated models. Models of other scenes or rigs are ignored.
@@ -69,7 +69,7 @@ impl Default for Config {
             effects: Effects::None,
             indirect: Some(Indirect::Off),
             exposure: Exposure::Stops(0.0),
-            reflections: None,
+            reflections: ReflectionRequest::Off,
             time_scale: 1.0,
             models: Vec::new(),
             advertise: None,

@@ -41,8 +41,8 @@ use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
 use argus_scene::rig::Sight;
 use argus_scene::{
-    EffectPlan, EffectRequest, Exposure, InvalidField, Lighting, Metering, ReflectionProbeSet, Rig,
-    SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
+    EffectPlan, EffectRequest, Exposure, InvalidField, Lighting, Metering, ReflectionProbeSet,
+    ReflectionRequest, Rig, SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
 };
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
@@ -63,6 +63,24 @@ use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::wire::ServiceInfo;
 use crate::{SceneRef, SceneSource};
+
+/// The reflections that are possible with a sampling.
+///
+/// # Errors
+/// Reflections were asked for by name, and the sampling has none.
+fn reflections_with(request: ReflectionRequest, sampling: Sampling) -> Result<ReflectionRequest, ServeError> {
+    match (sampling, request) {
+        (Sampling::Triangles, request) => Ok(request),
+        (Sampling::MegaViews(_), ReflectionRequest::Off | ReflectionRequest::Auto(_)) => {
+            Ok(ReflectionRequest::Off)
+        }
+        (Sampling::MegaViews(_), ReflectionRequest::By(_)) => {
+            let reason =
+                "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
+            Err(ServeError::Sampling(InvalidField::new("reflections", reason)))
+        }
+    }
+}
 
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled. Then it
 /// refuses new requests, lets those in flight finish for [`Config::grace`], and returns.
@@ -86,7 +104,7 @@ pub async fn serve(
     let mut request = EffectRequest {
         effects: config.effects,
         indirect: config.indirect,
-        reflections: config.reflections,
+        reflections: reflections_with(config.reflections, config.sampling)?,
         exposure: None,
     };
     let (sight, exposure) = look(&source, config.exposure, request.metering()).await;
@@ -114,11 +132,7 @@ pub async fn serve(
         sub_samples: config.sub_samples,
         effects,
         indirect,
-        reflections: match config.reflections {
-            Some(_) if config.sampling != Sampling::Triangles => {
-                let reason = "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
-                return Err(ServeError::Sampling(InvalidField::new("reflections", reason)));
-            }
+        reflections: match effect_plan.reflections(scene, &request) {
             Some(knobs) => ReflectionProbeSet::of(scene, &rig, knobs).map_err(ServeError::Sampling)?,
             None => None,
         },

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Camera, Cancel, Compositor, Output, Outputs, Plan, RenderError, SampleId, SampleJob, SampleSet,
-    SampleSetInfo, Sampler, Scene, Version, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor, Output, Outputs, Plan, ProbeSource, ReflectionProbeSet, RenderError,
+    SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Version, ViewJob, Visibility, Warp,
 };
 
 use crate::core::quality::Cost;
@@ -143,8 +143,10 @@ fn view(
     visibility: Visibility,
 ) -> ViewJob {
     let (state, time_secs) = (info.version.state, info.time_secs());
-    // Reflection maps are made for the first view that needs them, since they cost as much as samples.
-    let (outputs, reflections, history) = (Outputs::COLOR, None, None);
+    let (outputs, history) = (Outputs::COLOR, None);
+    // Probes and points are made for the first view that needs them, since they cost as much as samples.
+    let by_rays = |set: &ReflectionProbeSet| set.knobs.source == ProbeSource::Rays;
+    let reflections = info.reflections.filter(|set| by_rays(set) && matches!(plan, Plan::Direct { .. }));
     ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history }
 }
 

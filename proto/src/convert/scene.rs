@@ -304,16 +304,17 @@ impl TryFrom<v1::Specification> for Specification {
 
 impl From<ReflectionProbeSet> for v1::ReflectionProbes {
     fn from(ReflectionProbeSet { knobs, count, eye }: ReflectionProbeSet) -> Self {
-        let (levels, budget) = match knobs.source {
-            ProbeSource::Octree { levels } => (levels, None),
-            ProbeSource::Points { budget } => (0, Some(budget)),
+        let (levels, budget, rays) = match knobs.source {
+            ProbeSource::Octree { levels } => (levels, None, false),
+            ProbeSource::Points { budget } => (0, Some(budget), false),
+            ProbeSource::Rays => (0, None, true),
         };
         let points = budget.map(|budget| v1::ProbePoints {
             budget,
             viewpoints: eye.map(|eye| eye.viewpoints.into()),
             pixels: eye.map_or(0.0, |eye| eye.pixels),
         });
-        Self { side: knobs.side, levels, most: knobs.most, count, points }
+        Self { side: knobs.side, levels, most: knobs.most, count, points, rays }
     }
 }
 
@@ -322,12 +323,16 @@ impl TryFrom<v1::ReflectionProbes> for ReflectionProbeSet {
 
     /// The probes, validated.
     fn try_from(wire: v1::ReflectionProbes) -> Result<Self, InvalidField> {
-        let v1::ReflectionProbes { side, levels, most, count, points } = wire;
+        let v1::ReflectionProbes { side, levels, most, count, points, rays } = wire;
         let (source, eye) = match points {
-            None => (ProbeSource::Octree { levels }, None),
-            Some(_) if levels != 0 => {
-                return Err(InvalidField::new("reflections.levels", "must be 0 with points"));
+            _ if levels != 0 && (rays || points.is_some()) => {
+                return Err(InvalidField::new("reflections.levels", "must be 0 with points or rays"));
             }
+            Some(_) if rays => {
+                return Err(InvalidField::new("reflections.points", "must not be given with rays"));
+            }
+            None if rays => (ProbeSource::Rays, None),
+            None => (ProbeSource::Octree { levels }, None),
             Some(v1::ProbePoints { budget, viewpoints, pixels }) => {
                 let viewpoints = required(viewpoints, "reflections.viewpoints")?.try_into()?;
                 (ProbeSource::Points { budget }, Some(ProbeEye { viewpoints, pixels }))

@@ -67,6 +67,11 @@ impl Maps {
         Self { layout, keys: (0..texels).map(|_| AtomicU64::new(0)).collect() }
     }
 
+    /// Number of maps.
+    pub fn count(&self) -> u32 {
+        self.layout.len() as u32
+    }
+
     /// Number of texels of all maps.
     pub fn texels(&self) -> usize {
         self.keys.len()

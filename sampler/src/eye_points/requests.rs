@@ -148,14 +148,14 @@ impl Lookups<'_> {
 
 impl Requests {
     /// No request yet of `count` ids.
-    pub(super) fn none(count: usize) -> Self {
+    pub(crate) fn none(count: usize) -> Self {
         let bits = (0..count.div_ceil(64)).map(|_| AtomicU64::new(0)).collect();
         Self { texels: Vec::new(), bits, before: Vec::new() }
     }
 
     /// Requests an id. Slots are known after [`Self::counted`].
     #[inline]
-    pub(super) fn add(&self, id: u32) {
+    pub(crate) fn add(&self, id: u32) {
         let (word, bit) = (&self.bits[id as usize / 64], 1u64 << (id % 64));
         // Most have been requested before: reading alone leaves the word shared.
         if word.load(Ordering::Relaxed) & bit == 0 {
@@ -164,7 +164,7 @@ impl Requests {
     }
 
     /// Requests with slots.
-    pub(super) fn counted(mut self) -> Self {
+    pub(crate) fn counted(mut self) -> Self {
         let mut sum = 0;
         let before = self.bits.iter().map(|word| {
             let here = sum;

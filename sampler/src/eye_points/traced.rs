@@ -44,7 +44,20 @@ impl ReflectionRays {
     pub fn new(scene: &Arc<Scene>, time_secs: f64) -> Result<Self, RenderError> {
         let instances = scene.at(time_secs).instances;
         let tracer = PacketTracer::new(scene, &placed(scene, &instances), f32::MIN_POSITIVE);
-        let rays = LightRays::new(&tracer, Faces::Seen).ok_or_else(|| {
+        Self::of_tracer(scene, time_secs, &tracer)
+    }
+
+    /// Takes the triangles of a packet tracer that is posed at a time in seconds.
+    ///
+    /// # Errors
+    /// The errors of [`Self::new`].
+    pub(crate) fn of_tracer(
+        scene: &Arc<Scene>,
+        time_secs: f64,
+        tracer: &PacketTracer,
+    ) -> Result<Self, RenderError> {
+        let instances = scene.at(time_secs).instances;
+        let rays = LightRays::new(tracer, Faces::Seen).ok_or_else(|| {
             RenderError::OutOfMemory("the scene has too many triangles to trace".to_owned())
         })?;
         Ok(Self { scene: Arc::clone(scene), instances, rays })
@@ -80,6 +93,26 @@ impl ReflectionRays {
             passed = range + f64::from(about.offset(place, hit.t).max(f32::MIN_POSITIVE));
         }
         None
+    }
+
+    /// The trees about an eye.
+    pub(crate) fn about(&self, eye: DVec3) -> LightRaysAbout<'_> {
+        self.rays.about(eye)
+    }
+
+    /// Where rays end that begin off a surface: origin, metres about `eye`, and unit direction of each, and the instance that
+    /// it passes through.
+    pub(crate) fn follow(
+        &self,
+        eye: DVec3,
+        rays: impl IndexedParallelIterator<Item = (Vec3, Vec3, Option<u32>)>,
+    ) -> Vec<Option<MetByRay>> {
+        let about = self.rays.about(eye);
+        let follow = |(start, direction, past): (Vec3, Vec3, Option<u32>)| {
+            let start = eye + start.as_dvec3();
+            self.nearest(&about, eye, start, direction.as_dvec3(), past.unwrap_or(u32::MAX))
+        };
+        rays.with_min_len(256).map(follow).collect()
     }
 
     /// Where rays end: origin and unit direction of each, world space, and the instance that it passes through.

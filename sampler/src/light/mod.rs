@@ -46,6 +46,7 @@ use texels::Texels;
 
 pub(crate) use paths::PathLight;
 pub use paths::PathReport;
+pub(crate) use texels::{Texel, texel as texel_of_guides};
 
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {

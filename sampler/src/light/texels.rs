@@ -10,17 +10,17 @@ use crate::light_rays::LightRaysAbout;
 
 /// A visible surface. Positions are metres about the eye.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Texel {
-    pub(super) exists: bool,
-    pub(super) position: Vec3,
+pub(crate) struct Texel {
+    pub(crate) exists: bool,
+    pub(crate) position: Vec3,
     /// Unit shading normal.
-    pub(super) normal: Vec3,
+    pub(crate) normal: Vec3,
     /// Unit normal of the triangle, on the visible side.
-    pub(super) side: Vec3,
+    pub(crate) side: Vec3,
     /// Where rays begin.
-    pub(super) start: Vec3,
+    pub(crate) start: Vec3,
     /// Whether `start` is so high above the triangle that rays may go below its plane.
-    pub(super) is_lifted: bool,
+    pub(crate) is_lifted: bool,
 }
 
 /// Which rays of the pattern a texel casts.
@@ -55,8 +55,9 @@ impl Texels {
     ) -> Self {
         let words = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
         let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+        let offset = |position: Vec3| about.offset(position, position.length());
         let all: Vec<Texel> =
-            guides.map(|(surface, material)| texel(words(surface), words(material), about)).collect();
+            guides.map(|(surface, material)| texel(words(surface), words(material), offset)).collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
         let (first, effort) = match neighbours {
@@ -114,7 +115,8 @@ impl Texel {
     }
 }
 
-fn texel(surface: [u32; 4], material: [u32; 4], about: &LightRaysAbout<'_>) -> Texel {
+/// The surface of a sub-sample's guides. `offset` is how far off a surface rays begin, metres.
+pub(crate) fn texel(surface: [u32; 4], material: [u32; 4], offset: impl Fn(Vec3) -> f32) -> Texel {
     let position =
         Vec3::new(f32::from_bits(surface[0]), f32::from_bits(surface[1]), f32::from_bits(surface[2]));
     if position == Vec3::ZERO || !position.is_finite() {
@@ -124,7 +126,7 @@ fn texel(surface: [u32; 4], material: [u32; 4], about: &LightRaysAbout<'_>) -> T
     let side = unit_from_octahedral(material[1]);
     // The sign says whether a reflection probe is looked up.
     let lift = f32::from_bits(material[2] & 0x7fff_ffff);
-    let off = about.offset(position, position.length());
+    let off = offset(position);
     Texel {
         exists: true,
         position,

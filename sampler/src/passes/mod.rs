@@ -1,6 +1,7 @@
 //! The passes, one file each. The program of `x.rs` is `shaders/sampler/x.wgsl`.
 
 mod add_direct;
+mod add_reflections;
 mod adopt_maps;
 mod blur_probes;
 mod choose_receivers;
@@ -36,6 +37,7 @@ use crate::scratch::{Extras, Scratch, Targets};
 use crate::tile::Tile;
 
 pub(crate) use add_direct::AddDirect;
+pub(crate) use add_reflections::AddReflections;
 pub(crate) use adopt_maps::AdoptMaps;
 pub(crate) use blur_probes::{BlurProbes, ProbePlanes};
 pub(crate) use choose_receivers::{BlockUniform, ChooseReceivers, OF_BLOCK};

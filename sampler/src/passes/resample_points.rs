@@ -12,8 +12,9 @@ pub(crate) struct ResamplePoints {
 }
 
 impl ResamplePoints {
-    pub(crate) fn new(gpu: &Gpu, features: Features) -> Self {
-        let constants = [features.sky_constant()];
+    /// The pipeline for cube maps of `cube_side` texels on an edge.
+    pub(crate) fn new(gpu: &Gpu, features: Features, cube_side: u32) -> Self {
+        let constants = [features.sky_constant(), ("cube_side", f64::from(cube_side))];
         Self { pipeline: gpu.compute_pipeline_with(&RESAMPLE_POINTS, "resample_points", &constants) }
     }
 

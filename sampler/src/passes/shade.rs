@@ -20,8 +20,18 @@ impl Shade {
     /// The pipelines for a scene's features. `reflects` looks up
     /// reflection probes.
     pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse, reflects: bool) -> Self {
+        Self::with(gpu, features, guides, [reflects, false])
+    }
+
+    /// The pipelines that leave reflections of the scene to a later pass, and note which reflector each sub-sample shows.
+    pub(crate) fn deferring(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
+        Self::with(gpu, features, guides, [true, true])
+    }
+
+    fn with(gpu: &Gpu, features: Features, guides: GuideUse, [reflects, defers]: [bool; 2]) -> Self {
         let mut constants = features.constants(guides).to_vec();
         constants.push(("reflects", f64::from(u8::from(reflects))));
+        constants.push(("defers_reflection", f64::from(u8::from(defers))));
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
         Self {
             view: pipeline("shade_view"),
@@ -57,6 +67,7 @@ impl Shade {
             .write("guides", guides)
             .write("guide_materials", materials)
             .write("shaded", &targets.shaded)
+            .write("reflectors", targets.reflectors.as_ref().unwrap_or(&self.unused))
             .read("probe_of_instance", &probe_bindings.probe_of_instance)
             .read("probes", &around);
         for (name, resource) in probe_bindings.probes.bindings() {

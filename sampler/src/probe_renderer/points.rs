@@ -1,26 +1,22 @@
-//! Probes from points: cube maps around reflectors are filled with points as dense as viewers see them in reflections
-//! ([`crate::eye_points`]), and each point that a map shows is shaded once.
+//! Probes from points or rays: cube maps around reflectors are filled with points as dense as viewers see them in reflections
+//! ([`crate::eye_points`]), or with what a ray through each texel meets. Each point that a map shows is shaded once.
 //!
 //! The eye is the box of the sample set's viewpoints, so that probes serve every view of the set. Within a cube map of as many
 //! texels a side as the probe, a texel of the probe is the mean of four rays.
 
-use std::sync::Arc;
-
-use argus_gpu::{Gpu, wgpu};
-use argus_scene::{ProbeEye, RenderError, Scene};
-use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, ProbePoint};
-use bytemuck::Zeroable;
+use argus_gpu::Gpu;
+use argus_scene::{ProbeEye, Scene};
+use argus_shaders::layout::sampler::ProbePoint;
 use glam::DVec3;
 use tracing::warn;
 
 use super::ProbePlaces;
 use crate::eye_points::{
-    BudgetReport, Density, Eye, EyePointKnobs, PointReflector, PointScene, Requests, Side,
+    BudgetReport, Density, Eye, EyePointKnobs, Maps, PointReflector, PointScene, ReflectionRays, Requests,
+    ShadingPoint, Side,
 };
-use crate::lit_octree::{CHUNK_SIDE, image_of};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
-use crate::resident::{GuideUse, Resident, upload};
-use crate::tile::Tile;
+use crate::resident::{GuideUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
 const MOST_BYTES: usize = 64 << 20;
@@ -31,7 +27,7 @@ const NEAR: f64 = 1e-4;
 
 /// The programs that fill probes with points, for one scene on one device.
 pub(crate) struct PointProbes {
-    pub(crate) budget: u32,
+    pub(crate) source: Fill,
     pub(crate) shade: ShadePoints,
     pub(crate) resample: ResamplePoints,
     pub(crate) blur: BlurProbes,
@@ -49,35 +45,61 @@ pub(crate) struct FilledMaps {
     pub(crate) budget: BudgetReport,
 }
 
-/// Points that are shaded in one submission.
-pub(crate) struct PointChunk {
-    /// The image that they are shaded in, as a tile.
-    pub(crate) tile: Tile,
-    /// Uniform.
-    pub(crate) chunk: wgpu::Buffer,
+/// What fills cube maps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Fill {
+    /// Points on triangles, as dense as these viewers see them; at most so many at once.
+    Points { viewers: ProbeEye, budget: u32 },
+    /// A ray through each texel.
+    Rays,
+}
+
+impl Fill {
+    /// Texels on a side of the cube map for a probe of `side` texels. Rays shade every texel: with half the side, the cube has
+    /// half again as many as the probe.
+    fn cube_side(self, side: u32) -> u32 {
+        match self {
+            Self::Points { .. } => side,
+            Self::Rays => side / 2,
+        }
+    }
+}
+
+/// A scene at a pose, prepared to fill cube maps.
+pub(crate) enum Filler {
+    Points(PointScene),
+    Rays(ReflectionRays),
 }
 
 impl PointProbes {
-    pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, budget: u32) -> Self {
+    pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, source: Fill, side: u32) -> Self {
         Self {
-            budget,
+            source,
             shade: ShadePoints::new(gpu, resident.features, guides),
-            resample: ResamplePoints::new(gpu, resident.features),
+            resample: ResamplePoints::new(gpu, resident.features, source.cube_side(side)),
             blur: BlurProbes::new(gpu),
         }
     }
 
-    /// The reflectors of all probes, in groups whose maps are filled at once.
+    /// The reflectors of all probes of a side in texels, in groups whose maps are filled at once.
     pub(crate) fn groups(
+        source: Fill,
         scene: &Scene,
         places: &ProbePlaces,
-        viewers: &ProbeEye,
         (side, time_secs): (u32, f64),
     ) -> Vec<Vec<PointReflector>> {
-        let eye = eye_of(scene, viewers, side);
+        let side = source.cube_side(side);
         let posed = scene.at(time_secs);
         let reflector = |(&instance, center): (&u32, DVec3)| {
-            let found = PointReflector::new(scene, instance, &posed.instances[instance as usize], &eye, side);
+            let found = match source {
+                Fill::Points { viewers, .. } => {
+                    let (eye, instance_) =
+                        (eye_of(scene, &viewers, side), &posed.instances[instance as usize]);
+                    PointReflector::new(scene, instance, instance_, &eye, side)
+                }
+                // Neither size nor curvature counts for rays.
+                Fill::Rays => None,
+            };
             // The centre that lookups use, which is rounded. An object of zero size reflects nothing.
             let nothing = PointReflector { instance, center, radius: 0.0, curvature: 0.0, side, front: None };
             found.map_or(nothing, |found| PointReflector { center, side, ..found })
@@ -89,55 +111,60 @@ impl PointProbes {
 
     /// Fills the maps of a group of reflectors, whose sides are equal.
     pub(crate) fn fill(
-        points: &PointScene,
+        source: Fill,
+        filler: &Filler,
         scene: &Scene,
         middle: DVec3,
         reflectors: &[PointReflector],
-        (viewers, budget): (&ProbeEye, u32),
     ) -> FilledMaps {
-        let side = reflectors.first().map_or(1, |reflector| reflector.side);
-        let eye = eye_of(scene, viewers, side);
-        let knobs = EyePointKnobs { density: Density::default(), budget, culling: true };
-        let found = points.points(&eye, reflectors, &knobs);
-        let shown = Requests::all(&found.maps, found.points.len(), |_, id| id);
-        let texel = |key: u64| match key {
-            0 => [0; 2],
-            key => [1 + shown.slot(key as u32) as u32, (key >> 32) as u32],
-        };
-        let point = |id: u32| {
-            let point = points.shading_of_point(&found, id);
-            ProbePoint {
-                instance: point.instance,
-                primitive: point.primitive,
-                width: point.footprint[0].length() as f32,
-                front: u32::from(point.side == Side::Front),
-                position: (point.position - middle).as_vec3().to_array(),
-                _pad: 0,
+        match (source, filler) {
+            (Fill::Points { viewers, budget }, Filler::Points(points)) => {
+                let side = reflectors.first().map_or(1, |reflector| reflector.side);
+                let knobs = EyePointKnobs { density: Density::default(), budget, culling: true };
+                let found = points.points(&eye_of(scene, &viewers, side), reflectors, &knobs);
+                let shown = Requests::all(&found.maps, found.points.len(), |_, id| id);
+                let point = |id: u32| probe_point(&points.shading_of_point(&found, id), middle);
+                let points = shown.ids().into_iter().map(point).collect();
+                FilledMaps::new(&found.maps, &shown, points, found.budget)
             }
-        };
-        FilledMaps {
-            texels: found.maps.bits().map(texel).collect(),
-            points: shown.ids().into_iter().map(point).collect(),
-            maps: reflectors.len() as u32,
-            budget: found.budget,
+            (_, Filler::Rays(rays)) => {
+                let (maps, met) = rays.maps(reflectors);
+                let shown = Requests::all(&maps, maps.texels(), |_, id| id);
+                let point = |texel: u32| {
+                    let met = met[texel as usize]?;
+                    let side = reflectors.first().map_or(1, |reflector| reflector.side);
+                    Some(probe_point(&rays.shading_of(&met, 2.0 * met.range / f64::from(side)), middle))
+                };
+                let points = shown.ids().into_iter().filter_map(point).collect();
+                FilledMaps::new(&maps, &shown, points, BudgetReport { wanted: 0, reduction: 1.0, kept: true })
+            }
+            (Fill::Rays, Filler::Points(_)) => unreachable!("a filler is made for its source"),
         }
     }
+}
 
-    /// Points in chunks. Consecutive points are neighbours in space, and in a square of the image.
-    pub(crate) fn chunks(gpu: &Gpu, count: u32) -> Vec<PointChunk> {
-        let most = CHUNK_SIDE * CHUNK_SIDE;
-        let chunk = |first: u32| {
-            let rows = most.min(count - first).div_ceil(CHUNK_SIDE);
-            let size = [CHUNK_SIDE, rows.next_multiple_of(LEAF_BLOCK)];
-            let params = LeafChunk { size, first, leaves: count, ..LeafChunk::zeroed() };
-            let chunk = gpu.upload("points of probes", &[params], wgpu::BufferUsages::UNIFORM);
-            PointChunk { tile: image_of(size), chunk }
-        };
-        (0..count).step_by(most as usize).map(chunk).collect()
+/// A surface for the device, relative to a place.
+pub(crate) fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
+    ProbePoint {
+        instance: point.instance,
+        primitive: point.primitive,
+        width: point.footprint[0].length() as f32,
+        front: u32::from(point.side == Side::Front),
+        position: (point.position - middle).as_vec3().to_array(),
+        _pad: 0,
     }
 }
 
 impl FilledMaps {
+    /// Maps whose ids are replaced by places in the list of shown points.
+    fn new(maps: &Maps, shown: &Requests, points: Vec<ProbePoint>, budget: BudgetReport) -> Self {
+        let texel = |key: u64| match key {
+            0 => [0; 2],
+            key => [1 + shown.slot(key as u32) as u32, (key >> 32) as u32],
+        };
+        Self { texels: maps.bits().map(texel).collect(), points, maps: maps.count(), budget }
+    }
+
     /// Logs that a budget was too small.
     pub(crate) fn report(&self) {
         let BudgetReport { wanted, reduction, kept } = self.budget;
@@ -150,20 +177,6 @@ impl FilledMaps {
                 "reflections are coarser: more points are wanted than coordinator.reflection_points allows"
             );
         }
-    }
-
-    /// Uploads texels and points.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`] if the device cannot bind them.
-    pub(crate) fn upload(&self, gpu: &Arc<Gpu>) -> Result<[wgpu::Buffer; 2], RenderError> {
-        let storage = wgpu::BufferUsages::STORAGE;
-        let texels = upload(gpu, "texels of reflectors", &self.texels, storage)?;
-        let points = match self.points.is_empty() {
-            true => upload(gpu, "points of probes", &[ProbePoint::zeroed()], storage)?,
-            false => upload(gpu, "points of probes", &self.points, storage)?,
-        };
-        Ok([texels, points])
     }
 }
 
@@ -183,6 +196,7 @@ fn eye_of(scene: &Scene, viewers: &ProbeEye, side: u32) -> Eye {
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeSet;
+    use std::sync::Arc;
 
     use argus_scene::procedural::{rooms, with_balls};
     use argus_scene::{Reflections, Rig};
@@ -207,8 +221,9 @@ mod tests {
     }
 
     fn filled(scene: &Arc<Scene>, budget: u32) -> FilledMaps {
-        let points = PointScene::new(scene, 0.0);
-        PointProbes::fill(&points, scene, DVec3::ZERO, &reflectors(scene), (&viewers(scene), budget))
+        let source = Fill::Points { viewers: viewers(scene), budget };
+        let points = Filler::Points(PointScene::new(scene, 0.0));
+        PointProbes::fill(source, &points, scene, DVec3::ZERO, &reflectors(scene))
     }
 
     #[test]
@@ -221,6 +236,21 @@ mod tests {
         assert_eq!(shown.last(), Some(&(found.points.len() as u32)));
         assert!(found.points.len() * 3 < found.texels.len() * 2, "fewer shades than texels");
         assert_eq!((found.budget.reduction, found.budget.kept), (1.0, true));
+    }
+
+    #[test]
+    fn rays_fill_the_maps_that_points_fill() {
+        let scene = Arc::new(with_balls(rooms(20), 3).unwrap());
+        let points = filled(&scene, 1 << 22);
+        let filler = Filler::Rays(ReflectionRays::new(&scene, 0.0).unwrap());
+        let rays = PointProbes::fill(Fill::Rays, &filler, &scene, DVec3::ZERO, &reflectors(&scene));
+        assert_eq!((rays.maps, rays.texels.len()), (3, points.texels.len()));
+        let range = |texel: &[u32; 2]| f32::from_bits(texel[1]);
+        let is_alike = |(a, b): &(&[u32; 2], &[u32; 2])| (range(a) - range(b)).abs() <= 0.01 * range(b);
+        let alike = points.texels.iter().zip(&rays.texels).filter(is_alike).count();
+        assert!(alike * 100 >= 98 * points.texels.len(), "{alike} of {}", points.texels.len());
+        let nothing = PointProbes::fill(Fill::Rays, &filler, &scene, DVec3::ZERO, &[]);
+        assert_eq!((nothing.maps, nothing.texels.len(), nothing.points.len()), (0, 0, 0));
     }
 
     #[test]

@@ -104,6 +104,11 @@ impl GuideUse {
             (false, _) => Self::IndirectLight,
         }
     }
+
+    /// The same use, with guides in any case.
+    pub(crate) fn at_least_kept(self) -> Self {
+        if self == Self::None { Self::IndirectLight } else { self }
+    }
 }
 
 /// The pipeline of an instance.

@@ -3,14 +3,19 @@
 use std::time::{Duration, Instant};
 
 use argus_gpu::Gpu;
+use argus_scene::camera::Face;
 use argus_scene::{
-    Cancel, InvalidField, Lighting, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage,
+    Cancel, LightLevel, Lighting, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage,
+    ViewJob,
 };
 
+use super::tile_loop::ReadyScene;
 use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::{ProbeBindings, ProbePrograms, ProbeRenderer};
 use crate::resident::{GuideUse, Resident};
+use crate::tile::tiles;
+use crate::view_reflections::ViewReflections;
 use crate::{SamplerKnobs, timing};
 
 /// Programs that shade and resolve surfaces, without and with reflection probes.
@@ -22,6 +27,34 @@ pub(super) struct SurfacePrograms {
     nothing: ProbeBindings,
     /// Reflection probes and their programs, made when a job first asks for reflections.
     pub(super) probes: Option<Box<ProbeRenderer>>,
+    /// The programs of direct views that look up no probes, made when such a view first asks for reflections.
+    pub(super) of_views: Option<Box<ViewReflections>>,
+}
+
+/// What reflections of a job are taken from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum ReflectFrom {
+    /// Surfaces reflect only lights and the sky.
+    Nothing,
+    /// Probes.
+    Probes(ReflectionProbeSet),
+    /// What the view's own pixels reflect.
+    View(ReflectionProbeSet),
+}
+
+impl ReflectFrom {
+    /// What samples and lists of pixels reflect.
+    pub(super) fn probes(set: Option<ReflectionProbeSet>) -> Self {
+        set.map_or(Self::Nothing, Self::Probes)
+    }
+
+    /// What direct views reflect.
+    pub(super) fn of_view(set: Option<ReflectionProbeSet>) -> Self {
+        match set {
+            Some(set) if !set.knobs.source.serves_direct_views() => Self::View(set),
+            set => Self::probes(set),
+        }
+    }
 }
 
 /// The programs of one job.
@@ -42,32 +75,85 @@ impl SurfacePrograms {
             resolve: ResolveSample::new(gpu, features.specular, 1, false, knobs.effects.any()),
             nothing: ProbeBindings::none(gpu),
             probes: None,
+            of_views: None,
         }
     }
 
-    /// The programs for a job with those reflections, once their probes are made.
-    pub(super) fn of(&self, reflections: Option<ReflectionProbeSet>) -> SurfaceProgram<'_> {
-        let probes = self.probes.as_deref().filter(|_| reflections.is_some());
-        match probes.and_then(|probes| Some((probes, probes.probe_bindings()?))) {
-            Some((ProbeRenderer { shade, shade_sample, resolve, .. }, probe_bindings)) => {
-                SurfaceProgram { shade, shade_sample, resolve, probe_bindings }
-            }
-            None => SurfaceProgram {
-                shade: &self.shade,
-                shade_sample: &self.shade_sample,
-                resolve: &self.resolve,
-                probe_bindings: &self.nothing,
+    /// The programs for a job with those reflections, once they are ready.
+    pub(super) fn of(&self, reflections: ReflectFrom) -> SurfaceProgram<'_> {
+        let without = SurfaceProgram {
+            shade: &self.shade,
+            shade_sample: &self.shade_sample,
+            resolve: &self.resolve,
+            probe_bindings: &self.nothing,
+        };
+        match (reflections, self.probes.as_deref(), self.of_views.as_deref()) {
+            (ReflectFrom::Probes(_), Some(probes), _) => match probes.probe_bindings() {
+                Some(probe_bindings) => {
+                    let ProbeRenderer { shade, shade_sample, resolve, .. } = probes;
+                    SurfaceProgram { shade, shade_sample, resolve, probe_bindings }
+                }
+                None => without,
             },
+            (ReflectFrom::View(_), _, Some(ViewReflections { shade, bindings, .. })) => {
+                SurfaceProgram { shade, probe_bindings: bindings, ..without }
+            }
+            _ => without,
         }
     }
 }
 
 impl GpuSampler {
+    /// Prepares what a job reflects. Returns the cost.
+    pub(super) fn prepare_reflections(
+        &mut self,
+        reflections: ReflectFrom,
+        lit: (&Lighting, LightLevel),
+        time_secs: f64,
+        cancel: &Cancel,
+    ) -> Result<Vec<Stage>, RenderError> {
+        let set = match reflections {
+            ReflectFrom::Nothing => return Ok(Vec::new()),
+            ReflectFrom::Probes(set) => return self.prepare_probes(Some(set), lit, time_secs, cancel),
+            ReflectFrom::View(set) => set,
+        };
+        let mut of_views = match self.surface_programs.of_views.take().filter(|views| views.set == set) {
+            Some(of_views) => of_views,
+            None => Box::new(ViewReflections::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
+        };
+        let begin = Instant::now();
+        let mut stages = Vec::new();
+        if !of_views.is_posed() {
+            let tracer = self.visibility.prepare_packets(&self.resident);
+            of_views.pose(&self.scene, tracer, time_secs)?;
+            timing::add_since(&mut stages, "build trees for reflections", begin);
+        }
+        self.surface_programs.of_views = Some(of_views);
+        Ok(stages)
+    }
+
+    /// Finds the reflectors in a direct view, and fills their maps if it looks reflections up there. The scene must be ready
+    /// for the view. Adds the cost to the scene's stages.
+    pub(super) fn see_reflectors(&mut self, view: &ViewJob, faces: &[Face], scene: &mut ReadyScene) {
+        let (ReflectFrom::View(_), Some(views)) = (scene.reflections, &self.surface_programs.of_views) else {
+            return;
+        };
+        let begin = Instant::now();
+        let tracer = self.visibility.prepare_packets(&self.resident);
+        // One ray a pixel.
+        let ids =
+            || tiles(faces, 1).iter().flat_map(|tile| tracer.trace(view.camera.eye, &tile.rays())).collect();
+        scene.maps = views.see(&self.scene, (view, scene.time_secs), ids);
+        if scene.maps.is_some() {
+            timing::add_since(&mut scene.stages, "reflection points", begin);
+        }
+    }
+
     /// Prepares the reflection probes, if the job asks for reflections. Returns the cost.
     pub(super) fn prepare_probes(
         &mut self,
         reflections: Option<ReflectionProbeSet>,
-        lighting: &Lighting,
+        (lighting, light): (&Lighting, LightLevel),
         time_secs: f64,
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
@@ -78,9 +164,9 @@ impl GpuSampler {
             None => Box::new(ProbeRenderer::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
         };
         // Keeps the programs if the job was cancelled.
-        let stages = match probes.is_made(lighting, time_secs, drifts) {
+        let stages = match probes.is_made((lighting, light), time_secs, drifts) {
             true => Ok(Vec::new()),
-            false => self.render_probes(&mut probes, lighting, time_secs, cancel),
+            false => self.render_probes(&mut probes, (lighting, light, time_secs), cancel),
         };
         self.surface_programs.probes = Some(probes);
         stages
@@ -89,15 +175,13 @@ impl GpuSampler {
     fn render_probes(
         &mut self,
         probes: &mut ProbeRenderer,
-        lighting: &Lighting,
-        time_secs: f64,
+        at: (&Lighting, LightLevel, f64),
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
         check_wanted(cancel)?;
-        let (gpu, at) = (self.gpu.clone(), (lighting, time_secs));
+        let (gpu, (lighting, _, time_secs)) = (self.gpu.clone(), at);
         let places = probes.places(&gpu, &self.scene, &self.resident, time_secs)?;
         let (side, mut stages) = (probes.set.knobs.side, Vec::new());
-        let viewers = probes.set.eye;
         let (begin, bytes) = match &mut probes.source {
             ProbePrograms::Octree(from) => {
                 let lit = self.light_octree(&mut from.octree, lighting, time_secs, cancel)?;
@@ -106,11 +190,9 @@ impl GpuSampler {
                 (begin, from.render(&gpu, &self.resident, lighting, &places, side)?)
             }
             ProbePrograms::Points(from) => {
-                let none = || InvalidField::new("reflections.viewpoints", "must be given for points");
-                let viewers = viewers.ok_or_else(none)?;
                 let begin = Instant::now();
-                let bytes =
-                    self.render_probe_points(from, &places, (&viewers, side), at, cancel, &mut stages)?;
+                let at = (lighting, time_secs);
+                let bytes = self.render_probe_points(from, &places, side, at, cancel, &mut stages)?;
                 // What no stage of the points accounts for.
                 (begin + stage_time(&stages), bytes)
             }
@@ -134,7 +216,7 @@ impl GpuSampler {
         let time_secs = job.info.time_secs();
         let mut stages = self.pose(time_secs)?;
         stages.extend(self.light(lighting, light, time_secs)?);
-        stages.extend(self.prepare_probes(job.info.reflections, lighting, time_secs, cancel)?);
+        stages.extend(self.prepare_probes(job.info.reflections, (lighting, light), time_secs, cancel)?);
         let sample = self.surface_programs.probes.as_ref().and_then(|probes| probes.sample(id));
         let sample =
             sample.ok_or_else(|| RenderError::Internal("there are no reflection probes".to_owned()))?;

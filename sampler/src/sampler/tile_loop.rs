@@ -4,22 +4,24 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, PendingReadback, Submitted, wgpu};
-use argus_scene::{Cancel, LightLevel, Lighting, ReflectionProbeSet, RenderError, Stage, Visibility};
+use argus_scene::{Cancel, LightLevel, Lighting, RenderError, Stage, Visibility};
 use argus_shaders::layout::sampler::Rays;
 use bytes::Bytes;
 use glam::DVec3;
 
-use super::probes::SurfaceProgram;
+use super::probes::{ReflectFrom, SurfaceProgram};
 use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightSharing};
 use crate::light::DirectLight;
 use crate::passes::{PlaneBuffers, TileContext};
 use crate::pixel_list::PixelList;
+use crate::point_shading::PointShading;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
 use crate::timing;
+use crate::view_reflections::IndexedMaps;
 
 /// What a job needs of the scene.
 pub(super) struct JobScene<'a> {
@@ -29,9 +31,9 @@ pub(super) struct JobScene<'a> {
     /// `None` for the scene's own lighting at that time.
     pub(super) lighting: Option<&'a Lighting>,
     pub(super) light: LightLevel,
-    pub(super) reflections: Option<ReflectionProbeSet>,
+    pub(super) reflections: ReflectFrom,
     pub(super) visibility: Visibility,
-    /// Whether surfaces are shaded; otherwise neither indirect light nor reflection probes are made.
+    /// Whether surfaces are shaded; otherwise neither indirect light nor reflections are prepared.
     pub(super) is_shaded: bool,
 }
 
@@ -41,7 +43,9 @@ pub(super) struct ReadyScene {
     pub(super) time_secs: f64,
     pub(super) lighting: Lighting,
     light: LightLevel,
-    pub(super) reflections: Option<ReflectionProbeSet>,
+    pub(super) reflections: ReflectFrom,
+    /// Maps of what a view's reflectors see, if it is looked up there.
+    pub(super) maps: Option<IndexedMaps>,
     pub(super) eye: Eye,
     pub(super) backend: Visibility,
     /// Times of the job's stages so far.
@@ -135,11 +139,11 @@ impl GpuSampler {
         let lighting = lighting.unwrap_or(&self.lighting).clone();
         if is_shaded {
             stages.extend(self.light(&lighting, light, time_secs)?);
-            stages.extend(self.prepare_probes(reflections, &lighting, time_secs, cancel)?);
+            stages.extend(self.prepare_reflections(reflections, (&lighting, light), time_secs, cancel)?);
         }
         let eye = self.eye(position, &lighting)?;
         let backend = self.available_backend(visibility);
-        Ok(ReadyScene { begin, time_secs, lighting, light, reflections, eye, backend, stages })
+        Ok(ReadyScene { begin, time_secs, lighting, light, reflections, maps: None, eye, backend, stages })
     }
 
     /// Renders parts one after another. `take` gets each part once it is submitted.
@@ -156,7 +160,7 @@ impl GpuSampler {
     ) -> Result<(), RenderError> {
         for part in parts {
             check_wanted(cancel)?;
-            let rendered = self.render_part(scene, part, output)?;
+            let rendered = self.render_part(scene, part, output, cancel)?;
             take(self, scene, rendered)?;
         }
         Ok(())
@@ -191,16 +195,21 @@ impl GpuSampler {
         scene: &mut ReadyScene,
         part: &Part,
         output: Output<'_>,
+        cancel: &Cancel,
     ) -> Result<RenderedPart, RenderError> {
-        let ReadyScene { eye, backend, stages, lighting, reflections, .. } = scene;
+        let ReadyScene { eye, backend, stages, lighting, reflections, maps, .. } = scene;
+        let defers = matches!(reflections, ReflectFrom::View(_));
         let SurfaceProgram { shade, shade_sample, resolve, probe_bindings } =
             self.surface_programs.of(*reflections);
         let (label, extras) = match output {
             Output::Texels(_) => {
-                let (gloss, reflectors) = (self.glossy, reflections.is_some());
+                let (gloss, reflectors) = (self.glossy, *reflections != ReflectFrom::Nothing);
                 ("render sample", Extras { gloss, reflectors, guides: self.keeps_guides() })
             }
-            Output::Color => ("render colour", Extras { guides: self.keeps_guides(), ..Extras::default() }),
+            Output::Color => {
+                let guides = self.keeps_guides() || defers;
+                ("render colour", Extras { guides, reflectors: defers, ..Extras::default() })
+            }
             Output::Range => ("render range", Extras::default()),
         };
         let mut commands = self.gpu.commands(label);
@@ -230,6 +239,17 @@ impl GpuSampler {
             }
             Output::Color => {
                 shade.record(&mut commands, &context, probe_bindings);
+                if let (true, Some(views)) = (defers, &mut self.surface_programs.of_views) {
+                    let mut shading = PointShading {
+                        gpu: &self.gpu,
+                        resident: &self.resident,
+                        direct: &self.direct,
+                        indirect: &mut self.indirect,
+                        sharing: LightSharing::Reflected,
+                    };
+                    let lit = (&mut shading, &*lighting);
+                    commands = views.add(commands, &context, maps.as_ref(), lit, cancel, stages)?;
+                }
                 let lights = (&self.direct, &mut self.indirect);
                 (commands, _) = add_light(lights, commands, &context, (sharing, true), stages)?;
                 pixels = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
@@ -265,7 +285,7 @@ impl GpuSampler {
 
 /// Adds a tile's direct light by rays and its indirect light, as far as there are any. `is_view` adds what glossy surfaces
 /// reflect of lights and sky, too. Returns the commands that later passes are recorded into, and the direct light.
-pub(super) fn add_light(
+pub(crate) fn add_light(
     (direct, indirect): (&Option<DirectLight>, &mut Option<IndirectLight>),
     mut commands: Commands,
     context: &TileContext<'_>,
@@ -295,6 +315,6 @@ pub(super) fn wait(submitted: &mut Vec<Submitted>, stages: &mut Vec<Stage>) -> R
 }
 
 /// Fails once a job is cancelled.
-pub(super) fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {
+pub(crate) fn check_wanted(cancel: &Cancel) -> Result<(), RenderError> {
     if cancel.is_cancelled() { Err(RenderError::Cancelled) } else { Ok(()) }
 }

@@ -5,7 +5,7 @@ use crate::{Scene, Stage};
 
 /// Stages that run for one effect alone, by name. A stage that several effects share belongs to none: reading surfaces
 /// back and adding up what arrives at them ([`SHARED_STAGE`]) runs as soon as one effect of direct light casts rays.
-pub const STAGES: [(&str, EffectKind); 25] = [
+pub const STAGES: [(&str, EffectKind); 29] = [
     ("trace shadows", EffectKind::Shadows),
     ("trace penumbras", EffectKind::SoftShadows),
     ("trace emitters", EffectKind::Emitters),
@@ -13,6 +13,10 @@ pub const STAGES: [(&str, EffectKind); 25] = [
     ("add highlights", EffectKind::Highlights),
     ("reflection probes", EffectKind::Reflection),
     ("reflection points", EffectKind::Reflection),
+    ("reflection rays", EffectKind::Reflection),
+    ("find reflections", EffectKind::Reflection),
+    ("add reflections", EffectKind::Reflection),
+    ("build trees for reflections", EffectKind::Reflection),
     ("shade points", EffectKind::Reflection),
     ("trace VPLs", EffectKind::Indirect),
     ("group VPLs", EffectKind::Indirect),

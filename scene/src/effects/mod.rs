@@ -42,10 +42,10 @@ use std::fmt;
 use serde::Serialize;
 
 pub use costs::{SHARED_STAGE, STAGES};
-pub use request::{EffectCosts, EffectRequest, Effects};
+pub use request::{EffectCosts, EffectRequest, Effects, ReflectionRequest};
 
 use crate::tone::srgb_from_linear;
-use crate::{Indirect, LightEffects, PathKnobs, Scene};
+use crate::{Indirect, LightEffects, PathKnobs, Reflections, Scene};
 
 /// Something that light does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
@@ -258,6 +258,12 @@ impl EffectPlan {
             None if self.is_on(EffectKind::Indirect) => Indirect::Paths(PathKnobs::default()),
             None => Indirect::Off,
         }
+    }
+
+    /// How the sample set's reflections are found, where `request` was made of this plan; `None` if they are off.
+    pub fn reflections(&self, scene: &Scene, request: &EffectRequest) -> Option<Reflections> {
+        let is_on = self.is_on(EffectKind::Reflection) || self.is_on(EffectKind::Transmission);
+        request.reflections.settled(scene).filter(|_| is_on).map(|(knobs, _)| knobs)
     }
 
     /// Keeps the milliseconds that an effect was measured to cost: what it costs where it is on, and what it would cost,

@@ -7,7 +7,7 @@ use std::str::FromStr;
 use serde::Serialize;
 
 use super::EffectKind;
-use crate::{Indirect, InvalidField, LightEffects, Metering, Reflections};
+use crate::{Indirect, InvalidField, LightEffects, Metering, ReflectionCost, Reflections, Scene};
 
 /// Which of the effects that can be switched a sample set has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize)]
@@ -65,6 +65,39 @@ impl FromStr for Effects {
     }
 }
 
+/// How reflections of the scene are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReflectionRequest {
+    /// They are not: surfaces reflect only lights and the sky.
+    Off,
+    /// By the cheapest of some settings ([`ReflectionCost`]), if effects are automatic or all and the scene calls for it.
+    Auto([Reflections; 3]),
+    /// By these settings.
+    By(Reflections),
+}
+
+impl ReflectionRequest {
+    /// The cheapest source of usual settings.
+    pub const AUTO: Self = Self::Auto(Reflections::USUAL);
+
+    /// The settings that are taken if reflections are on.
+    pub(super) fn settled(&self, scene: &Scene) -> Option<(Reflections, ReflectionCost)> {
+        let cost = |knobs: Reflections| (knobs, ReflectionCost::of(scene, &knobs));
+        match *self {
+            Self::Off => None,
+            Self::By(knobs) => Some(cost(knobs)),
+            Self::Auto(all) => all.map(cost).into_iter().min_by(|(_, a), (_, b)| a.ms.total_cmp(&b.ms)),
+        }
+    }
+}
+
+impl Default for ReflectionRequest {
+    fn default() -> Self {
+        Self::AUTO
+    }
+}
+
 /// Which effects a service is asked for, and by which methods the costly ones are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct EffectRequest {
@@ -72,8 +105,8 @@ pub struct EffectRequest {
     pub effects: Effects,
     /// Method of indirect light; `None`: paths, if `effects` are automatic or all and the scene calls for them.
     pub indirect: Option<Indirect>,
-    /// Reflection probes; `None`: surfaces reflect only lights and the sky.
-    pub reflections: Option<Reflections>,
+    /// Whether surfaces reflect the scene, and how that is found.
+    pub reflections: ReflectionRequest,
     /// Factor from radiance to display values, by which bounds are scaled; `None`: the scene's.
     pub exposure: Option<f32>,
 }

@@ -8,8 +8,10 @@ use super::lights::{
     OPEN_SKY, brightest, caster, contrast, distance_of_boxes, half_angle, irradiance, lost_to_itself,
 };
 use super::surfaces::{Body, bodies};
-use super::{Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, bytes};
-use crate::{Indirect, Light, LightEffects, Material, PathKnobs, ProbeSource, Reflections, Scene};
+use super::{
+    Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, ReflectionRequest, bytes,
+};
+use crate::{Indirect, Light, LightEffects, Material, PathKnobs, ReflectionCost, Reflections, Scene};
 
 /// Bytes below which `auto` leaves an effect out.
 const LEAST_BYTES: f64 = 0.5;
@@ -23,7 +25,10 @@ pub(super) fn rows(scene: &Scene, request: &EffectRequest, costs: Option<&Effect
     let request = &Settled {
         effects: request.effects,
         indirect: facts.method(request, exposure),
-        reflections: request.reflections,
+        reflections: match (request.reflections, request.effects) {
+            (ReflectionRequest::Auto(_), Effects::None | Effects::List(_)) => None,
+            (reflections, _) => reflections.settled(scene),
+        },
         exposure,
     };
     let mut rows: Vec<EffectRow> =
@@ -39,7 +44,7 @@ pub(super) fn rows(scene: &Scene, request: &EffectRequest, costs: Option<&Effect
 struct Settled {
     effects: Effects,
     indirect: Indirect,
-    reflections: Option<Reflections>,
+    reflections: Option<(Reflections, ReflectionCost)>,
     exposure: f32,
 }
 
@@ -93,7 +98,11 @@ impl<'a> Facts<'a> {
         let bound = displayed(&found, request.exposure);
         let (on, why) = decision(effect, request, &found, bound);
         let each = effect.lights_of(self.scene);
-        let ms = costs.and_then(|costs| costs.ms.get(&effect));
+        let measured = costs.and_then(|costs| costs.ms.get(&effect)).copied();
+        let ms = match (effect, request.reflections) {
+            (EffectKind::Reflection, Some((_, cost))) if on => measured.or(Some(cost.ms)),
+            _ => measured,
+        };
         EffectRow {
             effect,
             causes: found.causes,
@@ -284,7 +293,7 @@ impl<'a> Facts<'a> {
     }
 
     fn reflection(&self, request: &Settled) -> Found {
-        let most = request.reflections.unwrap_or_default().most;
+        let most = request.reflections.map_or(Reflections::default(), |(knobs, _)| knobs).most;
         let reflectors = self.scene.reflectors(most);
         let peak =
             self.bodies.iter().filter_map(|body| body.gloss).map(|gloss| gloss.most).fold(0.0, f32::max);
@@ -422,11 +431,8 @@ fn decision(effect: EffectKind, request: &Settled, found: &Found, bound: f64) ->
             match (found.causes.is_empty(), request.reflections) {
                 (true, _) => (false, because.clone()),
                 (false, None) => (false, format!("{because}, but reflections are off")),
-                (false, Some(Reflections { source: ProbeSource::Octree { .. }, .. })) => {
-                    (true, format!("{because}, by reflection probes"))
-                }
-                (false, Some(Reflections { source: ProbeSource::Points { .. }, .. })) => {
-                    (true, format!("{because}, by reflection probes from points"))
+                (false, Some((knobs, cost))) => {
+                    (true, format!("{because}, by {}: {cost}", knobs.source.name()))
                 }
             }
         }

@@ -1,0 +1,330 @@
+//! The rays of what sub-samples reflect, and the means of what they meet.
+//!
+//! A sharp reflection has rays of its own in each sub-sample. A blurred one varies little from pixel to pixel: a pixel casts
+//! one ray of the surface's lobe, pixels of a square cast different ones, and each takes the mean over the square around it,
+//! within its surface. So every pixel sees the whole lobe.
+
+use std::f32::consts::TAU;
+use std::ops::Range;
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use crate::eye_points::taps;
+use crate::light::{Texel, texel_of_guides};
+use crate::tile::Tile;
+
+/// Largest α (squared roughness) of a reflection that is sharp: a lobe of two degrees.
+const SHARP: f32 = 0.02;
+/// Largest α of a reflection that pixels share in squares of 3 × 3; others share in squares of 5 × 5.
+const SMOOTH: f32 = 0.12;
+/// Least cosine between the normals of pixels that share a blurred reflection.
+const ALIKE: f32 = 0.85;
+/// A change from sub-sample to sub-sample is at most so large a share of the distance.
+const LARGEST_STEP: f32 = 0.05;
+
+/// A ray that a surface reflects or lets through.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ray {
+    /// Where it begins, off the surface, metres about the eye.
+    pub(super) start: Vec3,
+    /// Unit vector.
+    pub(super) direction: Vec3,
+    /// Number of its reflector, from 0.
+    pub(super) reflector: u32,
+    /// The instance that it passes through.
+    pub(super) past: Option<u32>,
+    /// Width of what it stands for at its start, metres, and how much wider that is a metre further.
+    pub(super) width: f32,
+    pub(super) spread: f32,
+}
+
+/// Rays of a surface.
+#[derive(Debug, Clone)]
+struct Lobe {
+    texel: Texel,
+    reflector: u32,
+    /// Rays of the reflection, with their weights in [`Lobes::weights`].
+    reflected: Range<u32>,
+    /// The refracted ray.
+    through: Option<u32>,
+}
+
+/// All rays of a tile.
+pub(super) struct Lobes {
+    pub(super) rays: Vec<Ray>,
+    weights: Vec<f32>,
+    lobes: Vec<Lobe>,
+    /// Reflective sub-samples.
+    pub(super) seen: Vec<Seen>,
+    /// For each pixel of the tile its shared lobe, if it has one.
+    shared: Vec<Option<u32>>,
+    /// Pixels: columns, rows; and sub-samples along a pixel's side.
+    size: [u32; 2],
+    side: u32,
+}
+
+/// A reflective sub-sample.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    /// Its number in the tile.
+    at: u32,
+    /// Its lobe.
+    lobe: u32,
+    /// Pixels on a side of the square whose lobes it takes the mean of; 1 for a sharp reflection.
+    square: u32,
+}
+
+/// A surface as guides describe it.
+#[derive(Clone, Copy)]
+struct Mirror {
+    texel: Texel,
+    reflector: u32,
+    alpha: f32,
+    /// How much faster light is outside of the surface than within, if it lets light through.
+    eta: Option<f32>,
+}
+
+impl Lobes {
+    /// Rays of a tile, of which guides (`shaders/shared/guide.wgsl`) and words of reflectors were read back. A sharp
+    /// reflection has `taps_` rays in each sub-sample. `offset` is how far off a surface about the eye rays begin, metres.
+    /// `instances` are those of the reflectors.
+    pub(super) fn new(
+        guides: [&[u8]; 3],
+        (tile, taps_): (&Tile, u32),
+        offset: impl Fn(Vec3) -> f32 + Sync,
+        instances: &[u32],
+    ) -> Self {
+        let [width, _] = tile.sub_samples();
+        let mirrors = mirrors(guides, offset);
+        let offsets: Vec<Vec2> = taps(taps_).into_iter().map(|tap| tap.as_vec2()).collect();
+        let mut all = Self {
+            rays: Vec::new(),
+            weights: Vec::new(),
+            lobes: Vec::new(),
+            seen: Vec::new(),
+            shared: vec![None; (tile.size[0] * tile.size[1]) as usize],
+            size: tile.size,
+            side: tile.side,
+        };
+        let pixel_width = tile_spread(tile);
+        for (at, mirror) in mirrors.iter().enumerate() {
+            let Some(mirror) = mirror else { continue };
+            let [x, y] = [at as u32 % width, at as u32 / width];
+            let pixel = [x / tile.side, y / tile.side];
+            let own = instances.get(mirror.reflector as usize).copied();
+            if mirror.alpha < SHARP {
+                let steps = [(1, x + 1 < width), (width as usize, true)].map(|(stride, is_inside)| {
+                    let next = mirrors.get(at + stride).copied().flatten().filter(|_| is_inside);
+                    step(mirror, next.as_ref())
+                });
+                let rays = offsets.iter().map(|tap| tapped(mirror, steps, *tap));
+                let lobe = all.cast(mirror, own, rays, pixel_width / tile.side as f32);
+                all.seen.push(Seen { at: at as u32, lobe, square: 1 });
+                continue;
+            }
+            let square = if mirror.alpha < SMOOTH { 3 } else { 5 };
+            let number = (pixel[1] * tile.size[0] + pixel[0]) as usize;
+            let is_of = |lobe: &u32| all.lobes[*lobe as usize].reflector == mirror.reflector;
+            let lobe = match all.shared[number].filter(is_of) {
+                Some(lobe) => lobe,
+                None => {
+                    let in_image = [0, 1].map(|axis| tile.begin[axis] + pixel[axis]);
+                    let stratum = in_image[0] % square + square * (in_image[1] % square);
+                    let half = half_vector(mirror.texel.normal, mirror.alpha, stratum, square * square);
+                    let rays = std::iter::once((mirror.texel.start, reflected(mirror, half)));
+                    let lobe = all.cast(mirror, own, rays, pixel_width);
+                    all.shared[number] = Some(lobe);
+                    lobe
+                }
+            };
+            all.seen.push(Seen { at: at as u32, lobe, square });
+        }
+        all
+    }
+
+    /// Adds a surface's lobe: starts and directions of reflected rays, and the refracted ray. Returns its number.
+    fn cast(
+        &mut self,
+        mirror: &Mirror,
+        own: Option<u32>,
+        reflected: impl Iterator<Item = (Vec3, Vec3)>,
+        pixel_width: f32,
+    ) -> u32 {
+        let Mirror { texel, reflector, alpha, eta } = *mirror;
+        let (width, spread) = (pixel_width * texel.position.length(), pixel_width + alpha);
+        let ray = |start, direction, past| Ray { start, direction, reflector, past, width, spread };
+        let first = self.rays.len() as u32;
+        for (start, direction) in reflected {
+            let weight = direction.dot(texel.normal);
+            if weight > 0.0 {
+                // Where the shading normal leans away from the triangle's, a ray may point into the surface.
+                let below = direction.dot(texel.side).min(0.0);
+                let direction = (direction - 2.0 * below * texel.side).normalize_or(texel.side);
+                self.rays.push(ray(start, direction, None));
+                self.weights.push(weight);
+            }
+        }
+        let end = self.rays.len() as u32;
+        let through = eta.map(|eta| {
+            let inward = refracted(texel.position.normalize_or(-texel.normal), texel.normal, eta);
+            // From the other side of the surface.
+            let start = texel.position - (texel.start - texel.position);
+            self.rays.push(ray(start, inward, own));
+            self.weights.push(1.0);
+            end
+        });
+        self.lobes.push(Lobe { texel, reflector, reflected: first..end, through });
+        self.lobes.len() as u32 - 1
+    }
+
+    /// What arrives at each of `count` sub-samples, by the radiance that rays meet: reflected radiance of all, and then
+    /// refracted radiance of all, if there is any. The fourth component is unused.
+    pub(super) fn gather(&self, arriving: &[Vec3], count: usize) -> Vec<[f32; 4]> {
+        let sums: Vec<[(Vec3, f32); 2]> =
+            self.lobes.par_iter().with_min_len(1024).map(|lobe| self.sums(lobe, arriving)).collect();
+        let found: Vec<[Vec3; 2]> =
+            self.seen.par_iter().with_min_len(256).map(|seen| self.of_square(seen, &sums)).collect();
+        let lets_through = self.lobes.iter().any(|lobe| lobe.through.is_some());
+        let mut words = vec![[0.0; 4]; if lets_through { 2 * count } else { count }];
+        for (seen, [reflected, through]) in self.seen.iter().zip(found) {
+            words[seen.at as usize] = reflected.extend(0.0).to_array();
+            if lets_through {
+                words[count + seen.at as usize] = through.extend(0.0).to_array();
+            }
+        }
+        words
+    }
+
+    /// Weighted sums of a lobe's reflected and refracted radiance, and their weights.
+    fn sums(&self, lobe: &Lobe, arriving: &[Vec3]) -> [(Vec3, f32); 2] {
+        let rays = lobe.reflected.start as usize..lobe.reflected.end as usize;
+        let add = |(sum, all): (Vec3, f32), (radiance, weight): (&Vec3, &f32)| {
+            (sum + *radiance * *weight, all + weight)
+        };
+        let reflected = arriving[rays.clone()].iter().zip(&self.weights[rays]).fold((Vec3::ZERO, 0.0), add);
+        let through = lobe.through.map_or((Vec3::ZERO, 0.0), |ray| (arriving[ray as usize], 1.0));
+        [reflected, through]
+    }
+
+    /// Means over the lobes of the square around a sub-sample's pixel that show its surface.
+    fn of_square(&self, seen: &Seen, sums: &[[(Vec3, f32); 2]]) -> [Vec3; 2] {
+        let own = &sums[seen.lobe as usize];
+        if seen.square == 1 {
+            return own.map(mean);
+        }
+        let lobe = &self.lobes[seen.lobe as usize];
+        let [width, height] = self.size.map(i64::from);
+        let side = i64::from(self.side);
+        let reach = i64::from(seen.square / 2);
+        let (at, columns) = (i64::from(seen.at), width * side);
+        let (column, row) = (at % columns / side, at / columns / side);
+        let mut all = [(Vec3::ZERO, 0.0); 2];
+        for y in (row - reach).max(0)..=(row + reach).min(height - 1) {
+            for x in (column - reach).max(0)..=(column + reach).min(width - 1) {
+                let Some(number) = self.shared[(y * width + x) as usize] else { continue };
+                let other = &self.lobes[number as usize];
+                if number == seen.lobe || lobe.agrees(other) {
+                    for (all, one) in all.iter_mut().zip(&sums[number as usize]) {
+                        *all = (all.0 + one.0, all.1 + one.1);
+                    }
+                }
+            }
+        }
+        all.map(mean)
+    }
+}
+
+impl Lobe {
+    /// Whether another pixel reflects about the same.
+    fn agrees(&self, other: &Self) -> bool {
+        let off = (self.texel.position - other.texel.position).length();
+        self.reflector == other.reflector
+            && self.texel.normal.dot(other.texel.normal) > ALIKE
+            && off < LARGEST_STEP * self.texel.position.length()
+    }
+}
+
+fn mean((sum, weights): (Vec3, f32)) -> Vec3 {
+    if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+}
+
+/// Reflective surfaces of a tile's sub-samples.
+fn mirrors(
+    [surfaces, materials, words]: [&[u8]; 3],
+    offset: impl Fn(Vec3) -> f32 + Sync,
+) -> Vec<Option<Mirror>> {
+    let word4 = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
+    let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+    let of_sub_sample = |((surface, material), word): ((&[u8; 16], &[u8; 16]), &[u8; 4])| {
+        let word = u32::from_le_bytes(*word);
+        let number = probe_in_word(word).checked_sub(1)?;
+        let (surface, material) = (word4(surface), word4(material));
+        let texel = texel_of_guides(surface, material, &offset);
+        let [f0, _, _, roughness] = material[3].to_le_bytes().map(|byte| f32::from(byte) / 255.0);
+        let root = f0.clamp(0.0, 0.5).sqrt();
+        texel.exists.then_some(Mirror {
+            texel,
+            reflector: number,
+            alpha: roughness * roughness,
+            eta: lets_through(word).then_some((1.0 - root) / (1.0 + root)),
+        })
+    };
+    guides.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
+}
+
+/// Number of the reflector, from 1, in a word of `shaders/shared/reflection_probes.wgsl`.
+fn probe_in_word(word: u32) -> u32 {
+    word & 2047
+}
+
+/// Whether light passes through, in the same word.
+fn lets_through(word: u32) -> bool {
+    word >> 11 != 0
+}
+
+/// Change of position and normal to a neighbour, if it shows the same surface.
+fn step(here: &Mirror, next: Option<&Mirror>) -> [Vec3; 2] {
+    let Some(next) = next.filter(|next| next.reflector == here.reflector) else { return [Vec3::ZERO; 2] };
+    let [step, turn] = [next.texel.position - here.texel.position, next.texel.normal - here.texel.normal];
+    let is_smooth = step.length() < LARGEST_STEP * here.texel.position.length() && turn.length() < 1.0;
+    if is_smooth { [step, turn] } else { [Vec3::ZERO; 2] }
+}
+
+/// Start and direction of the reflected ray at an offset from a sub-sample's middle, in sub-samples.
+fn tapped(mirror: &Mirror, [right, down]: [[Vec3; 2]; 2], tap: Vec2) -> (Vec3, Vec3) {
+    let Texel { position, normal, start, .. } = mirror.texel;
+    let normal = (normal + right[1] * tap.x + down[1] * tap.y).normalize_or(normal);
+    let step = right[0] * tap.x + down[0] * tap.y;
+    let towards = (position + step).normalize_or(-normal);
+    (start + step, towards - 2.0 * towards.dot(normal) * normal)
+}
+
+/// Direction of the reflected ray about a half vector.
+fn reflected(mirror: &Mirror, half: Vec3) -> Vec3 {
+    let towards = mirror.texel.position.normalize_or(-half);
+    towards - 2.0 * towards.dot(half) * half
+}
+
+/// The refracted direction of a unit direction, as in the reference; along the surface at total reflection.
+fn refracted(direction: Vec3, normal: Vec3, eta: f32) -> Vec3 {
+    let cosine = -direction.dot(normal);
+    let squared = 1.0 - eta * eta * (1.0 - cosine * cosine);
+    (direction * eta + normal * (eta * cosine - squared.max(0.0).sqrt())).normalize_or(direction)
+}
+
+/// Half vector `index` of `count` about a normal, which fill the lobe of α evenly: as in the reference.
+fn half_vector(normal: Vec3, alpha: f32, index: u32, count: u32) -> Vec3 {
+    let x = (index as f32 + 0.5) / count as f32;
+    let y = index.reverse_bits() as f32 * 2f32.powi(-32);
+    let cosine = ((1.0 - x) / (1.0 + (alpha * alpha - 1.0) * x)).sqrt();
+    let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+    let tangent = normal.any_orthonormal_vector();
+    let bitangent = normal.cross(tangent);
+    tangent * (sine * (TAU * y).cos()) + bitangent * (sine * (TAU * y).sin()) + normal * cosine
+}
+
+/// Width of a pixel at unit distance, in the middle of a tile.
+fn tile_spread(tile: &Tile) -> f32 {
+    Vec3::from_array(tile.rays().right).length() * tile.side as f32
+}
