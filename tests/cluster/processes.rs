@@ -235,10 +235,13 @@ async fn with_a_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes(
     let _alone = alone().await;
     let cluster = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _workers = cluster.workers(3);
-    cluster.wait_for_workers(3);
     let single = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _worker = single.worker(&[]);
-    let status = single.wait_for_workers(1);
+    cluster.wait_for_workers(3);
+    single.wait_for_workers(1);
+    // Light rises in each at its own pace, and each refuses pins to light that it does not serve yet, or no longer.
+    cluster.wait_for_full_light();
+    let status = single.wait_for_full_light();
     assert_eq!(status["workers"][0]["role"], "both", "{status:#}");
 
     let mut of_many = Wire::connect(&cluster.url).await;
