@@ -274,7 +274,7 @@ fn the_service_study_compares_the_default_with_forced_methods_cold_and_warm() {
 
 #[test]
 fn the_service_study_compares_frames_of_a_moving_scene_at_their_own_time() {
-    let quick = ["study", "service", "--quick", "--json", "--seconds", "1", "--regret-views", "1"];
+    let quick = ["study", "service", "--quick", "--json", "--seconds", "1"];
     let study = json(&[&quick[..], &["--scene", "mirrors:6", "--walk", "stand"]].concat());
     for row in rows(&study).iter().filter(|row| row["mode"] == "direct") {
         // A reference of another time would show every ball elsewhere.
