@@ -9,13 +9,19 @@ use argus_proto::status::invalid_field;
 use argus_proto::v1;
 use argus_scene::{Frame, PlanRequest, Search, View};
 use serde_json::Value;
-use tokio::sync::{Mutex, MutexGuard};
+use tokio::sync::{RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tonic::Code;
 
+static ROLES: RwLock<()> = RwLock::const_new(());
+
 /// Lock for tests whose roles another test's load would change: cores are few.
-async fn alone() -> MutexGuard<'static, ()> {
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::const_new(());
-    ONE_AT_A_TIME.lock().await
+async fn alone() -> RwLockWriteGuard<'static, ()> {
+    ROLES.write().await
+}
+
+/// Lock for tests that may run beside one another, yet not beside one that is [`alone`].
+async fn not_beside_roles() -> RwLockReadGuard<'static, ()> {
+    ROLES.read().await
 }
 
 /// Starts an `argus load` in the background.
@@ -131,7 +137,7 @@ type Spoil = fn(&mut v1::View);
 
 #[tokio::test(flavor = "multi_thread")]
 async fn invalid_input_is_rejected_by_field_and_the_server_goes_on() {
-    let _alone = alone().await;
+    let _beside = not_beside_roles().await;
     let coordinator = Coordinator::start(SMALL, &[]);
     let _workers = coordinator.workers(2);
     coordinator.wait_for_workers(2);
@@ -232,13 +238,16 @@ fn same_pixels(a: &Frame, b: &Frame, what: &str) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn with_a_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes() {
-    let _alone = alone().await;
+    let _beside = not_beside_roles().await;
     let cluster = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _workers = cluster.workers(3);
-    cluster.wait_for_workers(3);
     let single = Coordinator::start(SMALL, &["--visibility=raster"]);
     let _worker = single.worker(&[]);
-    let status = single.wait_for_workers(1);
+    cluster.wait_for_workers(3);
+    single.wait_for_workers(1);
+    // Light rises in each at its own pace, and each refuses pins to light that it does not serve yet, or no longer.
+    cluster.wait_for_full_light();
+    let status = single.wait_for_full_light();
     assert_eq!(status["workers"][0]["role"], "both", "{status:#}");
 
     let mut of_many = Wire::connect(&cluster.url).await;
@@ -261,7 +270,7 @@ async fn with_a_pinned_provenance_a_cluster_and_one_process_give_the_same_bytes(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_worker_without_the_scene_fetches_it_from_the_coordinator_and_keeps_it() {
-    let _alone = alone().await;
+    let _beside = not_beside_roles().await;
     let folder = tempfile::tempdir().unwrap();
     let kept = folder.path().join("kept");
     // A bundle of two files, in a folder that only the coordinator knows.
@@ -298,7 +307,7 @@ async fn a_worker_without_the_scene_fetches_it_from_the_coordinator_and_keeps_it
 
 #[tokio::test(flavor = "multi_thread")]
 async fn with_a_full_disk_a_worker_still_serves_a_scene_it_cannot_store_and_cannot_log() {
-    let _alone = alone().await;
+    let _beside = not_beside_roles().await;
     let folder = tempfile::tempdir().unwrap();
     let kept = folder.path().join("kept");
     // Larger than the limit of the worker's files.

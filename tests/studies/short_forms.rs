@@ -227,14 +227,15 @@ fn the_overload_study_refuses_excess_load_and_loses_no_view() {
 fn the_service_study_compares_the_default_with_forced_methods_cold_and_warm() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "service", "--quick", "--json", "--runs", "2", "--out", out]);
+    let quick = ["study", "service", "--quick", "--json", "--seconds", "1"];
+    let study = json(&[&quick[..], &["--runs", "2", "--out", out]].concat());
     assert_eq!(rows(&study).len(), 6, "{study:#}");
     for (i, row) in rows(&study).iter().enumerate() {
         assert_eq!(row["mode"], ["default", "direct", "warp"][i / 2], "{row:#}");
         assert_eq!(row["phase"], ["cold", "warm"][i % 2], "{row:#}");
-        // Two clients, five views a second, two seconds; the number answered in time depends on the machine.
-        assert_eq!(row["sent"], 20, "{row:#}");
-        assert_eq!(number(row, "answered") + number(row, "failed"), 20.0, "{row:#}");
+        // Two clients, five views a second, one second; the number answered in time depends on the machine.
+        assert_eq!(row["sent"], 10, "{row:#}");
+        assert_eq!(number(row, "answered") + number(row, "failed"), 10.0, "{row:#}");
         assert!(number(row, "answered") > 0.0 && number(row, "failed") >= number(row, "rejected"), "{row:#}");
         assert!(number(row, "p99_ms") >= number(row, "p50_ms") && number(row, "p50_ms") > 0.0, "{row:#}");
         assert_eq!(row["first_view_ms"].is_null(), row["phase"] == "warm", "{row:#}");
@@ -273,8 +274,8 @@ fn the_service_study_compares_the_default_with_forced_methods_cold_and_warm() {
 
 #[test]
 fn the_service_study_compares_frames_of_a_moving_scene_at_their_own_time() {
-    let arguments = ["study", "service", "--quick", "--json", "--scene", "mirrors:6", "--walk", "stand"];
-    let study = json(&arguments);
+    let quick = ["study", "service", "--quick", "--json", "--seconds", "1"];
+    let study = json(&[&quick[..], &["--scene", "mirrors:6", "--walk", "stand"]].concat());
     for row in rows(&study).iter().filter(|row| row["mode"] == "direct") {
         // A reference of another time would show every ball elsewhere.
         assert!(number(row, "judged") > 0.0 && number(row, "excess_flip").abs() < 0.002, "{row:#}");

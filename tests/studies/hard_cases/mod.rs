@@ -11,9 +11,9 @@ mod surfaces;
 use std::sync::{Arc, OnceLock};
 
 use argus_gpu::{Gpu, GpuOptions};
-use argus_studies::hard_cases::{Outcome, Row, Stages, Theme};
+use argus_studies::hard_cases::{Outcome, Row, Stages, Theme, claims};
 
-/// Runs the cases of a theme; fails with all that are out of bounds.
+/// Runs the cases of a theme; fails with all that are out of bounds, and with one that the page lacks.
 #[track_caller]
 fn holds(theme: Theme) -> Vec<Row> {
     static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
@@ -28,6 +28,11 @@ fn holds(theme: Theme) -> Vec<Row> {
         rows.len(),
         failed.join("\n")
     );
+    let written = claims(&page::text());
+    for row in &rows {
+        let claim = (row.case.clone(), row.search.to_owned());
+        assert!(written.contains(&claim), "write docs/hard-cases.md again: it lacks {claim:?}");
+    }
     rows
 }
 

@@ -155,10 +155,13 @@ impl Versions {
         self.upcoming.clear();
     }
 
-    /// Issues the next version, which shows this state.
+    /// Issues the next version, which shows this state. Each level of light that it skips uses up a number as well. So a
+    /// still scene's version in full light has the same number in every cluster that measures no backend, and a pin to it
+    /// holds in all of them.
     fn issue(&mut self, state: SceneState) -> Version {
-        let number = self.next;
-        self.next += 1;
+        let risen = (state.light as u64).saturating_sub(self.newest().state.light as u64);
+        let number = self.next + risen.saturating_sub(1);
+        self.next = number + 1;
         Version { number, state }
     }
 
@@ -577,7 +580,7 @@ mod tests {
         still.advance((ms(10), LightLevel::Full), [], |_, _| false, |_, _| false);
         still.advance((ms(20), LightLevel::Full), [], |_, _| false, |_, _| false);
         assert_eq!(still.served().state.light, LightLevel::Full);
-        assert_eq!(still.served().number, 1);
+        assert_eq!(still.served().number, 2, "full light has its number even if coarse light was skipped");
     }
 
     #[test]
