@@ -158,10 +158,10 @@ impl Lobes {
         for (start, direction) in reflected {
             let weight = direction.dot(texel.normal);
             if weight > 0.0 {
-                // Where the shading normal leans away from the triangle's, a ray may point into the surface.
-                let below = direction.dot(texel.side).min(0.0);
-                let direction = (direction - 2.0 * below * texel.side).normalize_or(texel.side);
-                self.rays.push(ray(start, direction, None));
+                // Where the shading normal leans away from the triangle's, a ray may point into the surface. It stands for
+                // a smooth one, and passes through.
+                let past = own.filter(|_| direction.dot(texel.side) <= 0.0);
+                self.rays.push(ray(start, direction, past));
                 self.weights.push(weight);
             }
         }
@@ -327,4 +327,60 @@ fn half_vector(normal: Vec3, alpha: f32, index: u32, count: u32) -> Vec3 {
 /// Width of a pixel at unit distance, in the middle of a tile.
 fn tile_spread(tile: &Tile) -> f32 {
     Vec3::from_array(tile.rays().right).length() * tile.side as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mirror(normal: Vec3, alpha: f32) -> Mirror {
+        let position = Vec3::new(0.0, 0.0, -4.0);
+        let texel =
+            Texel { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
+        Mirror { texel, reflector: 0, alpha, eta: None }
+    }
+
+    #[test]
+    fn light_that_meets_a_mirror_head_on_returns_and_taps_turn_with_the_normal() {
+        let here = mirror(Vec3::Z, 0.0);
+        assert_eq!(reflected(&here, Vec3::Z), Vec3::Z);
+        let turn = [[Vec3::X * 0.1, Vec3::X * 0.2], [Vec3::ZERO; 2]];
+        let (start, direction) = tapped(&here, turn, Vec2::X);
+        assert!(
+            (start - here.texel.start - Vec3::X * 0.1).length() < 1e-6 && direction.x > 0.2,
+            "{direction}"
+        );
+        assert_eq!(tapped(&here, turn, Vec2::ZERO).1, Vec3::Z);
+    }
+
+    #[test]
+    fn half_vectors_are_unit_and_about_the_normal_and_spread_with_roughness() {
+        let spread = |alpha: f32| {
+            let halves = (0..25).map(|index| half_vector(Vec3::Y, alpha, index, 25));
+            halves.inspect(|half| assert!((half.length() - 1.0).abs() < 1e-5)).map(|half| half.y).sum::<f32>()
+                / 25.0
+        };
+        assert!(spread(0.0) > 0.9999 && spread(0.1) > spread(0.3) && spread(1.0) > 0.3);
+    }
+
+    #[test]
+    fn steps_are_none_across_reflectors_and_edges() {
+        let here = mirror(Vec3::Z, 0.0);
+        assert_eq!(step(&here, None), [Vec3::ZERO; 2]);
+        assert_eq!(step(&here, Some(&Mirror { reflector: 1, ..here })), [Vec3::ZERO; 2]);
+        assert_eq!(step(&here, Some(&mirror(-Vec3::Z, 0.0))), [Vec3::ZERO; 2]);
+        assert!(step(&here, Some(&mirror(Vec3::new(0.1, 0.0, 0.995), 0.0)))[1].x > 0.05);
+    }
+
+    #[test]
+    fn total_reflection_and_an_eye_on_the_surface_give_unit_directions() {
+        assert!(refracted(Vec3::X, Vec3::Y, 1.5).is_normalized());
+        assert!(refracted(Vec3::ZERO, Vec3::Y, 0.7).is_finite());
+        let mut here = mirror(Vec3::Z, 0.0);
+        here.texel.position = Vec3::ZERO;
+        assert!(
+            reflected(&here, Vec3::Z).is_normalized()
+                && tapped(&here, [[Vec3::ZERO; 2]; 2], Vec2::X).1.is_finite()
+        );
+    }
 }

@@ -296,3 +296,77 @@ fn two_samplers_give_the_bytes_of_probes_from_points_whatever_they_rendered_befo
     let fresh = planes.map(|kind| host_bytes(&sample(&mut sampler(&scene), &at(5)), kind));
     assert_eq!(moved, fresh);
 }
+
+/// FLIP of a direct view whose reflections are found by rays or points of its own, against traced ones.
+fn own(name: &str, source: ProbeSource, scene: &Arc<Scene>, camera: Camera) -> f64 {
+    judged_with(&format!("{name}-{}", source.name()), probes_from(scene, source), scene, camera, 0.0).0
+}
+
+#[test]
+fn views_show_by_rays_what_the_reference_traces_and_by_points_nearly_that() {
+    let glass = Material { transmission: 0.9, roughness: 0.0, ..grey(0.95) };
+    for (name, material) in [("chrome", chrome(0.0)), ("brushed", chrome(0.35)), ("glass", glass)] {
+        let scene = room_with_a_ball(DVec3::ZERO, material);
+        let [rays, points] = [ProbeSource::Rays, ProbeSource::POINTS]
+            .map(|source| own(name, source, &scene, into_room(DVec3::ZERO)));
+        assert!(rays < 0.02, "{name}: FLIP {rays} by rays");
+        assert!(points < 0.04, "{name}: FLIP {points} by points");
+    }
+}
+
+#[test]
+fn views_find_their_reflections_a_million_metres_away() {
+    let far = DVec3::new(1e6, -1e6, 1e6);
+    let scene = room_with_a_ball(far, chrome(0.0));
+    for source in [ProbeSource::Rays, ProbeSource::POINTS] {
+        let found = own("far", source, &scene, into_room(far));
+        assert!(found < 0.05, "{}: FLIP {found}", source.name());
+    }
+}
+
+#[test]
+fn an_eye_within_a_reflector_and_one_on_its_surface_see_a_finite_image() {
+    let scene = room_with_a_ball(DVec3::ZERO, chrome(0.1));
+    for source in [ProbeSource::Rays, ProbeSource::POINTS] {
+        let mut sampler = sampler(&scene);
+        for eye in [DVec3::ZERO, DVec3::new(0.0, 0.0, 0.7), DVec3::new(0.1, 0.2, 0.3)] {
+            let camera = Camera::look_at(eye, eye + DVec3::X);
+            let job = ViewJob { reflections: probes_from(&scene, source), ..view_job(camera, [32, 24], 4) };
+            let image = image_of(&direct(&mut sampler, &job));
+            assert_eq!(image.dimensions(), (32, 24));
+        }
+    }
+}
+
+#[test]
+fn a_view_has_the_same_bytes_whatever_was_rendered_before_and_by_every_sampler() {
+    let scene = Arc::new(mirrors(5));
+    for source in [ProbeSource::Rays, ProbeSource::POINTS] {
+        let at = |time_secs: f64, size| {
+            let reflections = probes_from(&scene, source);
+            ViewJob { time_secs, reflections, ..view_job(scene.cameras[0].camera, size, 4) }
+        };
+        let (mut busy, mut fresh) = (sampler(&scene), sampler(&scene));
+        direct(&mut busy, &at(0.0, [64, 48]));
+        direct(&mut busy, &at(3.0, [40, 30]));
+        let again = image_of(&direct(&mut busy, &at(1.5, [80, 60])));
+        assert!(again == image_of(&direct(&mut fresh, &at(1.5, [80, 60]))), "{}", source.name());
+    }
+}
+
+#[test]
+fn a_direct_view_renders_no_probe_and_a_sample_none_for_views() {
+    let scene = room_with_a_ball(DVec3::ZERO, chrome(0.0));
+    let job = ViewJob {
+        reflections: probes_from(&scene, ProbeSource::Rays),
+        ..view_job(into_room(DVec3::ZERO), [32, 24], 1)
+    };
+    let names =
+        |stages: &[argus_scene::Stage]| stages.iter().map(|stage| stage.name.to_string()).collect::<Vec<_>>();
+    let view = names(&direct(&mut sampler(&scene), &job).stages);
+    assert!(view.iter().any(|name| name == "find reflections"), "{view:?}");
+    assert!(!view.iter().any(|name| name == "reflection probes"), "{view:?}");
+    let probes = names(&sample(&mut sampler(&scene), &probes_of(&scene, job.reflections)).stages);
+    assert!(probes.iter().any(|name| name == "reflection rays"), "{probes:?}");
+    assert!(!probes.iter().any(|name| name == "find reflections"), "{probes:?}");
+}
