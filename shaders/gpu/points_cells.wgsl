@@ -29,13 +29,19 @@ var<immediate> step: PointStep;
 
 // Rows and columns that 16 bits can say.
 const MOST_CELLS: f32 = 65000.0;
-// Cells that are nearer to the piece than this, in cells, count as touching: rounding moves a texel's place by less.
-const SLACK: f32 = 1.0 / 256.0;
+// Cells that are nearer to the piece than this, in cells, count as touching: rounding moves a texel's place by less. The second
+// part is a share of the row or column.
+const SLACK: f32 = 1.0 / 1024.0;
+const SLACK_SHARE: f32 = 2e-7;
+
+fn slack(at: f32) -> f32 {
+    return SLACK + SLACK_SHARE * at;
+}
 
 // The first and last column of a row; the last is less than the first in a row without cells.
 fn columns(piece: u32, row: u32) -> vec2i {
-    let low = f32(row) - SLACK;
-    let high = f32(row) + 1.0 + SLACK;
+    let low = f32(row) - slack(f32(row));
+    let high = f32(row) + 1.0 + slack(f32(row));
     var least = 3e38;
     var most = -3e38;
     for (var i = 0u; i < 3u; i++) {
@@ -55,7 +61,7 @@ fn columns(piece: u32, row: u32) -> vec2i {
     if least > most {
         return vec2i(1, 0);
     }
-    return vec2i(clamp(floor(vec2f(least - SLACK, most + SLACK)), vec2f(0.0), vec2f(MOST_CELLS)));
+    return vec2i(clamp(floor(vec2f(least - slack(least), most + slack(most))), vec2f(0.0), vec2f(MOST_CELLS)));
 }
 
 @compute @workgroup_size(64)
@@ -70,7 +76,7 @@ fn count_rows(
     }
     let places = pieces[at].places;
     let top = max(places[0].y, max(places[1].y, places[2].y));
-    row_counts[at] = u32(clamp(floor(top + SLACK), 0.0, MOST_CELLS)) + 1u;
+    row_counts[at] = u32(clamp(floor(top + slack(top)), 0.0, MOST_CELLS)) + 1u;
 }
 
 // The last piece whose first row is not after a row.

@@ -2,8 +2,9 @@
 // `sampler/src/eye_points/splat.rs`.
 //
 // A texel is written where its ray meets the triangle within the point's cell, at the range there. All points of a piece compute
-// the same place for a texel, so that exactly one of them has it. Two triangles that share an edge compute the same volume there,
-// of opposite sign, so that a ray meets one of them.
+// the same place for a texel, so that exactly one of them has it. All pieces of a triangle compute the same range, so that the
+// last of those whose cells overlap has it. Two triangles that share an edge compute the same volume there, of opposite sign, so
+// that a ray meets one of them.
 
 import package::shared::eye_points::{ABSENT, PointFacet, PointMap, PointPiece, WHOLE_CELL};
 import package::shared::linear::linear_index;
@@ -36,8 +37,12 @@ var<immediate> step: SplatStep;
 const FACES: u32 = 6u;
 // Texels on an edge of the part of a rectangle that one invocation visits.
 const TILE: u32 = 32u;
-// A cell is widened by this on each side, cells, and its rectangle by this, texels, against rounding.
-const SLACK: f32 = 1.0 / 64.0;
+// A cell's outline is widened by this on each side, cells, against rounding.
+const WIDENED: f32 = 1.0 / 64.0;
+// A rectangle is widened by this on each side, edges of a face, against rounding.
+const SLACK: f32 = 1e-6;
+// Places before the grid's first row or column that count as within it, cells: no piece begins there, but for rounding.
+const BORDER: f32 = 1.0 / 512.0;
 // Stands for no tile beyond the first of each rectangle.
 const FIRST_TILES: u32 = 0xffffffffu;
 // Corners of a quadrangle that is cut off at a face's four sides.
@@ -95,6 +100,9 @@ struct Splat {
     right: vec3f,
     up: vec3f,
     edges: array<vec3f, 3>,
+    // The triangle's unit normal, and the distance of its plane along that.
+    normal: vec3f,
+    height: f32,
     first: u32,
     side: u32,
     front: vec4f,
@@ -120,6 +128,8 @@ fn splat_of(id: u32, map: u32) -> Splat {
     s.edges[0] = edge(a, b, (facet.b - facet.a) + (facet.b_low - facet.a_low));
     s.edges[1] = edge(b, c, (facet.c - facet.b) + (facet.c_low - facet.b_low));
     s.edges[2] = edge(c, a, (facet.a - facet.c) + (facet.a_low - facet.c_low));
+    s.normal = facet.normal;
+    s.height = dot(a, facet.normal);
     s.first = around.first;
     s.side = around.side;
     s.front = around.front;
@@ -127,8 +137,8 @@ fn splat_of(id: u32, map: u32) -> Splat {
     let before = id > 0u && points[max(id, 1u) - 1u].y == point.y;
     let after = id + 1u < step.points && points[min(id + 1u, step.points - 1u)].y == point.y;
     let single = !(before || after || s.whole_cell);
-    let low = s.cell - SLACK;
-    let high = s.cell + 1.0 + SLACK;
+    let low = s.cell - WIDENED;
+    let high = s.cell + 1.0 + WIDENED;
     var places = array<vec2f, 4>(low, vec2f(high.x, low.y), high, vec2f(low.x, high.y));
     if single {
         places = array<vec2f, 4>(piece.places[0], piece.places[1], piece.places[2], piece.places[2]);
@@ -197,8 +207,9 @@ fn rectangle(corners: array<vec3f, 4>, face: u32, side: u32) -> vec4u {
         return vec4u(0u);
     }
     let last = vec2f(f32(side));
-    let first = vec2u(clamp(ceil(low - SLACK), vec2f(0.0), last));
-    let end = vec2u(clamp(floor(high + SLACK) + 1.0, vec2f(0.0), last));
+    let slack = SLACK * f32(side);
+    let first = vec2u(clamp(ceil(low - slack), vec2f(0.0), last));
+    let end = vec2u(clamp(floor(high + slack) + 1.0, vec2f(0.0), last));
     return vec4u(first, max(end, first));
 }
 
@@ -209,17 +220,16 @@ fn write_texel(s: Splat, face: u32, column: u32, row: u32) {
     if !(s.whole_cell || all(volumes >= vec3f(0.0)) || all(volumes <= vec3f(0.0))) {
         return;
     }
-    let normal = cross(s.right, s.up);
-    let slope = dot(direction, normal);
-    let height = dot(s.origin, normal);
+    let slope = dot(direction, s.normal);
+    let t = s.height / select(slope, 1.0, slope == 0.0);
     // The ray runs in the plane, or away from it.
-    if slope == 0.0 || (slope > 0.0) != (height > 0.0) {
+    if slope == 0.0 || !(t > 0.0) {
         return;
     }
-    let met = direction * (height / slope);
+    let met = direction * t;
     let from_origin = met - s.origin;
     let place = vec2f(dot(from_origin, s.right), dot(from_origin, s.up)) * s.density;
-    if any(floor(max(place, vec2f(0.0))) != s.cell) || dot(met, s.front.xyz) <= s.front.w {
+    if any(floor(select(place, place + BORDER, place < vec2f(0.0))) != s.cell) || dot(met, s.front.xyz) <= s.front.w {
         return;
     }
     let inverse = max(1.0 / length(met), LEAST_INVERSE);

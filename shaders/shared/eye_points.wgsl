@@ -33,6 +33,8 @@ struct PointFacet {
     a_low: vec3f,
     b_low: vec3f,
     c_low: vec3f,
+    // Unit normal.
+    normal: vec3f,
 }
 
 // A map of six faces around a point.

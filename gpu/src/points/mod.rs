@@ -111,7 +111,9 @@ impl PointPasses {
         self.fits("triangles", corners.len() as u64 * size_of::<PointFacet>() as u64)?;
         let facet = |corners: [DVec3; 3]| {
             let [[a, a_low], [b, b_low], [c, c_low]] = corners.map(|corner| in_two_parts(corner - origin));
-            PointFacet { a, b, c, a_low, b_low, c_low, ..bytemuck::Zeroable::zeroed() }
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
+            let normal = normal.as_vec3().to_array();
+            PointFacet { a, b, c, a_low, b_low, c_low, normal, ..bytemuck::Zeroable::zeroed() }
         };
         let facets: Vec<PointFacet> = corners.map(facet).collect();
         Ok(PointFacets { buffer: self.gpu.upload("point facets", &facets, BufferUsages::STORAGE) })

@@ -5,7 +5,7 @@
 //! shading run on the CPU. Cut-out triangles are splatted by the CPU into the maps that were read back, because the device has no
 //! textures here; so are culled triangles that stand alone.
 //!
-//! The device computes in f32, with positions in two parts. Its cells touch their triangles up to 1/256 of a cell, so that
+//! The device computes in f32, with positions in two parts. Its cells touch their triangles up to 1/1024 of a cell, so that
 //! there are slightly more of them than on the CPU, and indices of points differ. The points that texels name are the same but
 //! where rounding decides.
 
@@ -18,9 +18,7 @@ use argus_shaders::layout::gpu::PointPiece;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{
-    Eye, EyePointKnobs, EyePoints, Maps, Piece, Pieces, Point, PointReflector, PointScene, Stages,
-};
+use super::{Eye, EyePointKnobs, EyePoints, Maps, Piece, Pieces, Point, PointReflector, PointScene, Stages};
 
 /// A device with the triangles of a scene.
 pub struct PointDevice {

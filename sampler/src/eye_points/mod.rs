@@ -216,7 +216,14 @@ impl PointScene {
         let maps = Maps::new(reflectors);
         let splats = self.splats(&pieces, buffered.then_some(&points), &first, reflectors);
         splats.splat_to(&maps, 0);
-        self.add_alone(&culled, &mut pieces, &mut first, buffered.then_some(&mut points), &maps, (reflectors, knobs));
+        self.add_alone(
+            &culled,
+            &mut pieces,
+            &mut first,
+            buffered.then_some(&mut points),
+            &maps,
+            (reflectors, knobs),
+        );
         stages.end("splat");
         EyePoints { pieces, points, first, maps, budget, stages: stages.all() }
     }

@@ -369,8 +369,12 @@ mirror! {
         pub _pad_b_low: f32,
         /// Second part of the third corner.
         pub c_low: [f32; 3],
-        /// WGSL rounds the struct up to 16 bytes.
+        /// WGSL aligns what follows.
         pub _pad_c_low: f32,
+        /// Unit normal.
+        pub normal: [f32; 3],
+        /// WGSL rounds the struct up to 16 bytes.
+        pub _pad_normal: f32,
     }
 }
 
