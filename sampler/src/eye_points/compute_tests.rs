@@ -5,14 +5,14 @@ use std::sync::{Arc, OnceLock};
 
 use argus_gpu::points::{PointPasses, PointsError};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_scene::Scene;
 use argus_scene::procedural::{mirrors, rooms, terrain, with_balls};
+use argus_scene::{AlphaMode, Scene};
 use glam::{DAffine3, DVec3};
 
 use super::tests::{eye_of, reflectors_of};
 use super::*;
 
-fn gpu() -> Arc<Gpu> {
+pub(super) fn gpu() -> Arc<Gpu> {
     static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
     let open = || Gpu::new(&GpuOptions::default()).expect("these tests need a Vulkan driver");
     Arc::clone(GPU.get_or_init(open))
@@ -97,6 +97,25 @@ fn a_device_names_the_same_points_a_million_metres_from_the_origin() {
 #[test]
 fn a_device_names_the_same_points_of_many_small_triangles() {
     assert_equal(with_balls(terrain(50_000), 3).unwrap(), [320, 240], DVec3::ZERO);
+}
+
+#[test]
+fn a_device_sees_through_what_is_cut_out() {
+    let whole = with_balls(rooms(20), 3).unwrap();
+    let mut scene = whole.clone();
+    let seen = whole.meshes[whole.instances[0].mesh as usize].material as usize;
+    scene.materials[seen].alpha = AlphaMode::Mask(0.5);
+    scene.materials[seen].base_color.w = 0.25;
+    let eye = eye_of(&scene, [320, 240]);
+    let reflectors = reflectors_of(&scene, &eye);
+    let [whole, scene] = [whole, scene].map(|scene| PointScene::new(&Arc::new(scene), 0.0));
+    assert!(scene.facets().iter().any(|facet| facet.cutout));
+    let device = PointDevice::new(&gpu(), &scene).unwrap();
+    let both = both(&scene, &device, &eye, &reflectors, &EyePointKnobs::default());
+    let [other, holes] = differences(&both);
+    assert!(other < 1e-3 && holes <= 1e-5, "{other} {holes}");
+    let uncut = whole.points(&eye, &reflectors, &EyePointKnobs::default());
+    assert!((0..uncut.maps.texels()).any(|texel| uncut.maps.get(texel) != both[1].maps.get(texel)));
 }
 
 #[test]
