@@ -6,6 +6,7 @@
 //! - [`plane`]: sample planes as textures and as bytes;
 //! - [`hierarchy`]: prefix sums, sorting, and octrees;
 //! - [`many_views`]: maps of an octree from very many viewpoints at once;
+//! - [`points`]: points of triangles, splatted into maps around reflectors (EPR);
 //! - [`ScatteredAtomics`]: a benchmark of the atomics that write such maps.
 //!
 //! This crate depends on the scene's vocabulary only.
@@ -18,6 +19,7 @@ pub mod hierarchy;
 pub mod many_views;
 mod pipeline;
 pub mod plane;
+pub mod points;
 mod readback;
 mod reflection_probes;
 mod scattered_atomics;

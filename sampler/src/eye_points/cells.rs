@@ -82,7 +82,7 @@ impl Grid {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rows {
     /// Column and row of each corner.
-    places: [DVec2; 3],
+    pub(super) places: [DVec2; 3],
     /// Number of rows, from 0.
     pub count: u32,
 }
@@ -111,6 +111,12 @@ impl Rows {
         }
         let column = |x: f64| x.floor().clamp(0.0, MOST_CELLS) as u32;
         column(least - SLACK)..=column(most + SLACK)
+    }
+
+    /// Most cells that the rows may have, without looking at each.
+    pub(super) fn most_cells(&self) -> u64 {
+        let right = self.places[0].x.max(self.places[1].x).max(self.places[2].x);
+        (u64::from(self.count) + 1) * (right.max(0.0) as u64 + 2)
     }
 
     /// Number of cells in all rows.

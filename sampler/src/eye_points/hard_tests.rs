@@ -68,6 +68,9 @@ fn hard_places_have_no_holes_and_no_nan() {
     for moved in [DVec3::ZERO, DVec3::new(1e6, -1e6, 1e6)] {
         for mirrored in [false, true] {
             let scene = Arc::new(around_a_ball(&odd, moved, mirrored));
+            let points = PointScene::new(&scene, 0.0);
+            let device = (mirrored && moved != DVec3::ZERO)
+                .then(|| PointDevice::new(&compute_tests::gpu(), &points).unwrap());
             // Outside, in the box, within the reflector, and at its middle.
             for from in
                 [DVec3::new(0.0, 0.0, 2.5), DVec3::new(0.2, 0.1, 0.0), DVec3::ZERO, DVec3::splat(50.0)]
@@ -81,14 +84,18 @@ fn hard_places_have_no_holes_and_no_nan() {
                 };
                 let reflectors = reflectors_of(&scene, &eye);
                 assert_eq!(reflectors.len(), 1);
-                let points = PointScene::new(&scene, 0.0);
-                let found = points.points(&eye, &reflectors, &EyePointKnobs::default());
-                let texels = (0..found.maps.texels()).map(|texel| found.maps.get(texel));
-                let ranges: Vec<f64> =
-                    texels.map(|texel| texel.map_or(f64::NAN, |(_, range)| range)).collect();
-                let holes = ranges.iter().filter(|range| !range.is_finite()).count();
-                assert_eq!(holes, 0, "from {from}, moved {moved}, mirrored {mirrored}");
-                assert!(ranges.iter().all(|range| *range < 5.3));
+                let knobs = EyePointKnobs::default();
+                let mut found = vec![points.points(&eye, &reflectors, &knobs)];
+                let on_device = |device| points.points_on(device, &eye, &reflectors, &knobs).unwrap();
+                found.extend(device.as_ref().map(on_device));
+                for found in found {
+                    let texels = (0..found.maps.texels()).map(|texel| found.maps.get(texel));
+                    let ranges: Vec<f64> =
+                        texels.map(|texel| texel.map_or(f64::NAN, |(_, range)| range)).collect();
+                    let holes = ranges.iter().filter(|range| !range.is_finite()).count();
+                    assert_eq!(holes, 0, "from {from}, moved {moved}, mirrored {mirrored}");
+                    assert!(ranges.iter().all(|range| *range < 5.3));
+                }
             }
         }
     }

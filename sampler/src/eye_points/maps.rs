@@ -57,6 +57,12 @@ struct Layout {
 impl Maps {
     /// Empty maps of the sides that reflectors ask for, in their order.
     pub fn new(reflectors: &[PointReflector]) -> Self {
+        let texels = reflectors.iter().map(|reflector| FACES * (reflector.side as usize).pow(2)).sum();
+        Self::with_bits(reflectors, vec![0; texels])
+    }
+
+    /// Maps with the bits of all texels, as [`Self::bits`] gives them.
+    pub(super) fn with_bits(reflectors: &[PointReflector], bits: Vec<u64>) -> Self {
         let mut texels = 0;
         let place = |reflector: &PointReflector| {
             let first = texels;
@@ -64,7 +70,8 @@ impl Maps {
             Layout { first, side: reflector.side }
         };
         let layout = reflectors.iter().map(place).collect();
-        Self { layout, keys: (0..texels).map(|_| AtomicU64::new(0)).collect() }
+        assert_eq!(texels, bits.len(), "one word a texel");
+        Self { layout, keys: bits.into_iter().map(AtomicU64::new).collect() }
     }
 
     /// Number of maps.

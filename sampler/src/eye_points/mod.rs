@@ -12,10 +12,13 @@
 //! 4. [`requests`]: the eye's taps look maps up ([`lookup`]) and mark what they meet; each marked point is shaded once; the
 //!    taps' radiance is averaged (4.1.2, 4.1.3).
 //!
-//! Bytes are equal for any number of threads.
+//! Bytes are equal for any number of threads. [`compute`] runs the second and the third pass on the GPU.
 
 mod bounces;
 mod cells;
+mod compute;
+#[cfg(test)]
+mod compute_tests;
 mod density;
 mod facets;
 #[cfg(test)]
@@ -31,6 +34,7 @@ mod splat;
 mod tests;
 mod traced;
 
+use std::convert::Infallible;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
@@ -42,6 +46,7 @@ use rayon::prelude::*;
 use crate::packets::cutouts::Cutouts;
 pub use bounces::{Bounces, Mirror, Sight, Surfaces};
 pub use cells::{Grid, Point, Rows};
+pub use compute::PointDevice;
 pub use density::{Density, DensityRule, density_for};
 use facets::Cutter;
 pub use facets::{Facet, Piece, Pieces, Side};
@@ -211,8 +216,29 @@ impl PointScene {
         let maps = Maps::new(reflectors);
         let splats = self.splats(&pieces, buffered.then_some(&points), &first, reflectors);
         splats.splat_to(&maps, 0);
-        // A culled triangle that stands alone would leave a hole.
-        let alone = splats.fill_holes(&culled, &maps);
+        self.add_alone(
+            &culled,
+            &mut pieces,
+            &mut first,
+            buffered.then_some(&mut points),
+            &maps,
+            (reflectors, knobs),
+        );
+        stages.end("splat");
+        EyePoints { pieces, points, first, maps, budget, stages: stages.all() }
+    }
+
+    /// Adds and splats the culled pieces that stand alone, which would leave holes, as far as the budget allows.
+    fn add_alone(
+        &self,
+        culled: &Pieces,
+        pieces: &mut Pieces,
+        first: &mut Vec<u32>,
+        points: Option<&mut Vec<Point>>,
+        maps: &Maps,
+        (reflectors, knobs): (&[PointReflector], &EyePointKnobs),
+    ) {
+        let alone = self.splats(pieces, None, first, reflectors).fill_holes(culled, maps);
         let kept = pieces.all.len();
         for index in alone {
             let count = u64::from(first[pieces.all.len()]) + culled.all[index].rows().cells();
@@ -221,12 +247,11 @@ impl PointScene {
                 first.push(count as u32);
             }
         }
-        if buffered {
-            points.extend(generate(&pieces, &first, kept));
+        if let Some(points) = points {
+            points.extend(generate(pieces, first, kept));
         }
-        self.splats(&pieces, buffered.then_some(&points), &first, reflectors).splat_to(&maps, kept);
-        stages.end("splat");
-        EyePoints { pieces, points, first, maps, budget, stages: stages.all() }
+        // Points of pieces are equal whether they are taken from a list or made.
+        self.splats(pieces, None, first, reflectors).splat_to(maps, kept);
     }
 
     fn splats<'a>(
@@ -247,24 +272,41 @@ impl PointScene {
         reflectors: &[PointReflector],
         knobs: &EyePointKnobs,
     ) -> ([Pieces; 2], Vec<u32>, BudgetReport) {
+        let mut counts = Vec::new();
+        let count = |pieces: &Pieces| {
+            counts = pieces.all.par_iter().map(|piece| piece.rows().cells()).collect();
+            Ok::<u64, Infallible>(counts.iter().sum())
+        };
+        let Ok((pieces, budget)) = self.pieces_within(eye, reflectors, knobs, count);
+        let mut next = 0u32;
+        let mut first: Vec<u32> = Vec::with_capacity(counts.len() + 1);
+        for count in counts {
+            first.push(next);
+            next = next.saturating_add(count as u32);
+        }
+        first.push(next);
+        (pieces, first, budget)
+    }
+
+    /// Pieces whose points fit in the budget, and pieces that are culled. `count` counts the points of pieces; its last call is
+    /// for those that are returned.
+    fn pieces_within<E>(
+        &self,
+        eye: &Eye,
+        reflectors: &[PointReflector],
+        knobs: &EyePointKnobs,
+        mut count: impl FnMut(&Pieces) -> Result<u64, E>,
+    ) -> Result<([Pieces; 2], BudgetReport), E> {
         let (mut reduction, mut wanted) = (knobs.density.reduction, None);
         for round in 0.. {
             let density = Density { reduction, ..knobs.density };
             let [pieces, culled] =
                 Cutter { eye, reflectors, density, culling: knobs.culling }.cut_and_culled(&self.facets);
-            let counts: Vec<u64> = pieces.all.par_iter().map(|piece| piece.rows().cells()).collect();
-            let sum: u64 = counts.iter().sum();
+            let sum = count(&pieces)?;
             let wanted = *wanted.get_or_insert(sum);
             let kept = sum <= u64::from(knobs.budget);
             if kept || round == MOST_ROUNDS {
-                let mut next = 0u32;
-                let mut first: Vec<u32> = Vec::with_capacity(counts.len() + 1);
-                for count in counts {
-                    first.push(next);
-                    next = next.saturating_add(count as u32);
-                }
-                first.push(next);
-                return ([pieces, culled], first, BudgetReport { wanted, reduction, kept });
+                return Ok(([pieces, culled], BudgetReport { wanted, reduction, kept }));
             }
             let budget = f64::from(knobs.budget);
             reduction *= match round {

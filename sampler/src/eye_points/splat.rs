@@ -37,6 +37,15 @@ impl Splats<'_> {
         });
     }
 
+    /// Splats the points of all pieces of triangles that parts are cut out of.
+    pub(super) fn splat_cutouts(&self, maps: &Maps) {
+        (0..self.pieces.all.len()).into_par_iter().with_max_len(32).for_each(|piece| {
+            if self.facets[self.pieces.all[piece].facet as usize].cutout {
+                self.pieces.seen_by(piece).for_each(|map| self.piece(piece, map, maps));
+            }
+        });
+    }
+
     fn piece(&self, number: usize, map: usize, maps: &Maps) {
         let piece = &self.pieces.all[number];
         let facet = &self.facets[piece.facet as usize];

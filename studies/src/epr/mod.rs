@@ -17,7 +17,8 @@ use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
-use argus_sampler::eye_points::{PointScene, ReflectionRays, taps};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::eye_points::{PointDevice, PointScene, ReflectionRays, taps};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
@@ -169,10 +170,18 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length((options.reflectors.len() * options.poses.len() * ways_of(options).len()) as u64);
     let mut rows = Vec::new();
     let mut notes = Vec::new();
+    let gpu = Gpu::new(&GpuOptions::default());
     for &balls in &options.reflectors {
         progress.set_message(format!("{balls} reflectors"));
         let stage = Stage::open(&options.scene, balls)?;
         let points = PointScene::new(&stage.scene, 0.0);
+        let device = match &gpu {
+            Ok(gpu) => PointDevice::new(gpu, &points).map_err(anyhow::Error::new),
+            Err(error) => Err(anyhow::Error::new(error.clone())),
+        };
+        if let Err(error) = &device {
+            notes.push(format!("{balls} reflectors: {} is left out: {error}", Way::ComputePoints));
+        }
         let rays = ReflectionRays::new(&stage.scene, 0.0)?;
         for &pose in &options.poses {
             let seen = stage.see(&stage.camera(pose)?, options.size);
@@ -189,6 +198,7 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
                 ways: Ways {
                     stage: &stage,
                     points: &points,
+                    device: device.as_ref().ok(),
                     rays: &rays,
                     seen: &seen,
                     taps: &taps,
@@ -198,6 +208,10 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
             subject.save("truth", subject.truth.image())?;
             for way in ways_of(options) {
                 let too_large = matches!(way, Way::MultiView(Some(_))) && seen.reflectors.len() > MOST_FIXED;
+                if way == Way::ComputePoints && device.is_err() {
+                    progress.inc(1);
+                    continue;
+                }
                 if too_large {
                     notes.push(format!(
                         "{balls} reflectors, {pose}: {way} is left out: its maps take too much memory"
@@ -210,9 +224,10 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
         }
     }
     let [width, height] = options.size;
-    let mut report = Report::new(&options.scene, Machine::here("not used"), rows);
+    let mut report =
+        Report::new(&options.scene, Machine::here(gpu.as_ref().map_or("not used", |gpu| gpu.kind())), rows);
     report.notes.push(format!(
-        "{width}×{height} pixels, {} taps a reflective pixel; all on the CPU, shaded by the f64 reference's definition. in_sight: \
+        "{width}×{height} pixels, {} taps a reflective pixel; all on the CPU but for the points and splats of compute, shaded by the f64 reference's definition. in_sight: \
          reflectors of which a pixel is seen; only those have maps. splat_ms: points into maps, or rasterising, or rays to fill \
          maps. right: reflective pixels whose central lookup is within 1° and 5% of the range of the reflected ray; right_plain: \
          without impostor steps. flip, flip_reflective, rmse: against reflected rays of the f64 reference, whole image, \
@@ -232,6 +247,7 @@ fn ways_of(options: &Options) -> Vec<Way> {
         Way::PlanarPoints,
         Way::CulledPoints,
         Way::BufferlessPoints,
+        Way::ComputePoints,
         Way::MapPoints,
         Way::MultiView(None),
         Way::MultiView(Some(FIXED_SIDE)),
@@ -252,11 +268,11 @@ struct Subject<'a> {
 
 impl Subject<'_> {
     fn row(&self, way: Way) -> Result<Map<String, Value>> {
-        let mut outcome = self.ways.go(way);
+        let mut outcome = self.ways.go(way)?;
         let mut times: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         for round in 0..self.options.rounds.max(1) {
             if round > 0 {
-                outcome = self.ways.go(way);
+                outcome = self.ways.go(way)?;
             }
             for stage in &outcome.stages {
                 times.entry(stage.name.clone()).or_default().push(stage.ms);

@@ -53,6 +53,7 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
             let ways = Ways {
                 stage: &stage,
                 points: &points,
+                device: None,
                 rays: &rays,
                 seen: &seen,
                 taps: &taps,
@@ -60,8 +61,8 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
             };
             let exposure = stage.scene.lighting.exposure;
             let truth = seen.image(&stage.arriving(&seen, &taps, 1), exposure);
-            let images: Vec<RgbImage> =
-                WAYS.iter().map(|way| seen.image(&ways.go(*way).arriving, exposure)).collect();
+            let image = |way: &Way| Ok(seen.image(&ways.go(*way)?.arriving, exposure));
+            let images: Vec<RgbImage> = WAYS.iter().map(image).collect::<Result<_>>()?;
             for (way, image) in WAYS.iter().zip(&images) {
                 save(options, &format!("motion-{balls}-{frame}-{way}"), image)?;
             }

@@ -3,9 +3,10 @@
 use std::fmt;
 use std::time::Instant;
 
+use anyhow::{Context as _, Result};
 use argus_sampler::eye_points::{
-    Density, DensityRule, EyePointKnobs, Lookups, Maps, PointReflector, PointScene, Reflected,
-    ReflectionRays, STEPS, Splatting, reflect, reflect_all,
+    Density, DensityRule, EyePointKnobs, EyePoints, Lookups, Maps, PointDevice, PointReflector, PointScene,
+    Reflected, ReflectionRays, STEPS, Splatting, reflect, reflect_all,
 };
 use argus_scene::Stage as Timed;
 use argus_scene::shading::sky_radiance;
@@ -26,6 +27,8 @@ pub(super) enum Way {
     CulledPoints,
     /// Eye-based points that are splatted as they are made: the paper's splats without a buffer.
     BufferlessPoints,
+    /// Eye-based points that are made and splatted on a device; maps are read back, lookups and shading are those of all ways.
+    ComputePoints,
     /// Points as dense as texels, all of which are shaded: improved view-independent rendering.
     MapPoints,
     /// Every triangle is rasterised into every map, all of whose texels are shaded. The maps' sides follow the eye, or are
@@ -44,6 +47,7 @@ impl fmt::Display for Way {
             Self::PlanarPoints => f.write_str("points, planar"),
             Self::CulledPoints => f.write_str("points, culled"),
             Self::BufferlessPoints => f.write_str("points, bufferless"),
+            Self::ComputePoints => f.write_str("points, compute"),
             Self::MapPoints => f.write_str("iVIR"),
             Self::MultiView(None) => f.write_str("MVR, adaptive"),
             Self::MultiView(Some(side)) => write!(f, "MVR, {side}²"),
@@ -73,6 +77,8 @@ pub(super) struct Outcome {
 pub(super) struct Ways<'a> {
     pub(super) stage: &'a Stage,
     pub(super) points: &'a PointScene,
+    /// The device that has the scene's triangles, if one can be opened.
+    pub(super) device: Option<&'a PointDevice>,
     pub(super) rays: &'a ReflectionRays,
     pub(super) seen: &'a Seen,
     pub(super) taps: &'a [DVec2],
@@ -99,7 +105,9 @@ impl Way {
     pub(super) fn density(self) -> Option<f64> {
         match self {
             Self::Points(density) => Some(density),
-            Self::PlanarPoints | Self::CulledPoints | Self::BufferlessPoints => Some(USUAL_DENSITY),
+            Self::PlanarPoints | Self::CulledPoints | Self::BufferlessPoints | Self::ComputePoints => {
+                Some(USUAL_DENSITY)
+            }
             _ => None,
         }
     }
@@ -107,19 +115,23 @@ impl Way {
 
 impl Ways<'_> {
     /// Goes a way once.
-    pub(super) fn go(&self, way: Way) -> Outcome {
-        match way {
+    ///
+    /// # Errors
+    /// The device failed, is not open, or is too small.
+    pub(super) fn go(&self, way: Way) -> Result<Outcome> {
+        Ok(match way {
             Way::Points(scale) => self.points(DensityRule::Eye, scale, false, Splatting::Buffered),
             Way::PlanarPoints => self.points(DensityRule::Planar, USUAL_DENSITY, false, Splatting::Buffered),
             Way::CulledPoints => self.points(DensityRule::Eye, USUAL_DENSITY, true, Splatting::Buffered),
             Way::BufferlessPoints => {
                 self.points(DensityRule::Eye, USUAL_DENSITY, false, Splatting::Bufferless)
             }
+            Way::ComputePoints => self.compute_points()?,
             Way::MapPoints => self.points(DensityRule::Map, 1.0, false, Splatting::Buffered),
             Way::MultiView(side) => self.multi_view(side),
             Way::TracedMaps => self.traced_maps(),
             Way::Rays => self.rays(),
-        }
+        })
     }
 
     fn lookups<'a>(&'a self, maps: &'a Maps, reflectors: &'a [PointReflector], steps: u32) -> Lookups<'a> {
@@ -142,10 +154,24 @@ impl Ways<'_> {
     }
 
     fn points(&self, rule: DensityRule, scale: f64, culling: bool, splatting: Splatting) -> Outcome {
-        let reflectors = &self.seen.reflectors;
         let density = Density { rule, scale, ..Density::default() };
         let knobs = EyePointKnobs { density, budget: self.budget, culling };
-        let found = self.points.points_by(&self.seen.eye, reflectors, &knobs, splatting);
+        let found = self.points.points_by(&self.seen.eye, &self.seen.reflectors, &knobs, splatting);
+        self.reflected(rule, found)
+    }
+
+    fn compute_points(&self) -> Result<Outcome> {
+        let device = self.device.context("no device is open")?;
+        let density = Density { scale: USUAL_DENSITY, ..Density::default() };
+        let budget = self.budget.min(device.most_points());
+        let knobs = EyePointKnobs { density, budget, culling: false };
+        let found = self.points.points_on(device, &self.seen.eye, &self.seen.reflectors, &knobs)?;
+        Ok(self.reflected(density.rule, found))
+    }
+
+    /// What pixels reflect by the maps of points.
+    fn reflected(&self, rule: DensityRule, found: EyePoints) -> Outcome {
+        let reflectors = &self.seen.reflectors;
         let lookups = self.lookups(&found.maps, reflectors, STEPS);
         let sky = &self.stage.scene.lighting.sky;
         let shade = |id: u32| self.stage.shade(&self.points.shading_of_point(&found, id));

@@ -1,0 +1,53 @@
+// Pieces of triangles that have points, and the maps that points are splatted into. Mirrored in `layout/gpu.rs`.
+//
+// Positions have two parts, of which the second is what the first rounds away. So the difference of two positions is as exact
+// as an f32 can be, however far both are from the origin.
+
+// A piece of a triangle: a grid of square cells in the triangle's plane, and the cells that the piece touches.
+struct PointPiece {
+    // Corner of row 0, column 0, metres.
+    origin: vec3f,
+    // Cells for each metre.
+    density: f32,
+    origin_low: vec3f,
+    // Index of its triangle.
+    facet: u32,
+    // Unit vector along rows.
+    right: vec3f,
+    // Bits. 1: its one cell is not cut off at the triangle's edges.
+    flags: u32,
+    // Unit vector from row to row.
+    up: vec3f,
+    // Column and row of each corner, with fractions.
+    places: array<vec2f, 3>,
+}
+
+const WHOLE_CELL: u32 = 1u;
+
+// A triangle.
+struct PointFacet {
+    // Corners, metres.
+    a: vec3f,
+    b: vec3f,
+    c: vec3f,
+    a_low: vec3f,
+    b_low: vec3f,
+    c_low: vec3f,
+    // Unit normal.
+    normal: vec3f,
+}
+
+// A map of six faces around a point.
+struct PointMap {
+    // Its middle, metres.
+    center: vec3f,
+    // Index of its first texel; `ABSENT` for a map that is not filled now.
+    first: u32,
+    center_low: vec3f,
+    // Texels on an edge of a face.
+    side: u32,
+    // Unit normal, and distance of the border from the middle, metres, of the half-space that the map sees. Zero and -1: all.
+    front: vec4f,
+}
+
+const ABSENT: u32 = 0xffffffffu;
