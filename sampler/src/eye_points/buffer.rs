@@ -48,7 +48,7 @@ impl Splatting {
         let wider = |map: usize| {
             let (reflector, piece) = (&reflectors[map], &pieces.all[piece]);
             let [a, b, c] = piece.corners;
-            let cell = std::f64::consts::SQRT_2 / piece.grid.density;
+            let cell = piece.grid.density.recip();
             let longest = (b - a).length().max((c - b).length()).max((a - c).length());
             let width = if piece.whole_cell { cell } else { cell.min(longest) };
             let nearest = closest_on_triangle(reflector.center, piece.corners) - reflector.center;

@@ -258,7 +258,7 @@ fn a_budget_is_kept_at_less_density_and_leaves_no_holes() {
 
 #[test]
 fn maps_and_points_are_the_same_with_a_buffer_without_one_and_with_one_for_large_points() {
-    let scene = Arc::new(with_balls(rooms(20), 4).unwrap());
+    let scene = Arc::new(with_balls(terrain(50_000), 4).unwrap());
     let eye = eye_of(&scene, [320, 240]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
