@@ -14,8 +14,24 @@ pub(crate) fn cpu_secs(pid: u32) -> Option<f64> {
 
 /// Resident memory in bytes; `None` if the process is gone or `/proc` is missing.
 pub(crate) fn resident_bytes(pid: u32) -> Option<u64> {
-    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+    kib_of(&pid.to_string(), "VmRSS:")
+}
+
+/// Largest resident memory of this process in bytes since it started or [`reset_peak`]; `None` if `/proc` is missing.
+pub(crate) fn peak_bytes() -> Option<u64> {
+    kib_of("self", "VmHWM:")
+}
+
+/// Makes the largest resident memory of this process that of now. Without permission it stays as it is.
+pub(crate) fn reset_peak() {
+    // See proc_pid_clear_refs(5).
+    let _ = fs::write("/proc/self/clear_refs", "5");
+}
+
+/// A field of a process's status that is in KiB, in bytes.
+fn kib_of(process: &str, field: &str) -> Option<u64> {
+    let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix(field))?;
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
@@ -47,6 +63,14 @@ mod tests {
         assert!(cpu_secs(me).unwrap() > before);
         assert!(resident_bytes(me).unwrap() > 1 << 20);
         assert_eq!((cpu_secs(u32::MAX), resident_bytes(u32::MAX)), (None, None));
+    }
+
+    #[test]
+    fn the_peak_counts_memory_that_was_given_back() {
+        let before = peak_bytes().unwrap();
+        let size = before as usize + (64 << 20);
+        drop(std::hint::black_box(vec![1u8; size]));
+        assert!(peak_bytes().unwrap() >= size as u64);
     }
 
     #[test]

@@ -20,6 +20,7 @@ use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use crate::bench::{Bench, compare, image_of};
+use crate::epr::{ShadowScene, ShadowedView};
 use crate::median::{mean, median};
 use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
@@ -91,6 +92,8 @@ struct Subject<'a> {
 
 /// Most views that are rendered.
 const MOST_VIEWS: usize = 3;
+/// Points of a light with an extent in the row of soft shadows by points.
+const LIGHT_POINTS: u32 = 20;
 /// Difference of a channel, of 255, beyond which a pixel counts as wrong.
 const WRONG: u8 = 16;
 
@@ -120,6 +123,12 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         found.push(subject.row(&name, effects, knobs, truth.context("a truth is missing")?)?);
         progress.inc(1);
     }
+    let by_points = ShadowScene::new(&subject.bench.scene);
+    for (effects, each) in by_points.as_ref().map(rows_by_points).unwrap_or_default() {
+        let truth = truths.iter().find(|(of, _)| *of == effects).map(|(_, truth)| truth);
+        let (scene, truth) = (by_points.as_ref().context("no scene")?, truth.context("a truth is missing")?);
+        found.push(subject.row_by_points(scene, each, truth)?);
+    }
     let [width, height] = options.size;
     let scene = &subject.bench.scene;
     let mut report = Report::new(&scene.name, Machine::here(subject.gpu.kind()), found);
@@ -132,6 +141,12 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         options.truth_rays,
         options.truth_rays * 10,
     ));
+    report.notes.push(match by_points {
+        Some(_) => {
+            "shadows by points: maps of eye-based points around points of each light, on the CPU.".to_owned()
+        }
+        None => "There are no shadows by points: they need lights that have a place.".to_owned(),
+    });
     report.plots = vec![plot(&scene.name, &report.rows)];
     Ok(report)
 }
@@ -163,7 +178,52 @@ fn rows_of(scene: &Scene, rays: &[u32]) -> Vec<Row> {
     rows
 }
 
+/// The effects of rows with shadows by points, and the number of points of each light.
+fn rows_by_points(scene: &ShadowScene) -> Vec<(LightEffects, u32)> {
+    let hard = LightEffects { shadows: true, ..LightEffects::NONE };
+    let soft = LightEffects { soft_shadows: true, ..hard };
+    let soft = scene.has_extended_lights().then_some((soft, LIGHT_POINTS));
+    [Some((hard, 1)), soft].into_iter().flatten().collect()
+}
+
 impl Subject<'_> {
+    /// A row with shadows by maps of eye-based points.
+    fn row_by_points(
+        &self,
+        scene: &ShadowScene,
+        each: u32,
+        truths: &[RgbImage],
+    ) -> Result<Map<String, Value>> {
+        let options = self.options;
+        let go = |view: &Camera| scene.view(view, options.size, options.samples_per_pixel, each);
+        let (mut view_ms, mut light_ms, mut views) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..options.rounds.max(1) {
+            views = self.views.iter().map(go).collect::<Vec<ShadowedView>>();
+            view_ms.push(mean(views.iter().map(|view| view.view_ms)));
+            light_ms.push(mean(views.iter().map(|view| view.light_ms)));
+        }
+        let pairs = || views.iter().map(|view| &view.image).zip(truths);
+        let judged = pairs().map(|(image, truth)| argus_scene::metrics::compare(truth, image));
+        let judged = judged.collect::<Result<Vec<_>, _>>()?;
+        let name = format!("shadows by points, {each} a light");
+        if let Some(folder) = &options.images {
+            for (view, (image, _)) in pairs().enumerate() {
+                image.save(folder.join(format!("{}-{view}.png", name.replace([' ', ','], "-"))))?;
+            }
+        }
+        Ok(report::row(json!({
+            "effects": name,
+            "view_ms": median(&view_ms),
+            "light_ms": median(&light_ms),
+            "sample_ms": null,
+            "sample_light_ms": null,
+            "flip": mean(judged.iter().map(|j| j.flip_mean)),
+            "psnr_db": mean(judged.iter().map(|j| j.psnr_db)),
+            "ssim": mean(judged.iter().map(|j| j.ssim)),
+            "wrong_fraction": mean(pairs().map(|(image, truth)| wrong_share(image, truth))),
+        })))
+    }
+
     fn truths(&self, effects: LightEffects) -> Result<Vec<RgbImage>> {
         let light = DirectLight { effects, rays: self.options.truth_rays };
         let tracer = Tracer::new(Arc::clone(&self.bench.scene)).with_direct_light(light);

@@ -18,7 +18,9 @@ use argus_shaders::layout::gpu::PointPiece;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Eye, EyePointKnobs, EyePoints, Maps, Piece, Pieces, Point, PointReflector, PointScene, Stages};
+use super::{
+    Eye, EyePointKnobs, EyePoints, Maps, Piece, Pieces, Point, PointReflector, PointScene, Splatting, Stages,
+};
 
 /// A device with the triangles of a scene.
 pub struct PointDevice {
@@ -131,9 +133,11 @@ impl PointScene {
         let around: Vec<MapAround> = reflectors.iter().map(|reflector| device.map(reflector)).collect();
         let bits = device.passes.splat(&device.facets, &counted, &on_device, &visible, &around)?;
         let maps = Maps::with_bits(reflectors, bits);
-        self.splats(&pieces, Some(&points), &first, reflectors).splat_cutouts(&maps);
-        self.add_alone(&culled, &mut pieces, &mut first, Some(&mut points), &maps, (reflectors, knobs));
+        let mut stored = first.clone();
+        self.splats(&pieces, (&points, &stored), &first, reflectors).splat_cutouts(&maps);
+        let buffer = (Splatting::Buffered, &mut points, &mut stored);
+        self.add_alone(&culled, &mut pieces, &mut first, buffer, &maps, (reflectors, knobs));
         stages.end("splat");
-        Ok(EyePoints { pieces, points, first, maps, budget, stages: stages.all() })
+        Ok(EyePoints { pieces, points, first, stored, maps, budget, stages: stages.all() })
     }
 }

@@ -207,7 +207,8 @@ fn cut_outs_are_open_for_each_texels_ray_by_itself() {
     let splats = Splats {
         facets: &facets,
         pieces: &pieces,
-        points: None,
+        points: &[],
+        stored: &vec![0; first.len()],
         first: &first,
         reflectors: &reflectors,
         cut: &Checkers,

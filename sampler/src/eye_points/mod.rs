@@ -14,7 +14,9 @@
 //!
 //! Bytes are equal for any number of threads. [`compute`] runs the second and the third pass on the GPU.
 
+mod adaptive;
 mod bounces;
+mod buffer;
 mod cells;
 mod compute;
 #[cfg(test)]
@@ -44,7 +46,10 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::packets::cutouts::Cutouts;
+pub use adaptive::reflect_adaptively;
 pub use bounces::{Bounces, Mirror, Sight, Surfaces};
+pub use buffer::Splatting;
+use buffer::generate;
 pub use cells::{Grid, Point, Rows};
 pub use compute::PointDevice;
 pub use density::{Density, DensityRule, density_for};
@@ -102,15 +107,6 @@ impl Default for EyePointKnobs {
     }
 }
 
-/// How points come into maps (section 3.4).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Splatting {
-    /// All points are made first, and splatted then.
-    Buffered,
-    /// Points are splatted as they are made, and none is stored: a texel's point is found from its number.
-    Bufferless,
-}
-
 /// How a budget was kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BudgetReport {
@@ -126,10 +122,12 @@ pub struct BudgetReport {
 pub struct EyePoints {
     /// Pieces of triangles.
     pub pieces: Pieces,
-    /// Points, in the order of pieces; none where splatting needs no buffer.
+    /// Stored points, in the order of pieces: those that splatting needs a buffer for.
     pub points: Vec<Point>,
     /// First point of each piece, and the number of all.
     first: Vec<u32>,
+    /// First stored point of each piece, and the number of all.
+    stored: Vec<u32>,
     /// The reflectors' maps. Ids are indices of points.
     pub maps: Maps,
     /// How the budget was kept.
@@ -210,35 +208,31 @@ impl PointScene {
         let mut stages = Stages::new();
         let ([mut pieces, culled], mut first, budget) = self.pieces(eye, reflectors, knobs);
         stages.end("density");
-        let buffered = splatting == Splatting::Buffered;
-        let mut points = if buffered { generate(&pieces, &first, 0) } else { Vec::new() };
+        let mut stored = vec![0];
+        splatting.extend_stored(&mut stored, &pieces, &first, reflectors);
+        let mut points = generate(&pieces, &stored, 0);
         stages.end("points");
         let maps = Maps::new(reflectors);
-        let splats = self.splats(&pieces, buffered.then_some(&points), &first, reflectors);
+        let splats = self.splats(&pieces, (&points, &stored), &first, reflectors);
         splats.splat_to(&maps, 0);
-        self.add_alone(
-            &culled,
-            &mut pieces,
-            &mut first,
-            buffered.then_some(&mut points),
-            &maps,
-            (reflectors, knobs),
-        );
+        let buffer = (splatting, &mut points, &mut stored);
+        self.add_alone(&culled, &mut pieces, &mut first, buffer, &maps, (reflectors, knobs));
         stages.end("splat");
-        EyePoints { pieces, points, first, maps, budget, stages: stages.all() }
+        EyePoints { pieces, points, first, stored, maps, budget, stages: stages.all() }
     }
 
-    /// Adds and splats the culled pieces that stand alone, which would leave holes, as far as the budget allows.
+    /// Adds and splats the culled pieces that stand alone, which would leave holes, as far as the budget allows. Their points
+    /// are stored beside those of the others, if they are stored at all.
     fn add_alone(
         &self,
         culled: &Pieces,
         pieces: &mut Pieces,
         first: &mut Vec<u32>,
-        points: Option<&mut Vec<Point>>,
+        (splatting, points, stored): (Splatting, &mut Vec<Point>, &mut Vec<u32>),
         maps: &Maps,
         (reflectors, knobs): (&[PointReflector], &EyePointKnobs),
     ) {
-        let alone = self.splats(pieces, None, first, reflectors).fill_holes(culled, maps);
+        let alone = self.splats(pieces, (points, stored), first, reflectors).fill_holes(culled, maps);
         let kept = pieces.all.len();
         for index in alone {
             let count = u64::from(first[pieces.all.len()]) + culled.all[index].rows().cells();
@@ -247,22 +241,19 @@ impl PointScene {
                 first.push(count as u32);
             }
         }
-        if let Some(points) = points {
-            points.extend(generate(pieces, first, kept));
-        }
-        // Points of pieces are equal whether they are taken from a list or made.
-        self.splats(pieces, None, first, reflectors).splat_to(maps, kept);
+        splatting.extend_stored(stored, pieces, first, reflectors);
+        points.extend(generate(pieces, stored, kept));
+        self.splats(pieces, (points, stored), first, reflectors).splat_to(maps, kept);
     }
 
     fn splats<'a>(
         &'a self,
         pieces: &'a Pieces,
-        points: Option<&'a Vec<Point>>,
+        (points, stored): (&'a [Point], &'a [u32]),
         first: &'a [u32],
         reflectors: &'a [PointReflector],
     ) -> Splats<'a> {
-        let points = points.map(Vec::as_slice);
-        Splats { facets: &self.facets, pieces, points, first, reflectors, cut: &self.cutouts }
+        Splats { facets: &self.facets, pieces, points, stored, first, reflectors, cut: &self.cutouts }
     }
 
     /// Pieces whose points fit in the budget, pieces that are culled, and the first point of each of the former.
@@ -374,25 +365,6 @@ impl PointScene {
     }
 }
 
-/// The points of all pieces from one on, in their order.
-fn generate(pieces: &Pieces, first: &[u32], from: usize) -> Vec<Point> {
-    let count = first.last().zip(first.get(from)).map_or(0, |(end, begin)| end - begin);
-    let mut points = vec![Point(0); count as usize];
-    let mut parts = Vec::with_capacity(pieces.all.len() - from);
-    let mut rest = points.as_mut_slice();
-    for (number, piece) in pieces.all.iter().enumerate().skip(from) {
-        let (part, others) = rest.split_at_mut((first[number + 1] - first[number]) as usize);
-        rest = others;
-        parts.push((number as u32, piece, part));
-    }
-    parts.into_par_iter().with_min_len(16).for_each(|(number, piece, part)| {
-        for (point, [row, column]) in part.iter_mut().zip(piece.cells()) {
-            *point = Point::new(number, row, column);
-        }
-    });
-    points
-}
-
 impl EyePoints {
     /// Number of points, whether a buffer has them or not.
     pub fn count(&self) -> usize {
@@ -401,18 +373,23 @@ impl EyePoints {
 
     /// A point that a texel names.
     pub fn point(&self, id: u32) -> Point {
-        if let Some(&point) = self.points.get(id as usize) {
-            return point;
+        if self.points.len() == self.count() {
+            return self.points[id as usize];
         }
         let piece = self.first.partition_point(|first| *first <= id) - 1;
         let number = (id - self.first[piece]) as usize;
+        let stored = self.stored[piece] as usize..self.stored[piece + 1] as usize;
+        if let Some(&point) = self.points[stored].get(number) {
+            return point;
+        }
         let [row, column] = self.pieces.all[piece].cells().nth(number).unwrap_or_default();
         Point::new(piece as u32, row, column)
     }
 
     /// Bytes of pieces, points and maps.
     pub fn bytes(&self) -> usize {
-        self.pieces.bytes() + size_of_val(&self.points[..]) + size_of_val(&self.first[..]) + self.maps.bytes()
+        let numbers = size_of_val(&self.first[..]) + size_of_val(&self.stored[..]);
+        self.pieces.bytes() + size_of_val(&self.points[..]) + numbers + self.maps.bytes()
     }
 }
 

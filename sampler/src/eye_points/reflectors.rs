@@ -30,6 +30,12 @@ impl Eye {
         Self { position: camera.eye, half_size: DVec3::ZERO, pixels, height, near }
     }
 
+    /// Diameter of a sphere in pixels; infinite within it.
+    pub fn diameter(&self, center: DVec3, radius: f64) -> f64 {
+        let outside = self.distance(center).powi(2) - radius * radius;
+        if outside > 0.0 { 2.0 * self.pixels * radius / outside.sqrt() } else { f64::INFINITY }
+    }
+
     /// Distance of a point from the nearest viewpoint, metres.
     pub(super) fn distance(&self, point: DVec3) -> f64 {
         ((point - self.position).abs() - self.half_size).max(DVec3::ZERO).length()
@@ -106,10 +112,8 @@ fn position(mesh: &Mesh, instance: &Instance, vertex: u32) -> Option<DVec3> {
 pub fn map_side(eye: &Eye, center: DVec3, radius: f64, largest: u32) -> u32 {
     let most = largest.min(eye.height / 2) / SIDE_STEP * SIDE_STEP;
     let most = most.max(SIDE_STEP);
-    let outside = eye.distance(center).powi(2) - radius * radius;
-    // Within the sphere the diameter has no bound.
-    let diameter = if outside > 0.0 { 2.0 * eye.pixels * radius / outside.sqrt() } else { f64::INFINITY };
-    let rounded = (diameter / f64::from(SIDE_STEP)).ceil().min(f64::from(most / SIDE_STEP));
+    let steps = eye.diameter(center, radius) / f64::from(SIDE_STEP);
+    let rounded = steps.ceil().min(f64::from(most / SIDE_STEP));
     (rounded as u32 * SIDE_STEP).clamp(SIDE_STEP, most)
 }
 

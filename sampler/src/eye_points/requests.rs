@@ -82,7 +82,7 @@ pub struct Lookups<'a> {
 impl Lookups<'_> {
     /// The texel of a tap, and the tap's direction.
     #[inline]
-    fn texel(&self, pixel: &ReflectivePixel, tap: DVec2) -> (usize, DVec3) {
+    pub(super) fn texel(&self, pixel: &ReflectivePixel, tap: DVec2) -> (usize, DVec3) {
         let map = pixel.reflector as usize;
         let (origin, direction) = pixel.ray(self.eye, tap);
         let about = origin - self.reflectors[map].center;

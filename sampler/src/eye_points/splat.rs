@@ -19,8 +19,10 @@ const SLACK: f64 = 1e-6;
 pub(super) struct Splats<'a> {
     pub(super) facets: &'a [Facet],
     pub(super) pieces: &'a Pieces,
-    /// Points of all pieces, in the order of pieces; `None`: they are made while they are splatted.
-    pub(super) points: Option<&'a [Point]>,
+    /// Stored points, in the order of pieces. Those of other pieces are made while they are splatted.
+    pub(super) points: &'a [Point],
+    /// First stored point of each piece, and the number of all.
+    pub(super) stored: &'a [u32],
     /// First point of each piece, and the number of all.
     pub(super) first: &'a [u32],
     pub(super) reflectors: &'a [PointReflector],
@@ -82,9 +84,9 @@ impl Splats<'_> {
                 }
             });
         };
-        match self.points {
-            Some(points) => range.for_each(|id| splat(id, points[id as usize].cell())),
-            None => range.zip(piece.cells()).for_each(|(id, cell)| splat(id, cell)),
+        match &self.points[self.stored[number] as usize..self.stored[number + 1] as usize] {
+            [] => range.zip(piece.cells()).for_each(|(id, cell)| splat(id, cell)),
+            points => range.zip(points).for_each(|(id, point)| splat(id, point.cell())),
         }
     }
 

@@ -257,18 +257,22 @@ fn a_budget_is_kept_at_less_density_and_leaves_no_holes() {
 }
 
 #[test]
-fn maps_and_points_are_the_same_with_and_without_a_buffer() {
-    let scene = Arc::new(with_balls(rooms(20), 4).unwrap());
+fn maps_and_points_are_the_same_with_a_buffer_without_one_and_with_one_for_large_points() {
+    let scene = Arc::new(with_balls(terrain(50_000), 4).unwrap());
     let eye = eye_of(&scene, [320, 240]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
     for culling in [false, true] {
         let knobs = EyePointKnobs { culling, ..EyePointKnobs::default() };
-        let [one, other] = [Splatting::Buffered, Splatting::Bufferless]
+        let [one, none, some] = [Splatting::Buffered, Splatting::Bufferless, Splatting::Hybrid]
             .map(|splatting| points.points_by(&eye, &reflectors, &knobs, splatting));
-        assert!(one.maps.bits().eq(other.maps.bits()));
-        assert!(other.points.is_empty() && one.count() == other.count());
-        assert!((0..one.count() as u32).step_by(7).all(|id| one.point(id) == other.point(id)));
+        assert!(one.points.len() == one.count() && none.points.is_empty());
+        assert!(!some.points.is_empty() && some.points.len() < some.count(), "{}", some.points.len());
+        for other in [none, some] {
+            assert!(one.maps.bits().eq(other.maps.bits()));
+            assert_eq!(one.count(), other.count());
+            assert!((0..one.count() as u32).step_by(7).all(|id| one.point(id) == other.point(id)));
+        }
     }
 }
 

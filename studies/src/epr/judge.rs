@@ -23,6 +23,8 @@ pub(super) struct Truth {
     met: Vec<Option<DVec3>>,
     /// With the mean radiance of each pixel's taps.
     image: RgbImage,
+    /// Multi-view rendering at a multiple of the resolution.
+    fine: Option<RgbImage>,
 }
 
 /// Errors of a way.
@@ -33,21 +35,30 @@ pub(super) struct Errors {
     /// Mean FLIP of the image, and of its reflective pixels.
     pub(super) flip: f64,
     pub(super) flip_reflective: f64,
-    /// Root of the mean square error of a channel over the image, of 255, as in the paper.
+    /// Root of the mean square error of a channel over the image, of 255.
     pub(super) rmse: f64,
+    /// Root of the mean square error against multi-view rendering at a multiple of the resolution, as in the paper.
+    pub(super) rmse_fine: Option<f64>,
 }
 
 /// Errors of an image; `right` is not known from it.
 pub(super) fn of_images(seen: &Seen, truth: &RgbImage, image: &RgbImage) -> Result<Errors> {
-    let compared = metrics::compare(truth, image)?;
+    let flip = metrics::flip_mean(truth, image)?;
     let pixels = f64::from(image.width()) * f64::from(image.height());
     let reflective = seen.pixels.len().max(1) as f64;
     Ok(Errors {
         right: f64::NAN,
-        flip: compared.flip_mean,
-        flip_reflective: (compared.flip_mean * pixels / reflective).min(1.0),
-        rmse: 255.0 * 10f64.powf(-compared.psnr_db / 20.0),
+        flip,
+        flip_reflective: (flip * pixels / reflective).min(1.0),
+        rmse: rmse(truth, image),
+        rmse_fine: None,
     })
+}
+
+/// Root of the mean square difference of the channels of two images of a size, of 255.
+fn rmse(a: &RgbImage, b: &RgbImage) -> f64 {
+    let squares = a.iter().zip(b.iter()).map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+    (squares.sum::<f64>() / a.len().max(1) as f64).sqrt()
 }
 
 impl Stage {
@@ -80,7 +91,7 @@ impl Stage {
         let met = seen.pixels.par_iter().map(central).collect();
         let arriving = self.arriving(seen, taps, 1);
         let image = seen.image(&arriving, self.scene.lighting.exposure);
-        Truth { met, image }
+        Truth { met, image, fine: None }
     }
 
     /// Shares of texels that see nothing where a ray meets a surface, and that see another triangle than a ray. `facet_of` gives
@@ -115,7 +126,18 @@ impl Stage {
 impl Truth {
     /// Errors of a way's image, and of where it says that central rays end.
     pub(super) fn errors(&self, seen: &Seen, image: &RgbImage, met: &[Option<DVec3>]) -> Result<Errors> {
-        Ok(Errors { right: self.right(seen, met), ..of_images(seen, &self.image, image)? })
+        let rmse_fine = self.fine.as_ref().map(|fine| rmse(fine, image));
+        Ok(Errors { right: self.right(seen, met), rmse_fine, ..of_images(seen, &self.image, image)? })
+    }
+
+    /// Sets the paper's reference, an image of the same size.
+    pub(super) fn set_fine(&mut self, fine: RgbImage) {
+        self.fine = Some(fine);
+    }
+
+    /// The paper's reference.
+    pub(super) fn fine(&self) -> Option<&RgbImage> {
+        self.fine.as_ref()
     }
 
     /// Share of reflective pixels whose central ray ends within 1° and 5% of the range of the truth.

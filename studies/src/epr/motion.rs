@@ -14,7 +14,7 @@ use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use super::stage::{Pose, Seen, Stage};
-use super::ways::{USUAL_DENSITY, Way, Ways};
+use super::ways::{TapRule, USUAL_DENSITY, Way, Ways};
 use super::{Options, save};
 use crate::report;
 
@@ -57,6 +57,7 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
                 rays: &rays,
                 seen: &seen,
                 taps: &taps,
+                tap_rule: TapRule::Fixed,
                 budget: options.budget,
             };
             let exposure = stage.scene.lighting.exposure;

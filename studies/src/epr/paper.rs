@@ -19,6 +19,20 @@ const SPONZA: [Row; 4] = [
     (50, [1_750_000, 812_000], 45.46, 7_690_000, 331.39, 76_570_000, 232.07),
 ];
 
+/// Bytes of the maps of one reflector, by points and by multi-view rendering, and of a point (section 4.2.2).
+const MAP_BYTES: [u64; 2] = [12_600_000, 25_200_000];
+const POINT_BYTES: u64 = 80;
+
+/// Bytes of maps and of stored points in the paper, for a number of reflectors and of points.
+pub(super) fn memory(method: Method, reflectors: u32, points: Option<u64>) -> [Option<u64>; 2] {
+    let points = points.map(|points| points * POINT_BYTES);
+    match method {
+        Method::Epr => [Some(MAP_BYTES[0] * u64::from(reflectors)), points],
+        Method::Ivir => [None, points],
+        Method::Mvr => [Some(MAP_BYTES[1] * u64::from(reflectors)), None],
+    }
+}
+
 /// The paper's name of a way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Method {
@@ -71,6 +85,8 @@ mod tests {
         assert_eq!(published("sponza.glb", 7, Method::Epr), Published::default());
         assert_eq!(shadows(20, "points").ms, Some(28.54));
         assert_eq!(shadows(3, "points"), Published::default());
+        assert_eq!(memory(Method::Mvr, 20, None), [Some(504_000_000), None]);
+        assert_eq!(memory(Method::Epr, 20, Some(1_000_000)), [Some(252_000_000), Some(80_000_000)]);
         assert_eq!(published("rooms", 50, Method::Epr), Published::default());
     }
 }

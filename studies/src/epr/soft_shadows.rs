@@ -16,6 +16,7 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use super::paper::shadows as published;
+use super::sheets::grid;
 use super::stage::{NEAR, Pose, Stage};
 use super::ways::USUAL_DENSITY;
 use super::{Options, save};
@@ -39,9 +40,10 @@ enum Method {
     MultiView,
 }
 
-const METHODS: [(Method, &str); 4] = [
+const METHODS: [(Method, &str); 5] = [
     (Method::Points(Splatting::Buffered), "points"),
     (Method::Points(Splatting::Bufferless), "points, bufferless"),
+    (Method::Points(Splatting::Hybrid), "points, hybrid"),
     (Method::MapPoints, "iVIR"),
     (Method::MultiView, "MVR"),
 ];
@@ -71,25 +73,25 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
             .collect();
         let truth = places.lit(&lights, |_, light, hit, _| stage.sees(light, hit.position));
         save(options, &format!("shadows-{samples}-rays"), &places.image(options.size, &lights, &truth))?;
+        let mut pictures = Vec::new();
         for (method, name) in METHODS {
             let begin = Instant::now();
-            let (filled, count, bytes) = fill(&points, &places.eye, &maps, method, options.budget);
+            let (filled, [count, stored], bytes) = fill(&points, &places.eye, &maps, method, options.budget);
             let fill_ms = begin.elapsed().as_secs_f64() * 1e3;
             let begin = Instant::now();
             let found = places
                 .lit(&lights, |map, light, hit, normal| is_lit(&filled, map, light, hit.position, normal));
             let lookup_ms = begin.elapsed().as_secs_f64() * 1e3;
-            save(
-                options,
-                &format!("shadows-{samples}-{name}"),
-                &places.image(options.size, &lights, &found),
-            )?;
+            let image = places.image(options.size, &lights, &found);
+            save(options, &format!("shadows-{samples}-{name}"), &image)?;
+            pictures.push((name, image));
             let paper = published(samples, name);
             rows.push(report::row(json!({
                 "light_samples": samples,
                 "way": name,
                 "side": maps[0].side,
                 "points": count,
+                "stored_points": stored,
                 "mib": bytes as f64 / f64::from(1 << 20),
                 "maps_ms": fill_ms,
                 "lookup_ms": lookup_ms,
@@ -100,32 +102,37 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
             })));
             progress.inc(1);
         }
+        let shown = ["MVR", "iVIR", "points"]
+            .map(|name| pictures.iter().find(|picture| picture.0 == name).map(|picture| &picture.1));
+        if let Some(sheet) = grid(&[shown.into_iter().flatten().collect()]) {
+            save(options, &format!("figure-10-{samples}"), &sheet)?;
+        }
     }
     Ok(rows)
 }
 
-/// The maps that a method fills, and its points and bytes.
+/// The maps that a method fills, its points and those that it stores, and its bytes.
 fn fill(
     points: &PointScene,
     eye: &Eye,
     maps: &[PointReflector],
     method: Method,
     budget: u32,
-) -> (Maps, Option<usize>, usize) {
+) -> (Maps, [Option<usize>; 2], usize) {
     let (rule, scale, splatting) = match method {
         Method::Points(splatting) => (DensityRule::Shadow, USUAL_DENSITY, splatting),
         Method::MapPoints => (DensityRule::Map, 1.0, Splatting::Buffered),
         Method::MultiView => {
             let filled = points.rasterise(maps);
             let bytes = filled.bytes();
-            return (filled, None, bytes);
+            return (filled, [None; 2], bytes);
         }
     };
     let density = Density { rule, scale, ..Density::default() };
     let knobs = EyePointKnobs { density, budget, ..EyePointKnobs::default() };
     let found = points.points_by(eye, maps, &knobs, splatting);
-    let (count, bytes) = (found.count(), found.bytes());
-    (found.maps, Some(count), bytes)
+    let (count, stored, bytes) = (found.count(), found.points.len(), found.bytes());
+    (found.maps, [Some(count), Some(stored)], bytes)
 }
 
 /// Share of all pairs of a place and a point of the light that differ from the truth.
@@ -218,12 +225,12 @@ mod tests {
             ..Options::default()
         };
         let rows = rows(&options, &ProgressBar::hidden()).unwrap();
-        assert_eq!(rows.len(), 8);
+        assert_eq!(rows.len(), 10);
         for row in &rows {
             assert!(row["wrong"].as_f64().unwrap() < 0.04, "{row:?}");
         }
         let points = |row: usize| rows[row]["points"].as_u64().unwrap();
-        assert!(points(0) == points(1) && points(0) < points(2));
+        assert!(points(0) == points(1) && points(0) == points(2) && points(0) < points(3));
     }
 
     #[test]

@@ -132,7 +132,7 @@ impl Stage {
     }
 
     /// Instance, middle and radius of each reflector, metres; the radius is that of a ball within its box.
-    fn balls(&self) -> Vec<(u32, DVec3, f64)> {
+    pub(super) fn balls(&self) -> Vec<(u32, DVec3, f64)> {
         let of_instance = |&index: &u32| {
             let found = self.scene.reflector(index, &self.placed[index as usize])?;
             Some((index, found.center, found.radius / 3f64.sqrt()))
@@ -273,6 +273,14 @@ impl Seen {
         let bytes = radiance.iter().flat_map(|&r| argus_scene::tone::display_from_radiance(r, exposure));
         image::RgbImage::from_raw(width, height, bytes.collect())
             .unwrap_or_else(|| image::RgbImage::new(width, height))
+    }
+
+    /// Mean diameter of the seen reflectors, pixels; the height of the view for those that the eye is in.
+    pub(super) fn mean_diameter(&self) -> f64 {
+        let diameter = |reflector: &PointReflector| {
+            self.eye.diameter(reflector.center, reflector.radius).min(f64::from(self.eye.height))
+        };
+        crate::median::mean(self.reflectors.iter().map(diameter))
     }
 
     /// Mean side of the seen reflectors' maps, texels.

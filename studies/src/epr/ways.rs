@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_sampler::eye_points::{
     Density, DensityRule, EyePointKnobs, EyePoints, Lookups, Maps, PointDevice, PointReflector, PointScene,
-    Reflected, ReflectionRays, STEPS, Splatting, reflect, reflect_all,
+    Reflected, ReflectionRays, STEPS, Splatting, reflect, reflect_adaptively, reflect_all,
 };
 use argus_scene::Stage as Timed;
 use argus_scene::shading::sky_radiance;
@@ -29,6 +29,9 @@ pub(super) enum Way {
     BufferlessPoints,
     /// Eye-based points that are made and splatted on a device; maps are read back, lookups and shading are those of all ways.
     ComputePoints,
+    /// Eye-based points of which only those wider than a texel are stored before they are splatted: the paper's splats of
+    /// shadows.
+    HybridPoints,
     /// Points as dense as texels, all of which are shaded: improved view-independent rendering.
     MapPoints,
     /// Every triangle is rasterised into every map, all of whose texels are shaded. The maps' sides follow the eye, or are
@@ -48,6 +51,7 @@ impl fmt::Display for Way {
             Self::CulledPoints => f.write_str("points, culled"),
             Self::BufferlessPoints => f.write_str("points, bufferless"),
             Self::ComputePoints => f.write_str("points, compute"),
+            Self::HybridPoints => f.write_str("points, hybrid"),
             Self::MapPoints => f.write_str("iVIR"),
             Self::MultiView(None) => f.write_str("MVR, adaptive"),
             Self::MultiView(Some(side)) => write!(f, "MVR, {side}²"),
@@ -67,10 +71,55 @@ pub(super) struct Outcome {
     /// Points at full density, where a budget has lowered it.
     pub(super) wanted: Option<u64>,
     pub(super) shades: u64,
-    pub(super) bytes: usize,
+    /// Lookups of taps.
+    pub(super) lookups: u64,
+    pub(super) memory: Memory,
     pub(super) stages: Vec<Timed>,
     /// Shares of texels that are holes, and that see another triangle than a ray.
     pub(super) holes: Option<[f64; 2]>,
+}
+
+/// Bytes that a way needs, as the paper divides them (section 4.2.2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Memory {
+    /// Texels of all maps.
+    pub(super) maps: usize,
+    /// Stored points.
+    pub(super) points: usize,
+    /// Pieces of triangles with their bits, or what rays have met.
+    pub(super) pieces: usize,
+    /// Looked-up texels, requests and shaded radiance.
+    pub(super) deferred: usize,
+}
+
+impl Memory {
+    /// All bytes.
+    pub(super) fn sum(self) -> usize {
+        self.maps + self.points + self.pieces + self.deferred
+    }
+}
+
+/// How many of the taps a reflective pixel uses (section 4.1.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TapRule {
+    /// All.
+    Fixed,
+    /// Four more until the variance of their colour declines no more.
+    Adaptive,
+}
+
+impl TapRule {
+    /// All rules.
+    pub const ALL: [Self; 2] = [Self::Fixed, Self::Adaptive];
+}
+
+impl fmt::Display for TapRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Fixed => "fixed",
+            Self::Adaptive => "adaptive",
+        })
+    }
 }
 
 /// What all ways share.
@@ -82,6 +131,8 @@ pub(super) struct Ways<'a> {
     pub(super) rays: &'a ReflectionRays,
     pub(super) seen: &'a Seen,
     pub(super) taps: &'a [DVec2],
+    /// How many taps eye-based points use; all others use all.
+    pub(super) tap_rule: TapRule,
     pub(super) budget: u32,
 }
 
@@ -101,13 +152,20 @@ impl Way {
         }
     }
 
+    /// Whether its points are as dense as the eye's pixels.
+    pub(super) fn is_eye_based(self) -> bool {
+        self.density().is_some()
+    }
+
     /// The paper's ρ_scale, of ways that have one.
     pub(super) fn density(self) -> Option<f64> {
         match self {
             Self::Points(density) => Some(density),
-            Self::PlanarPoints | Self::CulledPoints | Self::BufferlessPoints | Self::ComputePoints => {
-                Some(USUAL_DENSITY)
-            }
+            Self::PlanarPoints
+            | Self::CulledPoints
+            | Self::BufferlessPoints
+            | Self::HybridPoints
+            | Self::ComputePoints => Some(USUAL_DENSITY),
             _ => None,
         }
     }
@@ -127,6 +185,7 @@ impl Ways<'_> {
                 self.points(DensityRule::Eye, USUAL_DENSITY, false, Splatting::Bufferless)
             }
             Way::ComputePoints => self.compute_points()?,
+            Way::HybridPoints => self.points(DensityRule::Eye, USUAL_DENSITY, false, Splatting::Hybrid),
             Way::MapPoints => self.points(DensityRule::Map, 1.0, false, Splatting::Buffered),
             Way::MultiView(side) => self.multi_view(side),
             Way::TracedMaps => self.traced_maps(),
@@ -134,9 +193,18 @@ impl Ways<'_> {
         })
     }
 
-    fn lookups<'a>(&'a self, maps: &'a Maps, reflectors: &'a [PointReflector], steps: u32) -> Lookups<'a> {
+    pub(super) fn lookups<'a>(
+        &'a self,
+        maps: &'a Maps,
+        reflectors: &'a [PointReflector],
+        steps: u32,
+    ) -> Lookups<'a> {
         let (eye, pixels) = (self.seen.eye.position, &self.seen.pixels[..]);
         Lookups { maps, reflectors, eye, pixels, taps: self.taps, steps }
+    }
+
+    fn taps_of_all_pixels(&self) -> u64 {
+        self.seen.pixels.len() as u64 * self.taps.len() as u64
     }
 
     fn outcome(&self, maps: &Maps, reflectors: &[PointReflector], reflected: Reflected) -> Outcome {
@@ -147,7 +215,8 @@ impl Ways<'_> {
             points: None,
             wanted: None,
             shades: reflected.shades as u64,
-            bytes: reflected.bytes,
+            lookups: self.taps_of_all_pixels(),
+            memory: Memory { maps: maps.bytes(), deferred: reflected.bytes, ..Memory::default() },
             stages: reflected.stages,
             holes: None,
         }
@@ -175,9 +244,14 @@ impl Ways<'_> {
         let lookups = self.lookups(&found.maps, reflectors, STEPS);
         let sky = &self.stage.scene.lighting.sky;
         let shade = |id: u32| self.stage.shade(&self.points.shading_of_point(&found, id));
-        let reflected = match rule {
-            DensityRule::Map => reflect_all(&lookups, sky, found.count(), |_, id| id, shade),
-            _ => reflect(&lookups, sky, found.count(), |_, id| id, shade),
+        let (reflected, looked_up) = match (rule, self.tap_rule) {
+            (DensityRule::Map, _) => {
+                (reflect_all(&lookups, sky, found.count(), |_, id| id, shade), self.taps_of_all_pixels())
+            }
+            (_, TapRule::Fixed) => {
+                (reflect(&lookups, sky, found.count(), |_, id| id, shade), self.taps_of_all_pixels())
+            }
+            (_, TapRule::Adaptive) => reflect_adaptively(&lookups, sky, found.count(), |_, id| id, shade),
         };
         let outcome = self.outcome(&found.maps, reflectors, reflected);
         let facet_of = |id: u32| {
@@ -189,7 +263,12 @@ impl Ways<'_> {
         Outcome {
             points: Some(found.count() as u64),
             wanted: (found.budget.reduction < 1.0).then_some(found.budget.wanted),
-            bytes: found.bytes() + outcome.bytes,
+            lookups: looked_up,
+            memory: Memory {
+                points: size_of_val(&found.points[..]),
+                pieces: found.bytes() - found.maps.bytes() - size_of_val(&found.points[..]),
+                ..outcome.memory
+            },
             stages: [found.stages, outcome.stages].concat(),
             holes: Some(holes),
             ..outcome
@@ -215,12 +294,7 @@ impl Ways<'_> {
             (facet.instance, facet.primitive)
         };
         let holes = self.stage.holes(self.seen, &maps, facet_of);
-        Outcome {
-            bytes: maps.bytes() + outcome.bytes,
-            stages: [vec![raster], outcome.stages].concat(),
-            holes: Some(holes),
-            ..outcome
-        }
+        Outcome { stages: [vec![raster], outcome.stages].concat(), holes: Some(holes), ..outcome }
     }
 
     fn traced_maps(&self) -> Outcome {
@@ -241,7 +315,7 @@ impl Ways<'_> {
         let facet_of = |texel: u32| met[texel as usize].map_or((u32::MAX, 0), |m| (m.instance, m.primitive));
         let holes = self.stage.holes(self.seen, &maps, facet_of);
         Outcome {
-            bytes: maps.bytes() + size_of_val(&met[..]) + outcome.bytes,
+            memory: Memory { pieces: size_of_val(&met[..]), ..outcome.memory },
             stages: [vec![traced], outcome.stages].concat(),
             holes: Some(holes),
             ..outcome
@@ -296,7 +370,11 @@ impl Ways<'_> {
             points: None,
             wanted: None,
             shades,
-            bytes: SHARE * self.taps.len() * (size_of::<(DVec3, DVec3, u32)>() + size_of::<Vec3>()),
+            lookups: self.taps_of_all_pixels(),
+            memory: Memory {
+                deferred: SHARE * self.taps.len() * (size_of::<(DVec3, DVec3, u32)>() + size_of::<Vec3>()),
+                ..Memory::default()
+            },
             stages: vec![Timed::new("request", trace_ms), Timed::new("shade", shade_ms)],
             holes: None,
         }
