@@ -253,13 +253,13 @@ fn probes_that_a_scene_does_not_have_are_refused_by_field() {
 }
 
 #[test]
-fn points_show_the_room_after_it_moved_no_worse_than_an_octree() {
+fn points_show_the_room_after_it_moved_about_as_well_as_an_octree() {
     let scene = Arc::new(mirrors(7));
     let camera = scene.cameras[0].camera;
     let octree = judged("mirrors-octree", &scene, camera, 2.0).0;
     let from_points = probes_from(&scene, ProbeSource::POINTS);
     let (points, without, _) = judged_with("mirrors-points", from_points, &scene, camera, 2.0);
-    assert!(points <= octree && points < 0.5 * without, "FLIP {points} from points, {octree} from an octree");
+    assert!(points <= 1.2 * octree && points < 0.5 * without, "FLIP {points} from points, {octree} from an octree");
 }
 
 #[test]

@@ -496,16 +496,17 @@ mod tests {
                 seen: &seen,
                 taps: &taps,
                 tap_rule: TapRule::Fixed,
+                device: None,
                 budget: 1 << 25,
             };
-            let full = ways.go(Way::Points(0.5));
+            let full = ways.go(Way::Points(0.5)).unwrap();
             assert!(mib(full.memory.sum()) < MOST_MIB, "{pose}: {:?}", full.memory);
             assert_eq!(full.wanted, None);
             if pose == Pose::Close {
                 continue;
             }
             ways.budget = (full.points.unwrap() * 99 / 100) as u32;
-            let fewer = ways.go(Way::Points(0.5));
+            let fewer = ways.go(Way::Points(0.5)).unwrap();
             assert_eq!(fewer.wanted, full.points, "{pose}: the report says what was wanted");
             assert!(fewer.points.unwrap() <= u64::from(ways.budget));
             assert_eq!(fewer.holes.map(|holes| holes[0]), full.holes.map(|holes| holes[0]));
