@@ -88,7 +88,7 @@ fn edge(a: vec3f, b: vec3f, along: vec3f) -> vec3f {
 }
 
 // A point's cell, as a map sees it; positions are relative to the map's middle.
-struct Splat {
+struct SeenCell {
     // The point.
     id: u32,
     // Its column and row.
@@ -109,12 +109,12 @@ struct Splat {
     corners: array<vec3f, 4>,
 }
 
-fn splat_of(id: u32, map: u32) -> Splat {
+fn seen_cell(id: u32, map: u32) -> SeenCell {
     let point = points[id];
     let piece = pieces[point.y];
     let facet = facets[piece.facet];
     let around = maps[map];
-    var s: Splat;
+    var s: SeenCell;
     s.id = id;
     s.cell = vec2f(f32(point.x & 0xffffu), f32(point.x >> 16u));
     s.whole_cell = (piece.flags & WHOLE_CELL) != 0u;
@@ -213,7 +213,7 @@ fn rectangle(corners: array<vec3f, 4>, face: u32, side: u32) -> vec4u {
     return vec4u(first, max(end, first));
 }
 
-fn write_texel(s: Splat, face: u32, column: u32, row: u32) {
+fn write_texel(s: SeenCell, face: u32, column: u32, row: u32) {
     let across = (vec2f(f32(column), f32(row)) + 0.5) / f32(s.side) * 2.0 - 1.0;
     let direction = from_face(face, vec3f(across, 1.0));
     let volumes = vec3f(dot(s.edges[0], direction), dot(s.edges[1], direction), dot(s.edges[2], direction));
@@ -237,7 +237,7 @@ fn write_texel(s: Splat, face: u32, column: u32, row: u32) {
     atomicMax(&texels[s.first + (face * s.side + row) * s.side + column], key);
 }
 
-fn write_tile(s: Splat, face: u32, area: vec4u, tile: u32) {
+fn write_tile(s: SeenCell, face: u32, area: vec4u, tile: u32) {
     let across = (area.z - area.x + TILE - 1u) / TILE;
     let first = area.xy + vec2u(tile % across, tile / across) * TILE;
     let end = min(first + TILE, area.zw);
@@ -262,7 +262,7 @@ fn visit(id: u32, wanted: u32) -> u32 {
             if maps[map].first == ABSENT {
                 continue;
             }
-            let s = splat_of(id, map);
+            let s = seen_cell(id, map);
             var face = face_of(s.corners[0]);
             var end = face + 1u;
             if face_of(s.corners[1]) != face || face_of(s.corners[2]) != face || face_of(s.corners[3]) != face {
