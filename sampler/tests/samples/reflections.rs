@@ -259,7 +259,10 @@ fn points_show_the_room_after_it_moved_about_as_well_as_an_octree() {
     let octree = judged("mirrors-octree", &scene, camera, 2.0).0;
     let from_points = probes_from(&scene, ProbeSource::POINTS);
     let (points, without, _) = judged_with("mirrors-points", from_points, &scene, camera, 2.0);
-    assert!(points <= 1.2 * octree && points < 0.5 * without, "FLIP {points} from points, {octree} from an octree");
+    assert!(
+        points <= 1.2 * octree && points < 0.5 * without,
+        "FLIP {points} from points, {octree} from an octree"
+    );
 }
 
 #[test]

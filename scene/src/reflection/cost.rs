@@ -16,22 +16,20 @@ pub struct ReflectionCost {
     pub ms: f64,
 }
 
-/// Milliseconds of an octree's leaves: they are lit whatever reflects.
-const OCTREE: f64 = 150.0;
-/// Milliseconds a triangle of building an octree.
-const OCTREE_TRIANGLE: f64 = 1e-3;
+/// Milliseconds a triangle of building and lighting an octree.
+const OCTREE_TRIANGLE: f64 = 0.05;
 /// Milliseconds a texel of a probe from an octree.
-const OCTREE_TEXEL: f64 = 1e-3;
+const OCTREE_TEXEL: f64 = 9e-4;
 /// Milliseconds a triangle and reflector of points.
-const POINT_TRIANGLE: f64 = 5e-4;
+const POINT_TRIANGLE: f64 = 6.5e-4;
 /// Milliseconds a texel of a probe from points.
-const POINT_TEXEL: f64 = 1e-3;
-/// Milliseconds a texel of a probe by rays: tracing, and shading what was met.
-const RAY_TEXEL: f64 = 1e-3;
+const POINT_TEXEL: f64 = 1.8e-3;
+/// Milliseconds a texel of a probe by rays: one and a half rays of 2.2 million a second, and shading what they met.
+const RAY_TEXEL: f64 = 3e-3;
 
 impl ReflectionCost {
-    /// The cost of a scene's probes. Constants were measured by `argus study reflections` and first views of served scenes,
-    /// with a software driver.
+    /// The cost of a scene's probes. Constants are from ten mirrors (`argus study reflections`) and a first view of Sponza with
+    /// 256 reflectors, with a software driver; shading by rays is estimated.
     pub fn of(scene: &Scene, knobs: &Reflections) -> Self {
         let reflectors = scene.reflectors(knobs.most).len();
         let mesh_triangles =
@@ -43,7 +41,7 @@ impl ReflectionCost {
     fn ms(knobs: &Reflections, reflectors: f64, triangles: f64) -> f64 {
         let texels = reflectors * f64::from(knobs.side).powi(2);
         match knobs.source {
-            ProbeSource::Octree { .. } => OCTREE + OCTREE_TRIANGLE * triangles + OCTREE_TEXEL * texels,
+            ProbeSource::Octree { .. } => OCTREE_TRIANGLE * triangles + OCTREE_TEXEL * texels,
             ProbeSource::Points { .. } => POINT_TRIANGLE * triangles * reflectors + POINT_TEXEL * texels,
             ProbeSource::Rays => RAY_TEXEL * texels,
         }
