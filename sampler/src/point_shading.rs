@@ -21,14 +21,17 @@ use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
 use crate::timing;
 
-/// What shades points.
+/// What shades points. Their positions are relative to the eye.
 pub(crate) struct PointShading<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
     pub(crate) resident: &'a Resident,
-    pub(crate) direct: &'a Option<DirectLight>,
-    pub(crate) indirect: &'a mut Option<IndirectLight>,
+    pub(crate) eye: &'a Eye,
+    pub(crate) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
     /// How light is found: of probes once, of views each time.
     pub(crate) sharing: LightSharing,
+    pub(crate) programs: &'a ShadePoints,
+    pub(crate) scratch: &'a mut Scratch,
+    pub(crate) cancel: &'a Cancel,
 }
 
 /// Points that are shaded in one submission.
@@ -40,17 +43,13 @@ struct PointChunk {
 }
 
 impl PointShading<'_> {
-    /// Radiance of points, whose positions are relative to an eye: a word of rgb9e5 each, on the device.
+    /// Radiance of points: a word of rgb9e5 each, on the device.
     ///
     /// # Errors
     /// [`RenderError::Cancelled`], or the errors of the device.
     pub(crate) fn shade_to_device(
         &mut self,
-        programs: &ShadePoints,
         points: &[ProbePoint],
-        eye: &Eye,
-        scratch: &mut Scratch,
-        cancel: &Cancel,
         stages: &mut Vec<Stage>,
     ) -> Result<wgpu::Buffer, RenderError> {
         let begin = Instant::now();
@@ -64,18 +63,19 @@ impl PointShading<'_> {
         );
         let none = [ProbePoint::zeroed()];
         let points = upload(gpu, "points", if points.is_empty() { &none } else { points }, storage)?;
-        let guides = self.direct.is_some() || self.indirect.is_some();
+        let (direct, indirect) = &mut self.lights;
+        let guides = direct.is_some() || indirect.is_some();
         let extras = Extras { guides, ..Extras::default() };
         let mut of_light = Vec::new();
         for PointChunk { tile, chunk } in chunks(gpu, count) {
-            check_wanted(cancel)?;
+            check_wanted(self.cancel)?;
             let mut commands = gpu.commands("shade points");
-            let context = TileContext::new(gpu, self.resident, eye, &tile, scratch, extras);
-            programs.record(&mut commands, &context, (&chunk, &points));
-            let lights = (self.direct, &mut *self.indirect);
+            let context = TileContext::new(gpu, self.resident, self.eye, &tile, self.scratch, extras);
+            self.programs.record(&mut commands, &context, (&chunk, &points));
+            let lights = (*direct, &mut **indirect);
             let (mut commands, _) =
                 add_light(lights, commands, &context, (self.sharing, false), &mut of_light)?;
-            programs.keep(&mut commands, &context, (&chunk, &radiance));
+            self.programs.keep(&mut commands, &context, (&chunk, &radiance));
             commands.submit().wait()?;
         }
         let lit: f64 = of_light.iter().map(|stage| stage.ms).sum();
@@ -85,23 +85,19 @@ impl PointShading<'_> {
         Ok(radiance)
     }
 
-    /// Radiance of points, whose positions are relative to an eye.
+    /// Radiance of points.
     ///
     /// # Errors
     /// The errors of [`Self::shade_to_device`].
     pub(crate) fn shade(
         &mut self,
-        programs: &ShadePoints,
         points: &[ProbePoint],
-        eye: &Eye,
-        scratch: &mut Scratch,
-        cancel: &Cancel,
         stages: &mut Vec<Stage>,
     ) -> Result<Vec<Vec3>, RenderError> {
         if points.is_empty() {
             return Ok(Vec::new());
         }
-        let radiance = self.shade_to_device(programs, points, eye, scratch, cancel, stages)?;
+        let radiance = self.shade_to_device(points, stages)?;
         let mut commands = self.gpu.commands("read radiance of points");
         let pending = commands.read_buffer(&radiance, 0..radiance.size());
         let bytes = commands.submit().wait()?.take(pending);

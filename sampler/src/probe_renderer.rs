@@ -36,7 +36,7 @@ use bytes::BytesMut;
 use glam::{DVec3, Vec4};
 
 pub(crate) use self::octree::OctreeProbes;
-pub(crate) use self::points::{Fill, Filler, PointProbes, probe_point};
+pub(crate) use self::points::{Fill, PointProbes, probe_point};
 use crate::SamplerKnobs;
 use crate::passes::{ProbePlanes, ResolveSample, Shade, ShadeSample};
 use crate::resident::{GuideUse, Resident, upload};

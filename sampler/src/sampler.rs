@@ -41,6 +41,9 @@ use crate::visibility::VisibilityBackends;
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
 
+/// Sub-samples of a band of a view that finds its own reflections: rays of all take up to 400 MB.
+const REFLECTING_SUB_SAMPLES: u32 = 1 << 20;
+
 /// Other work that runs between two tiles of a sample; it is told which share of the job is done.
 type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler, f64);
 
@@ -265,12 +268,16 @@ impl GpuSampler {
         if view.outputs.color {
             self.see_reflectors(view, &faces, &mut scene);
         }
+        let defers = matches!(scene.reflections, ReflectFrom::View(_));
         let mut image = |wanted: bool, side, output, pixel_bytes| -> Result<_, RenderError> {
             if !wanted {
                 return Ok(None);
             }
             let mut image = Image::new(size, pixel_bytes);
-            let parts = Part::of_tiles(tiles(&faces, side));
+            // Rays of reflections are in memory, a tile's at once.
+            let bands =
+                |tile: Tile| if defers { tile.bands(REFLECTING_SUB_SAMPLES).collect() } else { vec![tile] };
+            let parts = Part::of_tiles(tiles(&faces, side).into_iter().flat_map(bands).collect());
             self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
                 image.place(part.tile(), pixels);
             })?;
@@ -350,8 +357,8 @@ impl GpuSampler {
         if let Some(probes) = &mut self.surface_programs.probes {
             probes.forget_pose();
         }
-        if let Some(views) = &mut self.surface_programs.of_views {
-            views.forget_pose();
+        if let Some(reflected) = &mut self.surface_programs.reflected {
+            reflected.forget_pose();
         }
         self.lighting = exposed(pose.lighting, &self.knobs);
         self.posed_secs = time_secs;

@@ -6,6 +6,7 @@
 
 mod cost;
 mod eye;
+mod lobe;
 
 use std::fmt;
 
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::cost::ReflectionCost;
 pub use self::eye::ProbeEye;
+pub use self::lobe::{half_vector, refracted};
 use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene};
 
 /// Settings of the reflection probes, the same for all samples of a set.

@@ -5,6 +5,7 @@ use glam::DVec3;
 use wgpu::{Buffer, BufferUsages};
 
 use super::{CountedCells, PointFacets, PointPasses, Points, PointsError, in_two_parts};
+use crate::ComputeCall;
 use crate::hierarchy::ScanSums;
 
 /// Pairs of a point and 64 maps, or tiles, of a dispatch: it ends in less than a second.
@@ -43,6 +44,18 @@ struct Turns<'a> {
     visible: Buffer,
     /// 64-bit words of a piece.
     words: u32,
+}
+
+impl Turns<'_> {
+    /// Binds what both programs read and write.
+    fn bound<'a>(&'a self, call: ComputeCall<'a>, maps: &'a Buffer, texels: &'a Buffer) -> ComputeCall<'a> {
+        call.read("pieces", &self.cells.pieces)
+            .read("facets", &self.facets.buffer)
+            .read("maps", maps)
+            .read("visible", &self.visible)
+            .read("points", &self.points.buffer)
+            .write("texels", texels)
+    }
 }
 
 impl PointPasses {
@@ -98,14 +111,8 @@ impl PointPasses {
         let mut first = 0;
         while first < points {
             let step = SplatStep { first, count: each.min(points - first), words: 2 * turns.words, points };
-            commands
-                .compute("splat", &self.splat)
-                .read("pieces", &turns.cells.pieces)
-                .read("facets", &turns.facets.buffer)
-                .read("maps", &maps)
-                .read("visible", &turns.visible)
-                .read("points", &turns.points.buffer)
-                .write("texels", texels)
+            turns
+                .bound(commands.compute("splat", &self.splat), &maps, texels)
                 .write("tile_counts", tiles)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_linear(u64::from(step.count));
@@ -124,14 +131,8 @@ impl PointPasses {
         while first < further {
             let count = further.min(first.saturating_add(EACH));
             let step = SplatStep { first, count, words: 2 * turns.words, points };
-            commands
-                .compute("splat", &self.splat_further)
-                .read("pieces", &turns.cells.pieces)
-                .read("facets", &turns.facets.buffer)
-                .read("maps", &maps)
-                .read("visible", &turns.visible)
-                .read("points", &turns.points.buffer)
-                .write("texels", texels)
+            turns
+                .bound(commands.compute("splat", &self.splat_further), &maps, texels)
                 .read("first_tile", tiles)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_linear(u64::from(count - first));

@@ -57,9 +57,7 @@ impl ReflectionRays {
         tracer: &PacketTracer,
     ) -> Result<Self, RenderError> {
         let instances = scene.at(time_secs).instances;
-        let rays = LightRays::new(tracer, Faces::Seen).ok_or_else(|| {
-            RenderError::OutOfMemory("the scene has too many triangles to trace".to_owned())
-        })?;
+        let rays = LightRays::new(tracer, Faces::Seen).ok_or_else(too_large)?;
         Ok(Self { scene: Arc::clone(scene), instances, rays })
     }
 
@@ -93,6 +91,19 @@ impl ReflectionRays {
             passed = range + f64::from(about.offset(place, hit.t).max(f32::MIN_POSITIVE));
         }
         None
+    }
+
+    /// Takes over the pose of a packet tracer, which has been posed before: a time in seconds. Trees of meshes are kept.
+    ///
+    /// # Errors
+    /// The errors of [`Self::new`].
+    pub(crate) fn pose(
+        &mut self,
+        scene: &Scene,
+        (tracer, time_secs): (&PacketTracer, f64),
+    ) -> Result<(), RenderError> {
+        self.instances = scene.at(time_secs).instances;
+        self.rays.pose(tracer).ok_or_else(too_large)
     }
 
     /// The trees about an eye.
@@ -177,4 +188,8 @@ impl ReflectionRays {
             footprint: [right * width, normal.cross(right) * width],
         }
     }
+}
+
+fn too_large() -> RenderError {
+    RenderError::OutOfMemory("the scene has too many triangles to trace".to_owned())
 }

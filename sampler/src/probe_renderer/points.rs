@@ -12,10 +12,10 @@ use tracing::warn;
 
 use super::ProbePlaces;
 use crate::eye_points::{
-    BudgetReport, Density, Eye, EyePointKnobs, Maps, PointReflector, PointScene, ReflectionRays, Requests,
-    ShadingPoint, Side,
+    BudgetReport, Density, Eye, EyePointKnobs, Maps, PointReflector, Requests, ShadingPoint, Side,
 };
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
+use crate::reflected_scene::FoundBy;
 use crate::resident::{GuideUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
@@ -65,12 +65,6 @@ impl Fill {
     }
 }
 
-/// A scene at a pose, prepared to fill cube maps.
-pub(crate) enum Filler {
-    Points(PointScene),
-    Rays(ReflectionRays),
-}
-
 impl PointProbes {
     pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, source: Fill, side: u32) -> Self {
         Self {
@@ -112,13 +106,13 @@ impl PointProbes {
     /// Fills the maps of a group of reflectors, whose sides are equal.
     pub(crate) fn fill(
         source: Fill,
-        filler: &Filler,
+        by: &FoundBy,
         scene: &Scene,
         middle: DVec3,
         reflectors: &[PointReflector],
     ) -> FilledMaps {
-        match (source, filler) {
-            (Fill::Points { viewers, budget }, Filler::Points(points)) => {
+        match (source, by) {
+            (Fill::Points { viewers, budget }, FoundBy::Points(points)) => {
                 let side = reflectors.first().map_or(1, |reflector| reflector.side);
                 let knobs = EyePointKnobs { density: Density::default(), budget, culling: true };
                 let found = points.points(&eye_of(scene, &viewers, side), reflectors, &knobs);
@@ -127,7 +121,7 @@ impl PointProbes {
                 let points = shown.ids().into_iter().map(point).collect();
                 FilledMaps::new(&found.maps, &shown, points, found.budget)
             }
-            (_, Filler::Rays(rays)) => {
+            (_, FoundBy::Rays(rays)) => {
                 let (maps, met) = rays.maps(reflectors);
                 let shown = Requests::all(&maps, maps.texels(), |_, id| id);
                 let point = |texel: u32| {
@@ -138,7 +132,7 @@ impl PointProbes {
                 let points = shown.ids().into_iter().filter_map(point).collect();
                 FilledMaps::new(&maps, &shown, points, BudgetReport { wanted: 0, reduction: 1.0, kept: true })
             }
-            (Fill::Rays, Filler::Points(_)) => unreachable!("a filler is made for its source"),
+            (Fill::Rays, FoundBy::Points(_)) => unreachable!("the scene is prepared for the source"),
         }
     }
 }
@@ -201,6 +195,8 @@ mod tests {
     use argus_scene::procedural::{rooms, with_balls};
     use argus_scene::{Reflections, Rig};
 
+    use crate::eye_points::{PointScene, ReflectionRays};
+
     use super::*;
 
     const SIDE: u32 = 32;
@@ -222,7 +218,7 @@ mod tests {
 
     fn filled(scene: &Arc<Scene>, budget: u32) -> FilledMaps {
         let source = Fill::Points { viewers: viewers(scene), budget };
-        let points = Filler::Points(PointScene::new(scene, 0.0));
+        let points = FoundBy::Points(PointScene::new(scene, 0.0));
         PointProbes::fill(source, &points, scene, DVec3::ZERO, &reflectors(scene))
     }
 
@@ -242,7 +238,7 @@ mod tests {
     fn rays_fill_the_maps_that_points_fill() {
         let scene = Arc::new(with_balls(rooms(20), 3).unwrap());
         let points = filled(&scene, 1 << 22);
-        let filler = Filler::Rays(ReflectionRays::new(&scene, 0.0).unwrap());
+        let filler = FoundBy::Rays(ReflectionRays::new(&scene, 0.0).unwrap());
         let rays = PointProbes::fill(Fill::Rays, &filler, &scene, DVec3::ZERO, &reflectors(&scene));
         assert_eq!((rays.maps, rays.texels.len()), (3, points.texels.len()));
         let range = |texel: &[u32; 2]| f32::from_bits(texel[1]);

@@ -3,15 +3,14 @@
 use std::time::Instant;
 
 use argus_gpu::wgpu;
-use argus_scene::{Cancel, Lighting, RenderError, Stage};
+use argus_scene::{Cancel, Lighting, ProbeSource, RenderError, Stage};
 
 use super::{GpuSampler, check_wanted};
 use crate::eye::Eye;
-use crate::eye_points::{PointScene, ReflectionRays};
 use crate::indirect::LightSharing;
 use crate::passes::ProbePlanes;
 use crate::point_shading::PointShading;
-use crate::probe_renderer::{Fill, Filler, PointProbes, ProbeBytes, ProbePlaces};
+use crate::probe_renderer::{Fill, PointProbes, ProbeBytes, ProbePlaces};
 use crate::resident::upload;
 use crate::timing;
 
@@ -27,16 +26,13 @@ impl GpuSampler {
         cancel: &Cancel,
         stages: &mut Vec<Stage>,
     ) -> Result<ProbeBytes, RenderError> {
-        let begin = Instant::now();
         let scene = self.scene.clone();
-        let (stage, filler) = match probes.source {
-            Fill::Points { .. } => ("reflection points", Filler::Points(PointScene::new(&scene, time_secs))),
-            Fill::Rays => {
-                let tracer = self.visibility.prepare_packets(&self.resident);
-                let rays = ReflectionRays::of_tracer(&scene, time_secs, tracer)?;
-                ("reflection rays", Filler::Rays(rays))
-            }
+        let (stage, source) = match probes.source {
+            Fill::Points { budget, .. } => ("reflection points", ProbeSource::Points { budget }),
+            Fill::Rays => ("reflection rays", ProbeSource::Rays),
         };
+        timing::add(stages, self.ready_reflected(source, time_secs)?);
+        let begin = Instant::now();
         let eye = Eye::new(&self.gpu, &self.resident, places.middle, lighting)?;
         let groups = PointProbes::groups(probes.source, &scene, places, (side, time_secs));
         timing::add_since(stages, stage, begin);
@@ -44,7 +40,9 @@ impl GpuSampler {
         for reflectors in groups {
             check_wanted(cancel)?;
             let begin = Instant::now();
-            let filled = PointProbes::fill(probes.source, &filler, &scene, places.middle, &reflectors);
+            let Some(reflected) = &self.surface_programs.reflected else { break };
+            let by = &reflected.found_by;
+            let filled = PointProbes::fill(probes.source, by, &scene, places.middle, &reflectors);
             timing::add_since(stages, stage, begin);
             filled.report();
             let texels =
@@ -52,13 +50,14 @@ impl GpuSampler {
             let mut shading = PointShading {
                 gpu: &self.gpu,
                 resident: &self.resident,
-                direct: &self.direct,
-                indirect: &mut self.indirect,
+                eye: &eye,
+                lights: (&self.direct, &mut self.indirect),
                 sharing: LightSharing::Leaves,
+                programs: &probes.shade,
+                scratch: &mut self.scratch,
+                cancel,
             };
-            let scratch = &mut self.scratch;
-            let radiance =
-                shading.shade_to_device(&probes.shade, &filled.points, &eye, scratch, cancel, stages)?;
+            let radiance = shading.shade_to_device(&filled.points, stages)?;
             let planes = ProbePlanes::new(&self.gpu, side, filled.maps);
             let sky = (&eye.lighting, &self.resident.environment);
             let mut commands = self.gpu.commands("resample points");

@@ -5,14 +5,15 @@ use std::time::{Duration, Instant};
 use argus_gpu::Gpu;
 use argus_scene::camera::Face;
 use argus_scene::{
-    Cancel, LightLevel, Lighting, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage,
-    ViewJob,
+    Cancel, LightLevel, Lighting, ProbeSource, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob,
+    Stage, ViewJob,
 };
 
 use super::tile_loop::ReadyScene;
 use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::{ProbeBindings, ProbePrograms, ProbeRenderer};
+use crate::reflected_scene::ReflectedScene;
 use crate::resident::{GuideUse, Resident};
 use crate::tile::tiles;
 use crate::view_reflections::ViewReflections;
@@ -29,6 +30,8 @@ pub(super) struct SurfacePrograms {
     pub(super) probes: Option<Box<ProbeRenderer>>,
     /// The programs of direct views that look up no probes, made when such a view first asks for reflections.
     pub(super) of_views: Option<Box<ViewReflections>>,
+    /// The scene as reflections are found in it, made when a job first asks for reflections by rays or points.
+    pub(super) reflected: Option<Box<ReflectedScene>>,
 }
 
 /// What reflections of a job are taken from.
@@ -76,6 +79,7 @@ impl SurfacePrograms {
             nothing: ProbeBindings::none(gpu),
             probes: None,
             of_views: None,
+            reflected: None,
         }
     }
 
@@ -117,33 +121,56 @@ impl GpuSampler {
             ReflectFrom::Probes(set) => return self.prepare_probes(Some(set), lit, time_secs, cancel),
             ReflectFrom::View(set) => set,
         };
-        let mut of_views = match self.surface_programs.of_views.take().filter(|views| views.set == set) {
+        let of_views = match self.surface_programs.of_views.take().filter(|views| views.set == set) {
             Some(of_views) => of_views,
             None => Box::new(ViewReflections::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
         };
-        let begin = Instant::now();
-        let mut stages = Vec::new();
-        if !of_views.is_posed() {
-            let tracer = self.visibility.prepare_packets(&self.resident);
-            of_views.pose(&self.scene, tracer, time_secs)?;
-            timing::add_since(&mut stages, "build trees for reflections", begin);
-        }
         self.surface_programs.of_views = Some(of_views);
+        self.ready_reflected(set.knobs.source, time_secs)
+    }
+
+    /// Prepares the scene for reflections by rays or points, at its present pose. Returns the cost.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] for a scene of too many triangles.
+    pub(super) fn ready_reflected(
+        &mut self,
+        source: ProbeSource,
+        time_secs: f64,
+    ) -> Result<Vec<Stage>, RenderError> {
+        let before = self.surface_programs.reflected.take();
+        let mut stages = Vec::new();
+        self.surface_programs.reflected = match before {
+            Some(reflected) if reflected.is_ready(source) => Some(reflected),
+            before => {
+                let begin = Instant::now();
+                let at = (self.visibility.prepare_packets(&self.resident), time_secs);
+                let before = before.map(|reflected| *reflected);
+                let reflected = ReflectedScene::posed(before, source, &self.scene, at)?;
+                timing::add_since(&mut stages, "build trees for reflections", begin);
+                Some(Box::new(reflected))
+            }
+        };
         Ok(stages)
     }
 
     /// Finds the reflectors in a direct view, and fills their maps if it looks reflections up there. The scene must be ready
     /// for the view. Adds the cost to the scene's stages.
     pub(super) fn see_reflectors(&mut self, view: &ViewJob, faces: &[Face], scene: &mut ReadyScene) {
-        let (ReflectFrom::View(_), Some(views)) = (scene.reflections, &self.surface_programs.of_views) else {
+        let SurfacePrograms { of_views: Some(views), reflected: Some(reflected), .. } =
+            &self.surface_programs
+        else {
             return;
         };
+        if !matches!(scene.reflections, ReflectFrom::View(_)) {
+            return;
+        }
         let begin = Instant::now();
         let tracer = self.visibility.prepare_packets(&self.resident);
         // One ray a pixel.
         let ids =
             || tiles(faces, 1).iter().flat_map(|tile| tracer.trace(view.camera.eye, &tile.rays())).collect();
-        scene.maps = views.see(&self.scene, (view, scene.time_secs), ids);
+        scene.maps = views.see((&reflected.found_by, &self.scene), (view, scene.time_secs), ids);
         if scene.maps.is_some() {
             timing::add_since(&mut scene.stages, "reflection points", begin);
         }

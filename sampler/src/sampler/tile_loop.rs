@@ -9,14 +9,13 @@ use argus_shaders::layout::sampler::Rays;
 use bytes::Bytes;
 use glam::DVec3;
 
-use super::probes::{ReflectFrom, SurfaceProgram};
+use super::probes::{ReflectFrom, SurfaceProgram, SurfacePrograms};
 use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightSharing};
 use crate::light::DirectLight;
 use crate::passes::{PlaneBuffers, TileContext};
 use crate::pixel_list::PixelList;
-use crate::point_shading::PointShading;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
@@ -239,16 +238,11 @@ impl GpuSampler {
             }
             Output::Color => {
                 shade.record(&mut commands, &context, probe_bindings);
-                if let (true, Some(views)) = (defers, &mut self.surface_programs.of_views) {
-                    let mut shading = PointShading {
-                        gpu: &self.gpu,
-                        resident: &self.resident,
-                        direct: &self.direct,
-                        indirect: &mut self.indirect,
-                        sharing: LightSharing::Reflected,
-                    };
-                    let lit = (&mut shading, &*lighting);
-                    commands = views.add(commands, &context, maps.as_ref(), lit, cancel, stages)?;
+                let SurfacePrograms { of_views, reflected, .. } = &mut self.surface_programs;
+                if let (true, Some(views), Some(reflected)) = (defers, of_views, reflected) {
+                    let from = (&reflected.found_by, maps.as_ref());
+                    let lit = ((&self.direct, &mut self.indirect), &*lighting);
+                    commands = views.add(commands, &context, from, lit, cancel, stages)?;
                 }
                 let lights = (&self.direct, &mut self.indirect);
                 (commands, _) = add_light(lights, commands, &context, (sharing, true), stages)?;

@@ -18,20 +18,21 @@
 mod indexed;
 mod lobes;
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::shading::sky_radiance;
-use argus_scene::{Cancel, Lighting, ProbeSource, ReflectionProbeSet, RenderError, Scene, Stage};
+use argus_scene::{Cancel, Lighting, ProbeSource, ReflectionProbeSet, RenderError, Scene, Stage, ViewJob};
 use argus_shaders::layout::sampler::ProbePoint;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::eye_points::{PointScene, ReflectionRays};
+use crate::indirect::{IndirectLight, LightSharing};
+use crate::light::DirectLight;
 use crate::passes::{AddReflections, Shade, ShadePoints, TileContext};
 use crate::point_shading::PointShading;
 use crate::probe_renderer::{ProbeBindings, probe_point};
+use crate::reflected_scene::FoundBy;
 use crate::resident::{GuideUse, Resident, upload};
 use crate::scratch::Scratch;
 use crate::{SamplerKnobs, timing};
@@ -53,14 +54,6 @@ pub(crate) struct ViewReflections {
     points: ShadePoints,
     add: AddReflections,
     scratch: Scratch,
-    /// The scene at the present pose, made when a view first needs it.
-    posed: Option<Posed>,
-}
-
-/// A scene at a pose, as rays or as points.
-enum Posed {
-    Rays(ReflectionRays),
-    Points(PointScene),
 }
 
 /// What rays met, to be shaded.
@@ -97,49 +90,17 @@ impl ViewReflections {
             points: ShadePoints::new(gpu, resident.features, of_points),
             add: AddReflections::new(gpu),
             scratch: Scratch::default(),
-            posed: None,
         })
-    }
-
-    /// Marks all as out of date, because surfaces moved.
-    pub(crate) fn forget_pose(&mut self) {
-        self.posed = None;
-    }
-
-    /// Whether the scene is ready at its present pose.
-    pub(crate) fn is_posed(&self) -> bool {
-        self.posed.is_some()
-    }
-
-    /// Makes the scene ready at its present pose, a time in seconds.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`] for a scene of too many triangles.
-    pub(crate) fn pose(
-        &mut self,
-        scene: &Arc<Scene>,
-        tracer: &crate::packets::PacketTracer,
-        time_secs: f64,
-    ) -> Result<(), RenderError> {
-        self.posed = Some(match self.set.knobs.source {
-            ProbeSource::Points { .. } => Posed::Points(PointScene::new(scene, time_secs)),
-            ProbeSource::Octree { .. } | ProbeSource::Rays => {
-                Posed::Rays(ReflectionRays::of_tracer(scene, time_secs, tracer)?)
-            }
-        });
-        Ok(())
     }
 
     /// The maps of the reflectors that a view sees; `None` if reflections are traced. `ids` finds the view's visibility.
     pub(crate) fn see(
         &self,
-        scene: &Scene,
-        (view, time_secs): (&argus_scene::ViewJob, f64),
+        (by, scene): (&FoundBy, &Scene),
+        (view, time_secs): (&ViewJob, f64),
         ids: impl FnOnce() -> Vec<[u32; 2]>,
     ) -> Option<IndexedMaps> {
-        let (ProbeSource::Points { budget }, Some(Posed::Points(points))) =
-            (self.set.knobs.source, &self.posed)
-        else {
+        let (ProbeSource::Points { budget }, FoundBy::Points(points)) = (self.set.knobs.source, by) else {
             return None;
         };
         Some(IndexedMaps::new(points, scene, &self.reflectors, &ids(), (view, time_secs, budget)))
@@ -154,8 +115,8 @@ impl ViewReflections {
         &mut self,
         mut commands: Commands,
         context: &TileContext<'_>,
-        maps: Option<&IndexedMaps>,
-        (shading, lighting): (&mut PointShading<'_>, &Lighting),
+        (by, maps): (&FoundBy, Option<&IndexedMaps>),
+        (lights, lighting): ((&Option<DirectLight>, &mut Option<IndirectLight>), &Lighting),
         cancel: &Cancel,
         stages: &mut Vec<Stage>,
     ) -> Result<Commands, RenderError> {
@@ -173,15 +134,24 @@ impl ViewReflections {
         let taps = if maps.is_some() { TAPS.div_ceil(context.tile.side.pow(2)) } else { 1 };
         let eye = context.eye.position;
         let read = [&surfaces[..], &materials, &words];
-        let lobes = Lobes::new(read, (context.tile, taps), self.offset_about(eye), &self.reflectors);
-        let met = self.meet(maps, eye, &lobes.rays);
+        let lobes = Lobes::new(read, (context.tile, taps), offset_about(by, eye), &self.reflectors);
+        let met = meet((by, maps), eye, &lobes.rays);
         timing::add_since(stages, "find reflections", begin);
         let gpu = context.gpu.clone();
         if lobes.rays.is_empty() {
             return Ok(gpu.commands("render colour"));
         }
-        let shaded =
-            shading.shade(&self.points, &met.points, context.eye, &mut self.scratch, cancel, stages)?;
+        let mut shading = PointShading {
+            gpu: &gpu,
+            resident: context.resident,
+            eye: context.eye,
+            lights,
+            sharing: LightSharing::Reflected,
+            programs: &self.points,
+            scratch: &mut self.scratch,
+            cancel,
+        };
+        let shaded = shading.shade(&met.points, stages)?;
         let begin = Instant::now();
         let arriving: Vec<Vec3> = lobes
             .rays
@@ -200,35 +170,34 @@ impl ViewReflections {
         self.add.record(&mut commands, context, (guides, reflectors), &arriving);
         Ok(commands)
     }
+}
 
-    /// How far off a surface rays begin, metres, by its place about an eye.
-    fn offset_about(&self, eye: DVec3) -> impl Fn(Vec3) -> f32 + Sync {
-        let about = match &self.posed {
-            Some(Posed::Rays(tracer)) => Some(tracer.about(eye)),
-            // Lookups hit no surface.
-            _ => None,
-        };
-        move |position| about.as_ref().map_or(0.0, |about| about.offset(position, position.length()))
-    }
+/// How far off a surface rays begin, metres, by its place about an eye.
+fn offset_about(by: &FoundBy, eye: DVec3) -> impl Fn(Vec3) -> f32 + Sync {
+    let about = match by {
+        FoundBy::Rays(tracer) => Some(tracer.about(eye)),
+        // Lookups hit no surface.
+        FoundBy::Points(_) => None,
+    };
+    move |position| about.as_ref().map_or(0.0, |about| about.offset(position, position.length()))
+}
 
-    /// What rays meet that begin about an eye.
-    fn meet(&self, maps: Option<&IndexedMaps>, eye: DVec3, rays: &[Ray]) -> Met {
-        match (&self.posed, maps) {
-            (Some(Posed::Points(points)), Some(maps)) => maps.meet(points, eye, rays),
-            (Some(Posed::Rays(tracer)), _) => {
-                let along = rays.par_iter().map(|ray| (ray.start, ray.direction, ray.past));
-                let met = tracer.follow(eye, along);
-                let mut points = Vec::with_capacity(rays.len());
-                let of_ray = met.iter().zip(rays).map(|(met, ray)| {
-                    let met = met.as_ref()?;
-                    let width = ray.width + ray.spread * met.range as f32;
-                    points.push(probe_point(&tracer.shading_of(met, f64::from(width)), eye));
-                    Some(points.len() as u32 - 1)
-                });
-                let of_ray = of_ray.collect();
-                Met { points, of_ray }
-            }
-            _ => Met { points: Vec::new(), of_ray: vec![None; rays.len()] },
-        }
-    }
+/// What rays meet that begin about an eye. Points are looked up in the maps of the view.
+fn meet((by, maps): (&FoundBy, Option<&IndexedMaps>), eye: DVec3, rays: &[Ray]) -> Met {
+    let tracer = match (by, maps) {
+        (FoundBy::Points(points), Some(maps)) => return maps.meet(points, eye, rays),
+        (FoundBy::Points(_), None) => return Met { points: Vec::new(), of_ray: vec![None; rays.len()] },
+        (FoundBy::Rays(tracer), _) => tracer,
+    };
+    let along = rays.par_iter().map(|ray| (ray.start, ray.direction, ray.past));
+    let met = tracer.follow(eye, along);
+    let mut points = Vec::with_capacity(rays.len());
+    let of_ray = met.iter().zip(rays).map(|(met, ray)| {
+        let met = met.as_ref()?;
+        let width = ray.width + ray.spread * met.range as f32;
+        points.push(probe_point(&tracer.shading_of(met, f64::from(width)), eye));
+        Some(points.len() as u32 - 1)
+    });
+    let of_ray = of_ray.collect();
+    Met { points, of_ray }
 }

@@ -83,11 +83,16 @@ impl ReflectionRequest {
 
     /// The settings that are taken if reflections are on.
     pub(super) fn settled(&self, scene: &Scene) -> Option<(Reflections, ReflectionCost)> {
-        let cost = |knobs: Reflections| (knobs, ReflectionCost::of(scene, &knobs));
         match *self {
             Self::Off => None,
-            Self::By(knobs) => Some(cost(knobs)),
-            Self::Auto(all) => all.map(cost).into_iter().min_by(|(_, a), (_, b)| a.ms.total_cmp(&b.ms)),
+            Self::By(knobs) => {
+                let [cost] = ReflectionCost::of(scene, [knobs]);
+                Some((knobs, cost))
+            }
+            Self::Auto(all) => {
+                let costs = all.into_iter().zip(ReflectionCost::of(scene, all));
+                costs.min_by(|(_, a), (_, b)| a.ms.total_cmp(&b.ms))
+            }
         }
     }
 }

@@ -28,14 +28,16 @@ const POINT_TEXEL: f64 = 1.8e-3;
 const RAY_TEXEL: f64 = 3e-3;
 
 impl ReflectionCost {
-    /// The cost of a scene's probes. Constants are from ten mirrors (`argus study reflections`) and a first view of Sponza with
-    /// 256 reflectors, with a software driver; shading by rays is estimated.
-    pub fn of(scene: &Scene, knobs: &Reflections) -> Self {
-        let reflectors = scene.reflectors(knobs.most).len();
-        let mesh_triangles =
-            |mesh: u32| scene.meshes.get(mesh as usize).map_or(0, |mesh| mesh.triangles() as u64);
-        let triangles: u64 = scene.instances.iter().map(|instance| mesh_triangles(instance.mesh)).sum();
-        Self { reflectors, triangles, ms: Self::ms(knobs, reflectors as f64, triangles as f64) }
+    /// The costs of a scene's probes by several settings. Constants are from ten mirrors (`argus study reflections`) and a first
+    /// view of Sponza with 256 reflectors, with a software driver; shading by rays is estimated.
+    pub fn of<const N: usize>(scene: &Scene, all: [Reflections; N]) -> [Self; N] {
+        let found = scene.reflectors(u32::MAX).len();
+        let of_mesh = |mesh: u32| scene.meshes.get(mesh as usize).map_or(0, |mesh| mesh.triangles() as u64);
+        let triangles: u64 = scene.instances.iter().map(|instance| of_mesh(instance.mesh)).sum();
+        all.map(|knobs| {
+            let reflectors = found.min(knobs.most as usize);
+            Self { reflectors, triangles, ms: Self::ms(&knobs, reflectors as f64, triangles as f64) }
+        })
     }
 
     fn ms(knobs: &Reflections, reflectors: f64, triangles: f64) -> f64 {
@@ -51,5 +53,30 @@ impl ReflectionCost {
 impl fmt::Display for ReflectionCost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "about {:.2} s for all probes of {} triangles", self.ms * 1e-3, self.triangles)
+    }
+}
+
+#[cfg(all(test, feature = "procedural"))]
+mod tests {
+    use super::*;
+    use crate::procedural::mirrors;
+
+    #[test]
+    fn points_cost_with_triangles_times_reflectors_and_rays_with_reflectors_alone() {
+        let cost = |triangles, reflectors| {
+            Reflections::USUAL.map(|knobs| ReflectionCost::ms(&knobs, reflectors, triangles))
+        };
+        let [[_, points, rays], [_, twice_points, twice_rays]] = [cost(1e6, 10.0), cost(2e6, 10.0)];
+        assert!(twice_points > 1.5 * points && twice_rays == rays);
+        assert!(cost(1e6, 20.0)[2] == 2.0 * rays);
+        assert!(cost(1e6, 256.0).iter().all(|ms| ms.is_finite() && *ms > 0.0));
+    }
+
+    #[test]
+    fn reflectors_beyond_the_limit_cost_nothing() {
+        let few = Reflections { most: 2, ..Reflections::default() };
+        let [all, two] = ReflectionCost::of(&mirrors(5), [Reflections::default(), few]);
+        assert_eq!((all.reflectors, two.reflectors), (5, 2));
+        assert!(two.ms < all.ms && two.triangles == all.triangles);
     }
 }

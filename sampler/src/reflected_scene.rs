@@ -1,0 +1,56 @@
+//! A scene at a pose, prepared to find what its surfaces reflect. Reflection probes and direct views share it.
+
+use std::sync::Arc;
+
+use argus_scene::{ProbeSource, RenderError, Scene};
+
+use crate::eye_points::{PointScene, ReflectionRays};
+use crate::packets::PacketTracer;
+
+/// A scene, and whether it is at the sampler's present pose.
+pub(crate) struct ReflectedScene {
+    pub(crate) found_by: FoundBy,
+    is_posed: bool,
+}
+
+/// How reflections are found.
+pub(crate) enum FoundBy {
+    Rays(ReflectionRays),
+    Points(PointScene),
+}
+
+impl ReflectedScene {
+    /// Prepares a scene for a source, at the pose of a packet tracer: a time in seconds. `before` is what was prepared before,
+    /// of which trees are kept.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] for a scene of too many triangles.
+    pub(crate) fn posed(
+        before: Option<Self>,
+        source: ProbeSource,
+        scene: &Arc<Scene>,
+        (tracer, time_secs): (&PacketTracer, f64),
+    ) -> Result<Self, RenderError> {
+        let by_points = matches!(source, ProbeSource::Points { .. });
+        let found_by = match before {
+            _ if by_points => FoundBy::Points(PointScene::new(scene, time_secs)),
+            Some(Self { found_by: FoundBy::Rays(mut rays), .. }) => {
+                rays.pose(scene, (tracer, time_secs))?;
+                FoundBy::Rays(rays)
+            }
+            _ => FoundBy::Rays(ReflectionRays::of_tracer(scene, time_secs, tracer)?),
+        };
+        Ok(Self { found_by, is_posed: true })
+    }
+
+    /// Whether it is prepared for a source at the present pose.
+    pub(crate) fn is_ready(&self, source: ProbeSource) -> bool {
+        let by_points = matches!(self.found_by, FoundBy::Points(_));
+        self.is_posed && by_points == matches!(source, ProbeSource::Points { .. })
+    }
+
+    /// Marks the pose as out of date.
+    pub(crate) fn forget_pose(&mut self) {
+        self.is_posed = false;
+    }
+}
