@@ -50,7 +50,7 @@ async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
     let off = flip(&exact, &frame);
 
     // Without maps, reflectors look different.
-    let plain = Coordinator::start(SCENE, &STILL);
+    let plain = Coordinator::start(SCENE, &[&STILL[..], &["--reflections=off"]].concat());
     let _worker = plain.worker(&[]);
     plain.wait_for_workers(1);
     let (without, _) = Wire::connect(&plain.url).await.render((&view).into()).await.unwrap();

@@ -27,8 +27,8 @@ fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
     assert_eq!(number(sky, "maps"), 0.0);
     assert_eq!(
         rows(&study).len(),
-        6,
-        "as given, another resolution, other levels, points at both resolutions"
+        8,
+        "as given, another resolution, other levels, points and rays at both resolutions"
     );
     for row in &rows(&study)[1..] {
         assert_eq!(number(row, "maps"), 4.0);
