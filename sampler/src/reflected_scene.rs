@@ -15,7 +15,7 @@ pub(crate) struct ReflectedScene {
 
 /// How reflections are found.
 pub(crate) enum FoundBy {
-    Rays(ReflectionRays),
+    Rays(Box<ReflectionRays>),
     Points(PointScene),
 }
 
@@ -38,7 +38,7 @@ impl ReflectedScene {
                 rays.pose(scene, (tracer, time_secs))?;
                 FoundBy::Rays(rays)
             }
-            _ => FoundBy::Rays(ReflectionRays::of_tracer(scene, time_secs, tracer)?),
+            _ => FoundBy::Rays(Box::new(ReflectionRays::of_tracer(scene, time_secs, tracer)?)),
         };
         Ok(Self { found_by, is_posed: true })
     }

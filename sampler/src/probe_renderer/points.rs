@@ -238,7 +238,7 @@ mod tests {
     fn rays_fill_the_maps_that_points_fill() {
         let scene = Arc::new(with_balls(rooms(20), 3).unwrap());
         let points = filled(&scene, 1 << 22);
-        let filler = FoundBy::Rays(ReflectionRays::new(&scene, 0.0).unwrap());
+        let filler = FoundBy::Rays(Box::new(ReflectionRays::new(&scene, 0.0).unwrap()));
         let rays = PointProbes::fill(Fill::Rays, &filler, &scene, DVec3::ZERO, &reflectors(&scene));
         assert_eq!((rays.maps, rays.texels.len()), (3, points.texels.len()));
         let range = |texel: &[u32; 2]| f32::from_bits(texel[1]);

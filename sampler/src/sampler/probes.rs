@@ -31,7 +31,7 @@ pub(super) struct SurfacePrograms {
     /// The programs of direct views that look up no probes, made when such a view first asks for reflections.
     pub(super) of_views: Option<Box<ViewReflections>>,
     /// The scene as reflections are found in it, made when a job first asks for reflections by rays or points.
-    pub(super) reflected: Option<Box<ReflectedScene>>,
+    pub(super) reflected: Option<ReflectedScene>,
 }
 
 /// What reflections of a job are taken from.
@@ -145,10 +145,9 @@ impl GpuSampler {
             before => {
                 let begin = Instant::now();
                 let at = (self.visibility.prepare_packets(&self.resident), time_secs);
-                let before = before.map(|reflected| *reflected);
                 let reflected = ReflectedScene::posed(before, source, &self.scene, at)?;
                 timing::add_since(&mut stages, "build trees for reflections", begin);
-                Some(Box::new(reflected))
+                Some(reflected)
             }
         };
         Ok(stages)
