@@ -47,8 +47,6 @@ pub(crate) enum LightSharing {
     Leaves,
     /// Nothing is shared.
     Each,
-    /// What rays of a view met: nothing is shared, but several of them make a pixel.
-    Reflected,
 }
 
 impl LightSharing {
@@ -58,7 +56,6 @@ impl LightSharing {
             Self::Image | Self::Texels { .. } => Neighbours::Image(tile.begin.map(|texel| texel * tile.side)),
             Self::Pixels => Neighbours::None { rays: 64 },
             Self::Leaves | Self::Each => Neighbours::None { rays: 16 },
-            Self::Reflected => Neighbours::None { rays: 4 },
         }
     }
 
@@ -71,7 +68,7 @@ impl LightSharing {
             Self::Texels { side } => ([(block / side).max(1); 2], 1),
             Self::Pixels => ([side, side], 0),
             Self::Leaves => ([16, 1], 1),
-            Self::Each | Self::Reflected => ([1, 1], 0),
+            Self::Each => ([1, 1], 0),
         }
     }
 }

@@ -28,6 +28,7 @@ mod point_shading;
 mod probe_renderer;
 mod radiosity;
 mod ray_timing;
+mod reflected_light;
 mod reflected_scene;
 mod resident;
 mod sampler;

@@ -1,16 +1,17 @@
-//! Shades lists of points on surfaces, without what depends on the viewer: for reflection probes, and for what direct views
-//! reflect.
+//! Shades points on surfaces, without what depends on the viewer: for reflection probes, and for what direct views reflect.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Gpu, wgpu};
-use argus_scene::{Cancel, RenderError, Stage};
+use argus_scene::{Cancel, RenderError, Stage, rgb9e5};
 use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, ProbePoint};
 use bytemuck::Zeroable;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 use crate::eye::Eye;
+use crate::eye_points::{ShadingPoint, Side};
 use crate::indirect::{IndirectLight, LightSharing};
 use crate::light::DirectLight;
 use crate::lit_octree::{CHUNK_SIDE, image_of};
@@ -27,100 +28,185 @@ pub(crate) struct PointShading<'a> {
     pub(crate) resident: &'a Resident,
     pub(crate) eye: &'a Eye,
     pub(crate) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
-    /// How light is found: of probes once, of views each time.
-    pub(crate) sharing: LightSharing,
     pub(crate) programs: &'a ShadePoints,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) cancel: &'a Cancel,
+}
+
+/// Points to be shaded.
+#[derive(Default)]
+pub(crate) struct Points {
+    /// Squares of [`LEAF_BLOCK`]² consecutive points are squares of the images that they are shaded in.
+    pub(crate) all: Vec<ProbePoint>,
+    /// Where all are neighbours in one image, and share light: its first column and row, and its columns and rows, which are
+    /// multiples of [`LEAF_BLOCK`]. Otherwise consecutive points are neighbours in space.
+    pub(crate) image: Option<[[u32; 2]; 2]>,
+}
+
+/// The guides of a point (`shaders/shared/guide.wgsl`): surface and material.
+pub(crate) type PointGuides = [[u32; 4]; 2];
+
+/// What is known of points once they are shaded.
+pub(crate) struct ShadedPoints {
+    pub(crate) radiance: Vec<Vec3>,
+    /// The guides of each; empty unless they were asked for.
+    pub(crate) guides: Vec<PointGuides>,
 }
 
 /// Points that are shaded in one submission.
 struct PointChunk {
     /// The image that they are shaded in, as a tile.
     tile: Tile,
+    /// Its points.
+    range: std::ops::Range<u32>,
     /// Uniform.
     chunk: wgpu::Buffer,
 }
 
+impl Points {
+    /// Where an image has no point.
+    pub(crate) const NOTHING: ProbePoint =
+        ProbePoint { instance: u32::MAX, primitive: 0, width: 0.0, front: 0, position: [0.0; 3], _pad: 0 };
+
+    /// Which sub-samples share light.
+    fn sharing(&self) -> LightSharing {
+        if self.image.is_some() { LightSharing::Image } else { LightSharing::Leaves }
+    }
+
+    /// The images that the points are shaded in.
+    fn chunks(&self, gpu: &Gpu) -> Vec<PointChunk> {
+        let count = self.all.len() as u32;
+        let chunk = |first: u32, begin: [u32; 2], size: [u32; 2]| {
+            let params = LeafChunk { size, first, leaves: count, ..LeafChunk::zeroed() };
+            let chunk = gpu.upload("points", &[params], wgpu::BufferUsages::UNIFORM);
+            let range = first..count.min(first + size[0] * size[1]);
+            PointChunk { tile: Tile { begin, ..image_of(size) }, range, chunk }
+        };
+        if let Some([begin, size]) = self.image {
+            return vec![chunk(0, begin, size)];
+        }
+        let most = CHUNK_SIDE * CHUNK_SIDE;
+        let of_list = |first: u32| {
+            let rows = most.min(count - first).div_ceil(CHUNK_SIDE);
+            chunk(first, [0, 0], [CHUNK_SIDE, rows.next_multiple_of(LEAF_BLOCK)])
+        };
+        (0..count).step_by(most as usize).map(of_list).collect()
+    }
+}
+
+/// A surface for the device, relative to a place.
+pub(crate) fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
+    ProbePoint {
+        instance: point.instance,
+        primitive: point.primitive,
+        width: point.footprint[0].length() as f32,
+        front: u32::from(point.side == Side::Front),
+        position: (point.position - middle).as_vec3().to_array(),
+        _pad: 0,
+    }
+}
+
+impl PointChunk {
+    /// Where the image has a point: the number of its sub-sample, row by row. The inverse of `leaf_side` in
+    /// `shaders/shared/surfel.wgsl`.
+    fn place_of(&self, point: u32) -> usize {
+        let index = point - self.range.start;
+        place_in_blocks(index, self.tile.size[0])
+    }
+}
+
+/// The number, row by row, of the texel at an index of an image of so many columns that is stored in squares of
+/// [`LEAF_BLOCK`]² texels.
+fn place_in_blocks(index: u32, columns: u32) -> usize {
+    let (block, within) = (index / LEAF_BLOCK.pow(2), index % LEAF_BLOCK.pow(2));
+    let in_row = columns / LEAF_BLOCK;
+    let (x, y) = (block % in_row, block / in_row);
+    let [column, row] = [x * LEAF_BLOCK + within % LEAF_BLOCK, y * LEAF_BLOCK + within / LEAF_BLOCK];
+    (row * columns + column) as usize
+}
+
+/// The inverse of [`place_in_blocks`].
+pub(crate) fn index_in_blocks([column, row]: [u32; 2], columns: u32) -> usize {
+    let block = row / LEAF_BLOCK * (columns / LEAF_BLOCK) + column / LEAF_BLOCK;
+    (block * LEAF_BLOCK.pow(2) + row % LEAF_BLOCK * LEAF_BLOCK + column % LEAF_BLOCK) as usize
+}
+
 impl PointShading<'_> {
-    /// Radiance of points: a word of rgb9e5 each, on the device.
+    /// Radiance of points: a word of rgb9e5 each, on the device. Also their guides, if they are asked for.
     ///
     /// # Errors
     /// [`RenderError::Cancelled`], or the errors of the device.
     pub(crate) fn shade_to_device(
         &mut self,
-        points: &[ProbePoint],
+        points: &Points,
+        wants_guides: bool,
         stages: &mut Vec<Stage>,
-    ) -> Result<wgpu::Buffer, RenderError> {
+    ) -> Result<(wgpu::Buffer, Vec<PointGuides>), RenderError> {
         let begin = Instant::now();
         let gpu = self.gpu;
-        let count = points.len() as u32;
+        let count = points.all.len();
         let storage = wgpu::BufferUsages::STORAGE;
-        let radiance = gpu.buffer(
-            "radiance of points",
-            u64::from(count.max(1)) * 4,
-            storage | wgpu::BufferUsages::COPY_SRC,
-        );
-        let none = [ProbePoint::zeroed()];
-        let points = upload(gpu, "points", if points.is_empty() { &none } else { points }, storage)?;
+        let radiance =
+            gpu.buffer("radiance of points", count.max(1) as u64 * 4, storage | wgpu::BufferUsages::COPY_SRC);
+        let list = if count == 0 { &[Points::NOTHING][..] } else { &points.all };
+        let list = upload(gpu, "points", list, storage)?;
         let (direct, indirect) = &mut self.lights;
-        let guides = direct.is_some() || indirect.is_some();
-        let extras = Extras { guides, ..Extras::default() };
-        let mut of_light = Vec::new();
-        for PointChunk { tile, chunk } in chunks(gpu, count) {
+        let extras =
+            Extras { guides: wants_guides || direct.is_some() || indirect.is_some(), ..Extras::default() };
+        let (mut of_light, mut guides) = (Vec::new(), Vec::new());
+        for chunk in points.chunks(gpu) {
             check_wanted(self.cancel)?;
             let mut commands = gpu.commands("shade points");
-            let context = TileContext::new(gpu, self.resident, self.eye, &tile, self.scratch, extras);
-            self.programs.record(&mut commands, &context, (&chunk, &points));
+            let context = TileContext::new(gpu, self.resident, self.eye, &chunk.tile, self.scratch, extras);
+            self.programs.record(&mut commands, &context, (&chunk.chunk, &list));
             let lights = (*direct, &mut **indirect);
             let (mut commands, _) =
-                add_light(lights, commands, &context, (self.sharing, false), &mut of_light)?;
-            self.programs.keep(&mut commands, &context, (&chunk, &radiance));
-            commands.submit().wait()?;
+                add_light(lights, commands, &context, (points.sharing(), false), &mut of_light)?;
+            self.programs.keep(&mut commands, &context, (&chunk.chunk, &radiance));
+            let kept = context.targets.guides.as_ref().filter(|_| wants_guides);
+            let [width, height] = chunk.tile.size;
+            let pending = kept.map(|kept| {
+                let bytes = u64::from(width) * u64::from(height) * 16;
+                [&kept.surfaces, &kept.materials].map(|buffer| commands.read_buffer(buffer, 0..bytes))
+            });
+            let mut finished = commands.submit().wait()?;
+            if let Some(pending) = pending {
+                let read = pending.map(|pending| finished.take(pending));
+                let guide = |point: u32| {
+                    let at = 16 * chunk.place_of(point);
+                    [0, 1].map(|which| bytemuck::pod_read_unaligned(&read[which][at..at + 16]))
+                };
+                guides.par_extend(chunk.range.clone().into_par_iter().with_min_len(4096).map(guide));
+            }
         }
         let lit: f64 = of_light.iter().map(|stage| stage.ms).sum();
         let all = begin.elapsed().as_secs_f64() * 1e3;
         timing::add(stages, vec![Stage::new("shade points", (all - lit).max(0.0))]);
         timing::add(stages, of_light);
-        Ok(radiance)
+        Ok((radiance, guides))
     }
 
-    /// Radiance of points.
+    /// Shades points.
     ///
     /// # Errors
     /// The errors of [`Self::shade_to_device`].
     pub(crate) fn shade(
         &mut self,
-        points: &[ProbePoint],
+        points: &Points,
+        wants_guides: bool,
         stages: &mut Vec<Stage>,
-    ) -> Result<Vec<Vec3>, RenderError> {
-        if points.is_empty() {
-            return Ok(Vec::new());
+    ) -> Result<ShadedPoints, RenderError> {
+        if points.all.is_empty() {
+            return Ok(ShadedPoints { radiance: Vec::new(), guides: Vec::new() });
         }
-        let radiance = self.shade_to_device(points, stages)?;
+        let (radiance, guides) = self.shade_to_device(points, wants_guides, stages)?;
         let mut commands = self.gpu.commands("read radiance of points");
         let pending = commands.read_buffer(&radiance, 0..radiance.size());
         let bytes = commands.submit().wait()?.take(pending);
-        Ok(bytes.as_chunks::<4>().0.iter().map(|word| from_rgb9e5(u32::from_le_bytes(*word))).collect())
+        let words = bytes.as_chunks::<4>().0.iter();
+        let radiance = words.map(|word| rgb9e5::decode(u32::from_le_bytes(*word))).collect();
+        Ok(ShadedPoints { radiance, guides })
     }
-}
-
-/// Points in chunks. Consecutive points are neighbours in space, and in a square of the image.
-fn chunks(gpu: &Gpu, count: u32) -> impl Iterator<Item = PointChunk> {
-    let most = CHUNK_SIDE * CHUNK_SIDE;
-    (0..count).step_by(most as usize).map(move |first| {
-        let rows = most.min(count - first).div_ceil(CHUNK_SIDE);
-        let size = [CHUNK_SIDE, rows.next_multiple_of(LEAF_BLOCK)];
-        let params = LeafChunk { size, first, leaves: count, ..LeafChunk::zeroed() };
-        let chunk = gpu.upload("points", &[params], wgpu::BufferUsages::UNIFORM);
-        PointChunk { tile: image_of(size), chunk }
-    })
-}
-
-/// Radiance of a word: nine bits a channel, and a common exponent of five bits.
-fn from_rgb9e5(word: u32) -> Vec3 {
-    let scale = 2f32.powi((word >> 27) as i32 - 24);
-    Vec3::new((word & 511) as f32, (word >> 9 & 511) as f32, (word >> 18 & 511) as f32) * scale
 }
 
 #[cfg(test)]
@@ -128,10 +214,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_of_radiance_are_those_of_the_format() {
-        assert_eq!(from_rgb9e5(0), Vec3::ZERO);
-        // 256 · 2^(16 − 24) = 1.
-        assert_eq!(from_rgb9e5(16 << 27 | 256 << 18 | 256 << 9 | 256), Vec3::ONE);
-        assert_eq!(from_rgb9e5(31 << 27 | 511), Vec3::X * 65408.0);
+    fn every_texel_of_an_image_has_one_index_and_squares_are_consecutive() {
+        let columns = 48;
+        let places: Vec<usize> = (0..48 * 32).map(|index| place_in_blocks(index, columns)).collect();
+        let back =
+            |place: &usize| index_in_blocks([*place as u32 % columns, *place as u32 / columns], columns);
+        assert!(places.iter().map(back).eq(0..48 * 32));
+        assert_eq!(places[..17], [&(0..16).collect::<Vec<_>>()[..], &[48]].concat());
+        assert_eq!(places[256], 16, "the next square is to the right");
     }
 }

@@ -7,7 +7,8 @@
 //!   have the exact range, and details that an octree's cells do not.
 //! - Rays ([`points`], too): what each texel's ray meets takes the place of a point.
 //!
-//! Leaves and points are shaded as samples are, so reflections show only diffuse light.
+//! Leaves and points are shaded as samples are, so probes show only diffuse light; by rays, they show what reflectors in them
+//! reflect as well ([`crate::reflected_light`]).
 //!
 //! # Lifetime
 //!
@@ -36,16 +37,17 @@ use bytes::BytesMut;
 use glam::{DVec3, Vec4};
 
 pub(crate) use self::octree::OctreeProbes;
-pub(crate) use self::points::{Fill, PointProbes, probe_point};
+pub(crate) use self::points::{Fill, PointProbes};
 use crate::SamplerKnobs;
 use crate::passes::{ProbePlanes, ResolveSample, Shade, ShadeSample};
+use crate::reflected_light::Reflectors;
 use crate::resident::{GuideUse, Resident, upload};
 
 /// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
     pub(crate) set: ReflectionProbeSet,
-    /// Instances that have a probe.
-    reflectors: Vec<u32>,
+    /// Instances that have a probe, and their numbers.
+    pub(crate) reflectors: Reflectors,
     pub(crate) source: ProbePrograms,
     pub(crate) shade: Shade,
     pub(crate) shade_sample: ShadeSample,
@@ -140,9 +142,10 @@ impl ProbeRenderer {
         set: ReflectionProbeSet,
     ) -> Result<Self, RenderError> {
         let guides = GuideUse::of(sampler);
-        let reflectors = scene.reflectors(set.knobs.most);
-        if reflectors.len() != set.count as usize {
-            let reason = format!("the scene has {} reflectors, not {}", reflectors.len(), set.count);
+        let reflectors = Reflectors::new(scene, set.knobs.most);
+        if reflectors.instances.len() != set.count as usize {
+            let reason =
+                format!("the scene has {} reflectors, not {}", reflectors.instances.len(), set.count);
             return Err(InvalidField::new("reflections.count", reason).into());
         }
         let filled = |fill| {
@@ -211,12 +214,11 @@ impl ProbeRenderer {
         &self,
         gpu: &Gpu,
         scene: &Scene,
-        resident: &Resident,
         time_secs: f64,
     ) -> Result<ProbePlaces, RenderError> {
         let middle = scene.bounds().center();
         let posed = scene.at(time_secs);
-        let reflectors = self.reflectors.iter().map(|&index| {
+        let reflectors = self.reflectors.instances.iter().map(|&index| {
             let instance = &posed.instances[index as usize];
             // An object of zero size reflects nothing; its probe is rendered at the scene's centre.
             scene.reflector(index, instance).unwrap_or(Reflector {
@@ -228,13 +230,9 @@ impl ProbeRenderer {
         let spheres = reflectors
             .map(|reflector| (reflector.center - middle).as_vec3().extend(reflector.radius as f32))
             .collect();
-        let mut probe_of_instance = vec![0u32; resident.instance_count.max(1)];
-        for (number, &instance) in (1..).zip(&self.reflectors) {
-            probe_of_instance[instance as usize] = number;
-        }
         let probe_of_instance =
-            upload(gpu, "probes of instances", &probe_of_instance, wgpu::BufferUsages::STORAGE)?;
-        Ok(ProbePlaces { middle, spheres, instances: self.reflectors.clone(), probe_of_instance })
+            upload(gpu, "probes of instances", &self.reflectors.numbers, wgpu::BufferUsages::STORAGE)?;
+        Ok(ProbePlaces { middle, spheres, instances: self.reflectors.instances.clone(), probe_of_instance })
     }
 
     /// Takes over rendered probes, for a lighting and a time. Returns the cost since `begin`.

@@ -24,7 +24,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec3};
 
-use crate::{Light, Lighting, Scene, SceneHash, Sky};
+use crate::{Light, Lighting, Scene, SceneHash, Sky, rgb9e5};
 
 /// Most texels along the width of a map.
 pub const MOST_COLUMNS: u32 = 8192;
@@ -140,7 +140,7 @@ pub fn check_size(width: u32, height: u32) -> Result<(), String> {
 
 impl EnvironmentMap {
     fn new(size: [u32; 2], texels: &[Vec3]) -> Self {
-        let texels: Vec<u32> = texels.iter().map(|texel| encode(*texel)).collect();
+        let texels: Vec<u32> = texels.iter().map(|texel| rgb9e5::encode(*texel)).collect();
         let mut hasher = blake3::Hasher::new();
         size.iter().chain(&texels).for_each(|word| {
             hasher.update(&word.to_le_bytes());
@@ -148,7 +148,7 @@ impl EnvironmentMap {
         let hash = *hasher.finalize().as_bytes();
         let (mut brightest, mut darkest) = (Vec3::ZERO, Vec3::INFINITY);
         for texel in &texels {
-            let radiance = decode(*texel);
+            let radiance = rgb9e5::decode(*texel);
             (brightest, darkest) = (brightest.max(radiance), darkest.min(radiance));
         }
         let mut map = Self { hash, size, texels, harmonics: [Vec3::ZERO; 9], brightest, darkest };
@@ -192,7 +192,7 @@ impl EnvironmentMap {
         let [left_column, right_column] = [column(left), column(left + 1.0)];
         let line = |y: f32| {
             let first = row(y) * self.size[0] as usize;
-            let texel = |column: usize| decode(self.texels[first + column]);
+            let texel = |column: usize| rgb9e5::decode(self.texels[first + column]);
             texel(left_column).lerp(texel(right_column), x - left)
         };
         line(top).lerp(line(top + 1.0), y - top)
@@ -236,7 +236,7 @@ impl EnvironmentMap {
                     for x in left..right {
                         let radiance = match is_coarse {
                             true => self.radiance(direction_of(grid, x, y).as_vec3()),
-                            false => decode(self.texels[y as usize * width as usize + x as usize]),
+                            false => rgb9e5::decode(self.texels[y as usize * width as usize + x as usize]),
                         };
                         patch.power += radiance.as_dvec3() * area;
                         patch.solid_angle += area;
@@ -434,31 +434,6 @@ fn harmonics(patches: &[Patch]) -> [Vec3; 9] {
         let sum: DVec3 = patches.iter().map(|patch| patch.power * of(patch.direction)).sum();
         (sum * factor).as_vec3()
     })
-}
-
-/// The largest number of `rgb9e5ufloat`.
-const LARGEST: f32 = 65408.0;
-
-/// Nearest `rgb9e5ufloat` (OES_texture_shared_exponent), clamped to its largest number.
-fn encode(color: Vec3) -> u32 {
-    let color = color.clamp(Vec3::ZERO, Vec3::splat(LARGEST)).as_dvec3();
-    let largest = color.max_element();
-    if !(largest > 0.0) {
-        return 0;
-    }
-    let exponent = (largest.log2().floor() as i32).max(-16) + 16;
-    let mantissa = |exponent: i32, x: f64| (x * f64::from(24 - exponent).exp2() + 0.5).floor() as u32;
-    let exponent = if mantissa(exponent, largest) == 512 { exponent + 1 } else { exponent };
-    let [r, g, b] = color.to_array().map(|x| mantissa(exponent, x));
-    r | g << 9 | b << 18 | (exponent as u32) << 27
-}
-
-/// The colour of an `rgb9e5ufloat`.
-fn decode(word: u32) -> Vec3 {
-    // 2^(exponent − 24) as bits: from 2^−24 to 2^7.
-    let scale = f32::from_bits(((word >> 27) + 127 - 24) << 23);
-    let mantissa = |shift: u32| (word >> shift & 511) as f32;
-    Vec3::new(mantissa(0), mantissa(9), mantissa(18)) * scale
 }
 
 #[cfg(test)]

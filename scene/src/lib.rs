@@ -31,6 +31,7 @@ pub mod paraboloid;
 pub mod particles;
 pub mod path;
 pub mod reflection;
+pub mod rgb9e5;
 pub mod rig;
 pub mod role;
 pub mod sample;

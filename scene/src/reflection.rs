@@ -18,6 +18,9 @@ pub use self::eye::ProbeEye;
 pub use self::lobe::{half_vector, refracted};
 use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene};
 
+/// Most reflections one after another on the way to an eye, as in figure 5 of Gavane and Watson.
+pub const BOUNCES: u32 = 3;
+
 /// Settings of the reflection probes, the same for all samples of a set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Reflections {

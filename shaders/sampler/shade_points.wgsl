@@ -9,6 +9,7 @@ import package::shared::surfel::{LeafChunk, leaf_side};
 
 // A point of a triangle.
 struct ProbePoint {
+    // NOTHING where an image has no point.
     instance: u32,
     // Index of the triangle in its mesh.
     primitive: u32,
@@ -19,6 +20,8 @@ struct ProbePoint {
     // Relative to the eye, metres.
     position: vec3f,
 }
+
+const NOTHING: u32 = 0xffffffffu;
 
 // `first` and `leaves` count points.
 @group(0) @binding(0) var<uniform> chunk: LeafChunk;
@@ -39,6 +42,10 @@ fn shade_points(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let point = points[index];
+    if point.instance == NOTHING {
+        shaded[at] = vec4f(0.0);
+        return;
+    }
     let ids = vec2u(point.instance, point.primitive);
     let surface = surface_at(projected_onto(ids, point.position, point.width, point.front != 0u).hit);
     keep_guide(at, surface, 0u);

@@ -14,6 +14,7 @@ use argus_gpu::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{Reflecting, Tracer};
+use argus_scene::reflection::BOUNCES;
 use argus_scene::{
     Camera, Cancel, Frame, Outputs, Plan, ProbeSource, ReflectionProbeSet, Reflections, RenderError, RigKind,
     RigKnobs, SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
@@ -119,8 +120,11 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     anyhow::ensure!(!instances.is_empty(), "{} has no reflective object", options.scene);
     let views = bench.suggested();
     let (rays, samples) = options.truth;
-    let tracer =
-        Tracer::new(bench.scene.clone()).reflecting(Reflecting { rays, instances: instances.clone() });
+    let tracer = Tracer::new(bench.scene.clone()).reflecting(Reflecting {
+        rays,
+        bounces: BOUNCES,
+        instances: instances.clone(),
+    });
     let [width, height] = options.size;
     let exposure = bench.scene.lighting.exposure;
     let truth = |view: &Camera| tracer.render(view, width, height, samples, |_| ()).display(exposure);

@@ -76,14 +76,14 @@ impl Texels {
         }
     }
 
-    /// The slot of a texel. The points of a leaf side have slots that are evenly apart.
+    /// The slot of a texel. The points of a leaf side have slots that are evenly apart; points of a longer list have them as in
+    /// an image, so that those in a row differ.
     pub(super) fn slot(&self, index: usize) -> usize {
+        let [points, _] = self.size;
         match self.first {
             Some(_) => slot(self.place(index)),
-            None => {
-                let [points, _] = self.size;
-                (index % points * SLOTS / points + pattern::shuffled(index / points)) % SLOTS
-            }
+            None if points > SLOTS => slot([(index % points) as u32, (index / points) as u32]),
+            None => (index % points * SLOTS / points + pattern::shuffled(index / points)) % SLOTS,
         }
     }
 

@@ -11,10 +11,10 @@ use glam::DVec3;
 use tracing::warn;
 
 use super::ProbePlaces;
-use crate::eye_points::{
-    BudgetReport, Density, Eye, EyePointKnobs, Maps, PointReflector, Requests, ShadingPoint, Side,
-};
+use crate::eye_points::{BudgetReport, Density, Eye, EyePointKnobs, Maps, PointReflector, Requests};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
+use crate::point_shading::probe_point;
+use crate::reflected_light::Ray;
 use crate::reflected_scene::FoundBy;
 use crate::resident::{GuideUse, Resident};
 
@@ -39,6 +39,8 @@ pub(crate) struct FilledMaps {
     pub(crate) texels: Vec<[u32; 2]>,
     /// The points, each once. Positions are relative to [`ProbePlaces::middle`].
     pub(crate) points: Vec<ProbePoint>,
+    /// The rays that found them, if rays did.
+    pub(crate) rays: Vec<Ray>,
     /// Number of maps.
     pub(crate) maps: u32,
     /// How the budget was kept.
@@ -67,6 +69,11 @@ impl Fill {
 
 impl PointProbes {
     pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, source: Fill, side: u32) -> Self {
+        let guides = match source {
+            Fill::Points { .. } => guides,
+            // Rays go on from what guides say.
+            Fill::Rays => guides.at_least_kept(),
+        };
         Self {
             source,
             shade: ShadePoints::new(gpu, resident.features, guides),
@@ -119,44 +126,50 @@ impl PointProbes {
                 let shown = Requests::all(&found.maps, found.points.len(), |_, id| id);
                 let point = |id: u32| probe_point(&points.shading_of_point(&found, id), middle);
                 let points = shown.ids().into_iter().map(point).collect();
-                FilledMaps::new(&found.maps, &shown, points, found.budget)
+                FilledMaps::new(&found.maps, &shown, (points, Vec::new()), found.budget)
             }
             (_, FoundBy::Rays(rays)) => {
                 let (maps, met) = rays.maps(reflectors);
                 let shown = Requests::all(&maps, maps.texels(), |_, id| id);
-                let point = |texel: u32| {
+                let side = f64::from(reflectors.first().map_or(1, |reflector| reflector.side));
+                let spread = 2.0 / side;
+                let point = |(at, texel): (u32, u32)| {
                     let met = met[texel as usize]?;
-                    let side = reflectors.first().map_or(1, |reflector| reflector.side);
-                    Some(probe_point(&rays.shading_of(&met, 2.0 * met.range / f64::from(side)), middle))
+                    let (map, direction) = maps.direction_of(texel as usize);
+                    let ray = Ray {
+                        start: (reflectors[map].center - middle).as_vec3(),
+                        direction: direction.normalize().as_vec3(),
+                        reflector: map as u32,
+                        past: Some(reflectors[map].instance),
+                        width: 0.0,
+                        spread: spread as f32,
+                        at,
+                        is_through: false,
+                    };
+                    Some((probe_point(&rays.shading_of(&met, spread * met.range), middle), ray))
                 };
-                let points = shown.ids().into_iter().filter_map(point).collect();
-                FilledMaps::new(&maps, &shown, points, BudgetReport { wanted: 0, reduction: 1.0, kept: true })
+                let (points, found) = (0..).zip(shown.ids()).filter_map(point).unzip();
+                let budget = BudgetReport { wanted: 0, reduction: 1.0, kept: true };
+                FilledMaps::new(&maps, &shown, (points, found), budget)
             }
             (Fill::Rays, FoundBy::Points(_)) => unreachable!("the scene is prepared for the source"),
         }
     }
 }
 
-/// A surface for the device, relative to a place.
-pub(crate) fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
-    ProbePoint {
-        instance: point.instance,
-        primitive: point.primitive,
-        width: point.footprint[0].length() as f32,
-        front: u32::from(point.side == Side::Front),
-        position: (point.position - middle).as_vec3().to_array(),
-        _pad: 0,
-    }
-}
-
 impl FilledMaps {
     /// Maps whose ids are replaced by places in the list of shown points.
-    fn new(maps: &Maps, shown: &Requests, points: Vec<ProbePoint>, budget: BudgetReport) -> Self {
+    fn new(
+        maps: &Maps,
+        shown: &Requests,
+        (points, rays): (Vec<ProbePoint>, Vec<Ray>),
+        budget: BudgetReport,
+    ) -> Self {
         let texel = |key: u64| match key {
             0 => [0; 2],
             key => [1 + shown.slot(key as u32) as u32, (key >> 32) as u32],
         };
-        Self { texels: maps.bits().map(texel).collect(), points, maps: maps.count(), budget }
+        Self { texels: maps.bits().map(texel).collect(), points, rays, maps: maps.count(), budget }
     }
 
     /// Logs that a budget was too small.

@@ -3,14 +3,15 @@
 use std::time::Instant;
 
 use argus_gpu::wgpu;
-use argus_scene::{Cancel, Lighting, ProbeSource, RenderError, Stage};
+use argus_scene::{Cancel, Lighting, ProbeSource, RenderError, Stage, rgb9e5};
 
 use super::{GpuSampler, check_wanted};
 use crate::eye::Eye;
-use crate::indirect::LightSharing;
+use crate::lit_octree::{CHUNK_SIDE, image_of};
 use crate::passes::ProbePlanes;
-use crate::point_shading::PointShading;
+use crate::point_shading::{PointShading, Points};
 use crate::probe_renderer::{Fill, PointProbes, ProbeBytes, ProbePlaces};
+use crate::reflected_light::{Bounces, Reflectors};
 use crate::resident::upload;
 use crate::timing;
 
@@ -19,7 +20,7 @@ impl GpuSampler {
     /// cost to `stages`.
     pub(super) fn render_probe_points(
         &mut self,
-        probes: &PointProbes,
+        (probes, reflectors): (&PointProbes, &Reflectors),
         places: &ProbePlaces,
         side: u32,
         (lighting, time_secs): (&Lighting, f64),
@@ -37,12 +38,12 @@ impl GpuSampler {
         let groups = PointProbes::groups(probes.source, &scene, places, (side, time_secs));
         timing::add_since(stages, stage, begin);
         let mut bytes = ProbeBytes::default();
-        for reflectors in groups {
+        for group in groups {
             check_wanted(cancel)?;
             let begin = Instant::now();
             let Some(reflected) = &self.surface_programs.reflected else { break };
             let by = &reflected.found_by;
-            let filled = PointProbes::fill(probes.source, by, &scene, places.middle, &reflectors);
+            let filled = PointProbes::fill(probes.source, by, &scene, places.middle, &group);
             timing::add_since(stages, stage, begin);
             filled.report();
             let texels =
@@ -52,12 +53,22 @@ impl GpuSampler {
                 resident: &self.resident,
                 eye: &eye,
                 lights: (&self.direct, &mut self.indirect),
-                sharing: LightSharing::Leaves,
                 programs: &probes.shade,
                 scratch: &mut self.scratch,
                 cancel,
             };
-            let radiance = shading.shade_to_device(&filled.points, stages)?;
+            let radiance = if filled.rays.is_empty() {
+                let points = Points { all: filled.points, image: None };
+                shading.shade_to_device(&points, false, stages)?.0
+            } else {
+                // Where rays that go on have their places.
+                let rows = (filled.points.len() as u32).div_ceil(CHUNK_SIDE);
+                let (tile, sky) = (&image_of([CHUNK_SIDE, rows]), &lighting.sky);
+                let bounces = Bounces { by, maps: None, reflectors, sky, eye: places.middle, tile };
+                let radiance = bounces.radiance_of(filled.points, &filled.rays, &mut shading, stages)?;
+                let words: Vec<u32> = radiance.into_iter().map(rgb9e5::encode).collect();
+                upload(&self.gpu, "radiance of points", &words, wgpu::BufferUsages::STORAGE)?
+            };
             let planes = ProbePlanes::new(&self.gpu, side, filled.maps);
             let sky = (&eye.lighting, &self.resident.environment);
             let mut commands = self.gpu.commands("resample points");

@@ -206,7 +206,7 @@ impl GpuSampler {
     ) -> Result<Vec<Stage>, RenderError> {
         check_wanted(cancel)?;
         let (gpu, (lighting, _, time_secs)) = (self.gpu.clone(), at);
-        let places = probes.places(&gpu, &self.scene, &self.resident, time_secs)?;
+        let places = probes.places(&gpu, &self.scene, time_secs)?;
         let (side, mut stages) = (probes.set.knobs.side, Vec::new());
         let (begin, bytes) = match &mut probes.source {
             ProbePrograms::Octree(from) => {
@@ -218,7 +218,14 @@ impl GpuSampler {
             ProbePrograms::Points(from) => {
                 let begin = Instant::now();
                 let at = (lighting, time_secs);
-                let bytes = self.render_probe_points(from, &places, side, at, cancel, &mut stages)?;
+                let bytes = self.render_probe_points(
+                    (from, &probes.reflectors),
+                    &places,
+                    side,
+                    at,
+                    cancel,
+                    &mut stages,
+                )?;
                 // What no stage of the points accounts for.
                 (begin + stage_time(&stages), bytes)
             }

@@ -16,11 +16,11 @@ use crate::indirect::{IndirectLight, LightSharing};
 use crate::light::DirectLight;
 use crate::passes::{PlaneBuffers, TileContext};
 use crate::pixel_list::PixelList;
+use crate::reflected_light::IndexedMaps;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
 use crate::timing;
-use crate::view_reflections::IndexedMaps;
 
 /// What a job needs of the scene.
 pub(super) struct JobScene<'a> {

@@ -1,43 +1,25 @@
 //! The rays of what sub-samples reflect, and the means of what they meet.
 //!
 //! A sharp reflection has rays of its own in each sub-sample. A blurred one varies little from pixel to pixel: a pixel casts
-//! one ray of the surface's lobe, pixels of a square cast different ones, and each takes the mean over the square around it,
+//! one ray of the surface's lobe, pixels of a square cast different ones, and each takes the mean around it,
 //! within its surface. So every pixel sees the whole lobe.
 
 use std::ops::Range;
 
-use argus_scene::reflection::{half_vector, refracted};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use crate::eye_points::taps;
-use crate::light::{Texel, texel_of_guides};
+use crate::light::Texel;
+use crate::reflected_light::{Mirror, Ray, reflected};
 use crate::tile::Tile;
 
-/// Largest α (squared roughness) of a reflection that is sharp: a lobe of two degrees.
-const SHARP: f32 = 0.02;
 /// Largest α of a reflection that pixels share in squares of 3 × 3; others share in squares of 5 × 5.
 const SMOOTH: f32 = 0.12;
 /// Least cosine between the normals of pixels that share a blurred reflection.
 const ALIKE: f32 = 0.85;
 /// A change from sub-sample to sub-sample is at most so large a share of the distance.
 const LARGEST_STEP: f32 = 0.05;
-
-/// A ray that a surface reflects or lets through.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ray {
-    /// Where it begins, off the surface, metres about the eye.
-    pub(super) start: Vec3,
-    /// Unit vector.
-    pub(super) direction: Vec3,
-    /// Number of its reflector, from 0.
-    pub(super) reflector: u32,
-    /// The instance that it passes through.
-    pub(super) past: Option<u32>,
-    /// Width of what it stands for at its start, metres, and how much wider that is a metre further.
-    pub(super) width: f32,
-    pub(super) spread: f32,
-}
 
 /// Rays of a surface.
 #[derive(Debug, Clone)]
@@ -75,16 +57,6 @@ pub(super) struct Seen {
     square: u32,
 }
 
-/// A surface as guides describe it.
-#[derive(Clone, Copy)]
-struct Mirror {
-    texel: Texel,
-    reflector: u32,
-    alpha: f32,
-    /// How much faster light is outside of the surface than within, if it lets light through.
-    eta: Option<f32>,
-}
-
 impl Lobes {
     /// Rays of a tile, of which guides (`shaders/shared/guide.wgsl`) and words of reflectors were read back. A sharp
     /// reflection has `taps_` rays in each sub-sample. `offset` is how far off a surface about the eye rays begin, metres.
@@ -113,17 +85,17 @@ impl Lobes {
             let [x, y] = [at as u32 % width, at as u32 / width];
             let pixel = [x / tile.side, y / tile.side];
             let own = instances.get(mirror.reflector as usize).copied();
-            if mirror.alpha < SHARP {
+            if mirror.is_sharp() {
                 let steps = [(1, x + 1 < width), (width as usize, true)].map(|(stride, is_inside)| {
                     let next = mirrors.get(at + stride).copied().flatten().filter(|_| is_inside);
                     step(mirror, next.as_ref())
                 });
                 let rays = offsets.iter().map(|tap| tapped(mirror, steps, *tap));
-                let lobe = all.cast(mirror, own, rays, pixel_width / tile.side as f32);
+                let lobe = all.cast(mirror, (at as u32, own), rays, pixel_width / tile.side as f32);
                 all.seen.push(Seen { at: at as u32, lobe, square: 1 });
                 continue;
             }
-            let square = if mirror.alpha < SMOOTH { 3 } else { 5 };
+            let square = if mirror.alpha() < SMOOTH { 3 } else { 5 };
             let number = (pixel[1] * tile.size[0] + pixel[0]) as usize;
             let is_of = |lobe: &u32| all.lobes[*lobe as usize].reflector == mirror.reflector;
             let lobe = match all.shared[number].filter(is_of) {
@@ -131,10 +103,10 @@ impl Lobes {
                 None => {
                     let in_image = [0, 1].map(|axis| tile.begin[axis] + pixel[axis]);
                     let stratum = in_image[0] % square + square * (in_image[1] % square);
-                    let (normal, alpha) = (mirror.texel.normal.as_dvec3(), f64::from(mirror.alpha));
-                    let half = half_vector(normal, alpha, stratum, square * square).as_vec3();
-                    let rays = std::iter::once((mirror.texel.start, reflected(mirror, half)));
-                    let lobe = all.cast(mirror, own, rays, pixel_width);
+                    let half = mirror.half_vector(stratum, square * square);
+                    let towards = mirror.texel.position.normalize_or(-half);
+                    let rays = std::iter::once((mirror.texel.start, reflected(towards, half)));
+                    let lobe = all.cast(mirror, (at as u32, own), rays, pixel_width);
                     all.shared[number] = Some(lobe);
                     lobe
                 }
@@ -144,17 +116,27 @@ impl Lobes {
         all
     }
 
-    /// Adds a surface's lobe: starts and directions of reflected rays, and the refracted ray. Returns its number.
+    /// Adds a surface's lobe: starts and directions of reflected rays, and the refracted ray. They are for sub-sample `at`, and
+    /// of the instance `own`. Returns its number.
     fn cast(
         &mut self,
         mirror: &Mirror,
-        own: Option<u32>,
+        (at, own): (u32, Option<u32>),
         reflected: impl Iterator<Item = (Vec3, Vec3)>,
         pixel_width: f32,
     ) -> u32 {
-        let Mirror { texel, reflector, alpha, eta } = *mirror;
-        let (width, spread) = (pixel_width * texel.position.length(), pixel_width + alpha);
-        let ray = |start, direction, past| Ray { start, direction, reflector, past, width, spread };
+        let &Mirror { texel, reflector, .. } = mirror;
+        let (width, spread) = (pixel_width * texel.position.length(), pixel_width + mirror.alpha());
+        let ray = |start, direction, past, is_through| Ray {
+            start,
+            direction,
+            reflector,
+            past,
+            width,
+            spread,
+            at,
+            is_through,
+        };
         let first = self.rays.len() as u32;
         for (start, direction) in reflected {
             let weight = direction.dot(texel.normal);
@@ -162,17 +144,13 @@ impl Lobes {
                 // Where the shading normal leans away from the triangle's, a ray may point into the surface. It stands for
                 // a smooth one, and passes through.
                 let past = own.filter(|_| direction.dot(texel.side) <= 0.0);
-                self.rays.push(ray(start, direction, past));
+                self.rays.push(ray(start, direction, past, false));
                 self.weights.push(weight);
             }
         }
         let end = self.rays.len() as u32;
-        let through = eta.map(|eta| {
-            let towards = texel.position.normalize_or(-texel.normal);
-            let inward = refracted(towards.as_dvec3(), texel.normal.as_dvec3(), f64::from(eta)).as_vec3();
-            // From the other side of the surface.
-            let start = texel.position - (texel.start - texel.position);
-            self.rays.push(ray(start, inward, own));
+        let through = mirror.through(texel.position.normalize_or(-texel.normal)).map(|(start, inward)| {
+            self.rays.push(ray(start, inward, own, true));
             self.weights.push(1.0);
             end
         });
@@ -218,7 +196,9 @@ impl Lobes {
         let lobe = &self.lobes[seen.lobe as usize];
         let [width, height] = self.size.map(i64::from);
         let side = i64::from(self.side);
-        let reach = i64::from(seen.square / 2);
+        // Two boxes: the first covers each direction of the lobe once, the second takes off the edges of few bright rays.
+        let reach = i64::from(seen.square / 2) + 1;
+        let weight = |off: i64| (reach + 1 - off.abs()).min(3) as f32;
         let (at, columns) = (i64::from(seen.at), width * side);
         let (column, row) = (at % columns / side, at / columns / side);
         let mut all = [(Vec3::ZERO, 0.0); 2];
@@ -227,8 +207,9 @@ impl Lobes {
                 let Some(number) = self.shared[(y * width + x) as usize] else { continue };
                 let other = &self.lobes[number as usize];
                 if number == seen.lobe || lobe.agrees(other) {
+                    let weight = weight(x - column) * weight(y - row);
                     for (all, one) in all.iter_mut().zip(&sums[number as usize]) {
-                        *all = (all.0 + one.0, all.1 + one.1);
+                        *all = (all.0 + one.0 * weight, all.1 + one.1 * weight);
                     }
                 }
             }
@@ -261,16 +242,7 @@ fn mirrors(
     let of_sub_sample = |((surface, material), word): ((&[u8; 16], &[u8; 16]), &[u8; 4])| {
         let word = u32::from_le_bytes(*word);
         let number = probe_in_word(word).checked_sub(1)?;
-        let (surface, material) = (word4(surface), word4(material));
-        let texel = texel_of_guides(surface, material, &offset);
-        let [f0, _, _, roughness] = material[3].to_le_bytes().map(|byte| f32::from(byte) / 255.0);
-        let root = f0.clamp(0.0, 0.5).sqrt();
-        texel.exists.then_some(Mirror {
-            texel,
-            reflector: number,
-            alpha: roughness * roughness,
-            eta: lets_through(word).then_some((1.0 - root) / (1.0 + root)),
-        })
+        Mirror::of_guides([word4(surface), word4(material)], &offset, (number, lets_through(word)))
     };
     guides.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
 }
@@ -299,13 +271,7 @@ fn tapped(mirror: &Mirror, [right, down]: [[Vec3; 2]; 2], tap: Vec2) -> (Vec3, V
     let normal = (normal + right[1] * tap.x + down[1] * tap.y).normalize_or(normal);
     let step = right[0] * tap.x + down[0] * tap.y;
     let towards = (position + step).normalize_or(-normal);
-    (start + step, towards - 2.0 * towards.dot(normal) * normal)
-}
-
-/// Direction of the reflected ray about a half vector.
-fn reflected(mirror: &Mirror, half: Vec3) -> Vec3 {
-    let towards = mirror.texel.position.normalize_or(-half);
-    towards - 2.0 * towards.dot(half) * half
+    (start + step, reflected(towards, normal))
 }
 
 /// Width of a pixel at unit distance, in the middle of a tile.
@@ -317,17 +283,17 @@ fn tile_spread(tile: &Tile) -> f32 {
 mod tests {
     use super::*;
 
-    fn mirror(normal: Vec3, alpha: f32) -> Mirror {
+    fn mirror(normal: Vec3) -> Mirror {
         let position = Vec3::new(0.0, 0.0, -4.0);
         let texel =
             Texel { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
-        Mirror { texel, reflector: 0, alpha, eta: None }
+        Mirror { texel, reflector: 0, f0: Vec3::ONE, roughness: 0.0, eta: None }
     }
 
     #[test]
     fn light_that_meets_a_mirror_head_on_returns_and_taps_turn_with_the_normal() {
-        let here = mirror(Vec3::Z, 0.0);
-        assert_eq!(reflected(&here, Vec3::Z), Vec3::Z);
+        let here = mirror(Vec3::Z);
+        assert_eq!(reflected(-Vec3::Z, Vec3::Z), Vec3::Z);
         let turn = [[Vec3::X * 0.1, Vec3::X * 0.2], [Vec3::ZERO; 2]];
         let (start, direction) = tapped(&here, turn, Vec2::X);
         assert!(
@@ -339,20 +305,19 @@ mod tests {
 
     #[test]
     fn steps_are_none_across_reflectors_and_edges() {
-        let here = mirror(Vec3::Z, 0.0);
+        let here = mirror(Vec3::Z);
         assert_eq!(step(&here, None), [Vec3::ZERO; 2]);
         assert_eq!(step(&here, Some(&Mirror { reflector: 1, ..here })), [Vec3::ZERO; 2]);
-        assert_eq!(step(&here, Some(&mirror(-Vec3::Z, 0.0))), [Vec3::ZERO; 2]);
-        assert!(step(&here, Some(&mirror(Vec3::new(0.1, 0.0, 0.995), 0.0)))[1].x > 0.05);
+        assert_eq!(step(&here, Some(&mirror(-Vec3::Z))), [Vec3::ZERO; 2]);
+        assert!(step(&here, Some(&mirror(Vec3::new(0.1, 0.0, 0.995))))[1].x > 0.05);
     }
 
     #[test]
     fn an_eye_on_the_surface_gives_unit_directions() {
-        let mut here = mirror(Vec3::Z, 0.0);
+        let mut here = mirror(Vec3::Z);
         here.texel.position = Vec3::ZERO;
         assert!(
-            reflected(&here, Vec3::Z).is_normalized()
-                && tapped(&here, [[Vec3::ZERO; 2]; 2], Vec2::X).1.is_finite()
+            here.through(-Vec3::Z).is_none() && tapped(&here, [[Vec3::ZERO; 2]; 2], Vec2::X).1.is_finite()
         );
     }
 }

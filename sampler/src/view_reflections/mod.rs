@@ -9,35 +9,31 @@
 //!
 //! # Steps of a view
 //!
-//! 1. With points: [`indexed`] finds the reflectors in the view and fills their maps, once.
+//! 1. With points: `reflected_light/indexed.rs` finds the reflectors in the view and fills their maps, once.
 //! 2. For each tile, [`lobes`]: the rays of what the tile's sub-samples reflect. Sharp reflections have rays of their own.
 //!    Blurred ones have a ray a pixel, and neighbours share them.
-//! 3. What rays meet is shaded, without what depends on the viewer (`passes/shade_points.rs`).
+//! 3. [`Bounces`]: what rays meet is shaded, without what depends on the viewer (`passes/shade_points.rs`), and rays that meet
+//!    reflectors go on.
 //! 4. `passes/add_reflections.rs` adds it, weighted by the surfaces' lobes.
 
-mod indexed;
 mod lobes;
 
 use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
-use argus_scene::shading::sky_radiance;
 use argus_scene::{Cancel, Lighting, ProbeSource, ReflectionProbeSet, RenderError, Scene, Stage, ViewJob};
-use argus_shaders::layout::sampler::ProbePoint;
-use glam::{DVec3, Vec3};
-use rayon::prelude::*;
 
-use crate::indirect::{IndirectLight, LightSharing};
+use crate::indirect::IndirectLight;
 use crate::light::DirectLight;
 use crate::passes::{AddReflections, Shade, ShadePoints, TileContext};
 use crate::point_shading::PointShading;
-use crate::probe_renderer::{ProbeBindings, probe_point};
+use crate::probe_renderer::ProbeBindings;
+use crate::reflected_light::{Bounces, IndexedMaps, Reflectors, offset_about};
 use crate::reflected_scene::FoundBy;
 use crate::resident::{GuideUse, Resident, upload};
 use crate::scratch::Scratch;
 use crate::{SamplerKnobs, timing};
-pub(crate) use indexed::IndexedMaps;
-use lobes::{Lobes, Ray};
+use lobes::Lobes;
 
 /// Taps of a pixel into maps of points, as in the paper.
 const TAPS: u32 = 25;
@@ -45,8 +41,7 @@ const TAPS: u32 = 25;
 /// The programs that find reflections of direct views, for one scene on one device.
 pub(crate) struct ViewReflections {
     pub(crate) set: ReflectionProbeSet,
-    /// Instances that reflect.
-    reflectors: Vec<u32>,
+    reflectors: Reflectors,
     /// Shades without reflections, and notes which reflector a sub-sample shows.
     pub(crate) shade: Shade,
     /// No probes, and the number of each instance's reflector.
@@ -54,13 +49,6 @@ pub(crate) struct ViewReflections {
     points: ShadePoints,
     add: AddReflections,
     scratch: Scratch,
-}
-
-/// What rays met, to be shaded.
-struct Met {
-    points: Vec<ProbePoint>,
-    /// For each ray the index of its point; `None` for the sky.
-    of_ray: Vec<Option<u32>>,
 }
 
 impl ViewReflections {
@@ -75,19 +63,15 @@ impl ViewReflections {
         knobs: &SamplerKnobs,
         set: ReflectionProbeSet,
     ) -> Result<Self, RenderError> {
-        let reflectors = scene.reflectors(set.knobs.most);
-        let mut numbers = vec![0u32; resident.instance_count.max(1)];
-        for (number, &instance) in (1..).zip(&reflectors) {
-            numbers[instance as usize] = number;
-        }
-        let numbers = upload(gpu, "numbers of reflectors", &numbers, wgpu::BufferUsages::STORAGE)?;
-        let of_points = GuideUse::of(knobs);
+        let reflectors = Reflectors::new(scene, set.knobs.most);
+        let numbers = upload(gpu, "numbers of reflectors", &reflectors.numbers, wgpu::BufferUsages::STORAGE)?;
+        let guides = GuideUse::of(knobs).at_least_kept();
         Ok(Self {
             set,
             reflectors,
-            shade: Shade::deferring(gpu, resident.features, of_points.at_least_kept()),
+            shade: Shade::deferring(gpu, resident.features, guides),
             bindings: ProbeBindings { probe_of_instance: numbers, ..ProbeBindings::none(gpu) },
-            points: ShadePoints::new(gpu, resident.features, of_points),
+            points: ShadePoints::new(gpu, resident.features, guides),
             add: AddReflections::new(gpu),
             scratch: Scratch::default(),
         })
@@ -103,7 +87,7 @@ impl ViewReflections {
         let (ProbeSource::Points { budget }, FoundBy::Points(points)) = (self.set.knobs.source, by) else {
             return None;
         };
-        Some(IndexedMaps::new(points, scene, &self.reflectors, &ids(), (view, time_secs, budget)))
+        Some(IndexedMaps::new(points, scene, &self.reflectors.instances, &ids(), (view, time_secs, budget)))
     }
 
     /// Finds what a tile's sub-samples reflect, and records its addition. `commands` must have shaded the tile by
@@ -134,11 +118,10 @@ impl ViewReflections {
         let taps = if maps.is_some() { TAPS.div_ceil(context.tile.side.pow(2)) } else { 1 };
         let eye = context.eye.position;
         let read = [&surfaces[..], &materials, &words];
-        let lobes = Lobes::new(read, (context.tile, taps), offset_about(by, eye), &self.reflectors);
-        let met = meet((by, maps), eye, &lobes.rays);
-        timing::add_since(stages, "find reflections", begin);
+        let lobes = Lobes::new(read, (context.tile, taps), offset_about(by, eye), &self.reflectors.instances);
         let gpu = context.gpu.clone();
         if lobes.rays.is_empty() {
+            timing::add_since(stages, "find reflections", begin);
             return Ok(gpu.commands("render colour"));
         }
         let mut shading = PointShading {
@@ -146,58 +129,22 @@ impl ViewReflections {
             resident: context.resident,
             eye: context.eye,
             lights,
-            sharing: LightSharing::Reflected,
             programs: &self.points,
             scratch: &mut self.scratch,
             cancel,
         };
-        let shaded = shading.shade(&met.points, stages)?;
-        let begin = Instant::now();
-        let arriving: Vec<Vec3> = lobes
-            .rays
-            .par_iter()
-            .zip(&met.of_ray)
-            .with_min_len(1024)
-            .map(|(ray, point)| match point {
-                Some(point) => shaded[*point as usize],
-                None => sky_radiance(&lighting.sky, ray.direction),
-            })
-            .collect();
+        let (tile, sky) = (context.tile, &lighting.sky);
+        let bounces = Bounces { by, maps, reflectors: &self.reflectors, sky, eye, tile };
+        let mut shaded = Vec::new();
+        let arriving = bounces.arriving(&lobes.rays, &mut shading, &mut shaded)?;
         let words = lobes.gather(&arriving, count as usize);
         let arriving = upload(&gpu, "arriving reflections", &words, wgpu::BufferUsages::STORAGE)?;
-        timing::add_since(stages, "find reflections", begin);
+        let all = begin.elapsed().as_secs_f64() * 1e3;
+        let rest = all - shaded.iter().map(|stage| stage.ms).sum::<f64>();
+        timing::add(stages, vec![Stage::new("find reflections", rest.max(0.0))]);
+        timing::add(stages, shaded);
         let mut commands = gpu.commands("render colour");
         self.add.record(&mut commands, context, (guides, reflectors), &arriving);
         Ok(commands)
     }
-}
-
-/// How far off a surface rays begin, metres, by its place about an eye.
-fn offset_about(by: &FoundBy, eye: DVec3) -> impl Fn(Vec3) -> f32 + Sync {
-    let about = match by {
-        FoundBy::Rays(tracer) => Some(tracer.about(eye)),
-        // Lookups hit no surface.
-        FoundBy::Points(_) => None,
-    };
-    move |position| about.as_ref().map_or(0.0, |about| about.offset(position, position.length()))
-}
-
-/// What rays meet that begin about an eye. Points are looked up in the maps of the view.
-fn meet((by, maps): (&FoundBy, Option<&IndexedMaps>), eye: DVec3, rays: &[Ray]) -> Met {
-    let tracer = match (by, maps) {
-        (FoundBy::Points(points), Some(maps)) => return maps.meet(points, eye, rays),
-        (FoundBy::Points(_), None) => return Met { points: Vec::new(), of_ray: vec![None; rays.len()] },
-        (FoundBy::Rays(tracer), _) => tracer,
-    };
-    let along = rays.par_iter().map(|ray| (ray.start, ray.direction, ray.past));
-    let met = tracer.follow(eye, along);
-    let mut points = Vec::with_capacity(rays.len());
-    let of_ray = met.iter().zip(rays).map(|(met, ray)| {
-        let met = met.as_ref()?;
-        let width = ray.width + ray.spread * met.range as f32;
-        points.push(probe_point(&tracer.shading_of(met, f64::from(width)), eye));
-        Some(points.len() as u32 - 1)
-    });
-    let of_ray = of_ray.collect();
-    Met { points, of_ray }
 }

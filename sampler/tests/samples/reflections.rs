@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use argus_scene::procedural::mirrors;
 use argus_scene::reference::{Reflecting, Tracer};
-use argus_scene::reflection::{level_sides, map_size};
+use argus_scene::reflection::{BOUNCES, level_sides, map_size};
 use argus_scene::{
     Camera, Cancel, Material, PixelJob, PlaneKind, ProbeSource, ReflectionProbeSet, Reflections, RenderError,
-    SampleId, SampleJob, SampleSetInfo, Sampler as _, Scene, SceneState, Version, ViewJob,
+    SampleId, SampleJob, SampleSetInfo, Sampler as _, Scene, SceneState, Version, ViewJob, rgb9e5,
 };
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -28,7 +28,7 @@ fn probes_from(scene: &Scene, source: ProbeSource) -> Option<ReflectionProbeSet>
 
 fn traced(scene: &Arc<Scene>, time_secs: f64) -> Tracer {
     let tracer = Tracer::new(Arc::clone(scene)).at(time_secs);
-    tracer.reflecting(Reflecting { rays: 32, instances: scene.reflectors(1024) })
+    tracer.reflecting(Reflecting { rays: 32, bounces: BOUNCES, instances: scene.reflectors(1024) })
 }
 
 /// FLIP of a direct view with maps, and of one without, against rays; and what the first shows.
@@ -315,6 +315,49 @@ fn views_show_by_rays_what_the_reference_traces_and_by_points_nearly_that() {
         assert!(rays < 0.02, "{name}: FLIP {rays} by rays");
         assert!(points < 0.04, "{name}: FLIP {points} by points");
     }
+}
+
+/// A room with two chrome balls side by side.
+fn room_with_two_balls() -> (Arc<Scene>, Camera) {
+    let mut scene = (*room_with_a_ball(DVec3::ZERO, chrome(0.0))).clone();
+    place(
+        &mut scene,
+        ball(3, 24),
+        DAffine3::from_translation(DVec3::X * 1.3) * DAffine3::from_scale(DVec3::splat(0.5)),
+    );
+    (Arc::new(scene), into_room(DVec3::X * 0.5))
+}
+
+#[test]
+fn a_mirror_in_a_mirror_shows_the_room() {
+    let (scene, camera) = room_with_two_balls();
+    let reflections = probes_from(&scene, ProbeSource::Rays);
+    let job = ViewJob { reflections, ..view_job(camera, SIZE, 4) };
+    let shown = image_of(&direct(&mut sampler(&scene), &job));
+    let [one, all] = [1, BOUNCES].map(|bounces| {
+        let reflecting = Reflecting { rays: 1, bounces, instances: scene.reflectors(2) };
+        let tracer = Tracer::new(Arc::clone(&scene)).reflecting(reflecting);
+        let truth = tracer.render(&camera, SIZE[0], SIZE[1], 4, |_| {}).display(scene.lighting.exposure);
+        flip(&format!("mirror-in-mirror-{bounces}"), &shown, &truth)
+    });
+    assert!(all < 0.02 && all < 0.6 * one, "FLIP {all}; {one} against a single bounce");
+}
+
+#[test]
+fn probes_by_rays_show_what_reflectors_in_them_reflect() {
+    let (scene, _) = room_with_two_balls();
+    let dark = |source| {
+        let probes = probes_from(&scene, source).unwrap();
+        let job = probes_of(&scene, Some(probes));
+        let words = host_bytes(&sample(&mut sampler(&scene), &job), PlaneKind::Radiance);
+        let words = words.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
+        // The finest level of each probe, which comes first and is a square.
+        let [columns, rows] = map_size(probes.knobs.side).map(|n| n as usize);
+        let finest = words.enumerate().filter(|(place, _)| place % (columns * rows) < columns * columns);
+        finest.filter(|(_, word)| rgb9e5::decode(*word).max_element() < 1e-3).count()
+    };
+    let (rays, points) = (dark(ProbeSource::Rays), dark(ProbeSource::POINTS));
+    assert!(points > 100 && rays * 8 < points, "{rays} dark texels by rays, {points} by points");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 use super::*;
 use crate::light_sampling::{cosine_direction, disc_point, r2};
+use crate::rgb9e5::{LARGEST, decode, encode};
 use crate::shading::{sky_ambient, sky_radiance};
 
 /// A map whose texels are a function of column and row.

@@ -3,7 +3,8 @@
 //!
 //! A surface reflects the mean radiance over its lobe (GGX about its normal, Karis 2013), weighted by the environment
 //! BRDF of the sky's reflection. It transmits the radiance of the refracted direction, as if the object had no far
-//! side: light is refracted once. Surfaces seen in it show only their colour that does not depend on the viewer.
+//! side: light is refracted once. Reflecting surfaces seen in it reflect and refract in turn, with an eighth of the rays, up to
+//! a number of bounces; all else shows its colour that does not depend on the viewer.
 
 use glam::{DVec3, Vec3};
 
@@ -16,6 +17,8 @@ use crate::shading::{Surface, dielectric_f0, reflected_around, sky_radiance};
 pub struct Reflecting {
     /// Rays per lobe.
     pub rays: u32,
+    /// Most reflections one after another, at least 1.
+    pub bounces: u32,
     /// Reflecting instances, ascending; the rest reflect only the sky.
     pub instances: Vec<u32>,
 }
@@ -52,18 +55,30 @@ impl Tracer {
         transmitted: Vec3,
         direction: DVec3,
     ) -> Option<Vec3> {
-        let reflecting = self.reflects(hit)?;
+        let &Reflecting { rays, bounces, .. } = self.reflects(hit)?;
+        Some(self.sent(hit, surface, transmitted, direction, (rays, bounces)))
+    }
+
+    fn sent(
+        &self,
+        hit: &Hit,
+        surface: &Surface,
+        transmitted: Vec3,
+        direction: DVec3,
+        (rays, bounces): (u32, u32),
+    ) -> Vec3 {
         let normal = surface.normal.as_dvec3();
         let off = normal * (OFF_SURFACE * hit.range);
         let alpha = f64::from(surface.roughness).powi(2);
-        let rays = if alpha > 0.0 { reflecting.rays.max(1) } else { 1 };
+        let rays = if alpha > 0.0 { rays.max(1) } else { 1 };
+        let next = (rays.div_ceil(8), bounces.saturating_sub(1));
         let (mut sum, mut weights) = (Vec3::ZERO, 0.0);
         for ray in 0..rays {
             let half = half_vector(normal, alpha, ray, rays);
             let reflected = direction - 2.0 * direction.dot(half) * half;
             let weight = reflected.dot(normal);
             if weight > 0.0 {
-                sum += self.met(hit.position + off, reflected, None) * weight as f32;
+                sum += self.met(hit.position + off, reflected, None, next) * weight as f32;
                 weights += weight as f32;
             }
         }
@@ -74,10 +89,10 @@ impl Tracer {
             // From the reflectance, as in the maps.
             let root = f64::from(dielectric_f0(ior as f32)).clamp(0.0, 0.5).sqrt();
             let inward = refracted(direction, normal, (1.0 - root) / (1.0 + root));
-            let through = self.met(hit.position - off, inward, Some(hit.instance));
+            let through = self.met(hit.position - off, inward, Some(hit.instance), next);
             sent += transmitted * through * (Vec3::ONE - reflected_around(surface, to_eye, Vec3::ONE));
         }
-        Some(sent)
+        sent
     }
 
     fn reflects(&self, hit: &Hit) -> Option<&Reflecting> {
@@ -85,8 +100,8 @@ impl Tracer {
         self.reflecting.as_ref().filter(found)
     }
 
-    /// Radiance from a unit direction, past the surfaces of one instance.
-    fn met(&self, from: DVec3, direction: DVec3, past: Option<u32>) -> Vec3 {
+    /// Radiance from a unit direction, past the surfaces of one instance, with rays per lobe and so many more reflections.
+    fn met(&self, from: DVec3, direction: DVec3, past: Option<u32>, (rays, bounces): (u32, u32)) -> Vec3 {
         let lighting = &self.pose.lighting;
         let mut origin = from;
         for _ in 0..MOST_PASSED {
@@ -96,7 +111,12 @@ impl Tracer {
                 continue;
             }
             let surface = self.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
-            return self.diffuse(&hit, &surface, direction);
+            if bounces == 0 || surface.f0 == Vec3::ZERO || self.reflects(&hit).is_none() {
+                return self.diffuse(&hit, &surface, direction);
+            }
+            let (surface, transmitted) = self.without_transmitted(&hit, &surface);
+            let sent = self.sent(&hit, &surface, transmitted, direction, (rays, bounces));
+            return self.diffuse(&hit, &surface, direction) + sent;
         }
         sky_radiance(&lighting.sky, direction.as_vec3())
     }

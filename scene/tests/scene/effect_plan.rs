@@ -3,6 +3,7 @@ use crate::common;
 
 use argus_scene::effects::{EffectCosts, EffectKind, SHARED_STAGE, STAGES};
 use argus_scene::reference::{DirectLight, Indirect, Reflecting, Tracer};
+use argus_scene::reflection::BOUNCES;
 use argus_scene::{
     Camera, EffectPlan, EffectRequest, Effects, Instance, Light, LightEffects, Lighting, Material, Mesh,
     PointKnobs, Scene, Sky, Stage, VplKnobs,
@@ -250,7 +251,7 @@ fn indirect_light_reflection_and_transmission_keep_their_bounds() {
     let instances = scene.reflectors(8);
     assert_eq!(instances, [2]);
     let plain = tracer(scene.clone());
-    let reflecting = tracer(scene.clone()).reflecting(Reflecting { rays: 16, instances });
+    let reflecting = tracer(scene.clone()).reflecting(Reflecting { rays: 16, bounces: BOUNCES, instances });
     let changed = change(&scene, &plain, &reflecting, None);
     let bound = holds("reflection", &scene, EffectKind::Reflection, 0.0)
         + holds("transmission", &scene, EffectKind::Transmission, 0.0);

@@ -14,7 +14,7 @@ use super::{Met, Ray};
 use crate::eye_points::{
     Eye, EyePointKnobs, EyePoints, LARGEST_SIDE, PointReflector, PointScene, Requests, STEPS, lookup,
 };
-use crate::probe_renderer::probe_point;
+use crate::point_shading::{Points, probe_point};
 
 /// Distances below this share of the scene's extent count as this, in the density of points.
 const NEAR: f64 = 1e-5;
@@ -30,7 +30,7 @@ pub(crate) struct IndexedMaps {
 impl IndexedMaps {
     /// Maps of a view at a time in seconds, from at most `budget` points. `instances` reflect; `ids` are the view's visibility:
     /// instance + 1 and triangle, or zeros for the sky.
-    pub(super) fn new(
+    pub(crate) fn new(
         points: &PointScene,
         scene: &Scene,
         instances: &[u32],
@@ -60,10 +60,15 @@ impl IndexedMaps {
     }
 
     /// What rays meet that begin about an eye: each point once.
-    pub(super) fn meet(&self, points: &PointScene, eye: DVec3, rays: &[Ray]) -> Met {
+    pub(crate) fn meet<'a>(
+        &self,
+        points: &PointScene,
+        eye: DVec3,
+        rays: impl IndexedParallelIterator<Item = &'a Ray>,
+    ) -> Met {
         let maps = &self.found.maps;
         let requests = Requests::none(self.found.count());
-        let ids = rays.par_iter().with_min_len(256).map(|ray| {
+        let ids = rays.with_min_len(256).map(|ray| {
             let map = (*self.map_of.get(ray.reflector as usize)?)?;
             let about = eye + ray.start.as_dvec3() - self.reflectors[map as usize].center;
             let texel = lookup(maps, map as usize, about, ray.direction.as_dvec3(), STEPS);
@@ -73,12 +78,9 @@ impl IndexedMaps {
         });
         let ids: Vec<Option<u32>> = ids.collect();
         let requests = requests.counted();
-        let shown = requests.ids();
+        let point = |id: &u32| probe_point(&points.shading_of_point(&self.found, *id), eye);
         Met {
-            points: shown
-                .par_iter()
-                .map(|id| probe_point(&points.shading_of_point(&self.found, *id), eye))
-                .collect(),
+            points: Points { all: requests.ids().par_iter().map(point).collect(), image: None },
             of_ray: ids.par_iter().map(|id| id.map(|id| requests.slot(id) as u32)).collect(),
         }
     }
