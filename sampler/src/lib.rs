@@ -29,7 +29,6 @@ mod probe_renderer;
 mod radiosity;
 mod ray_timing;
 mod reflected_light;
-mod reflected_scene;
 mod resident;
 mod sampler;
 mod scratch;

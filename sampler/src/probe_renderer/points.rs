@@ -14,8 +14,8 @@ use super::ProbePlaces;
 use crate::eye_points::{BudgetReport, Density, Eye, EyePointKnobs, Maps, PointReflector, Requests};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
 use crate::point_shading::probe_point;
+use crate::reflected_light::FoundBy;
 use crate::reflected_light::Ray;
-use crate::reflected_scene::FoundBy;
 use crate::resident::{GuideUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.

@@ -9,6 +9,7 @@
 mod indexed;
 mod mirror;
 mod reflectors;
+mod scene;
 
 use argus_scene::reflection::BOUNCES;
 use argus_scene::shading::{Surface, reflected_around, sky_radiance};
@@ -20,9 +21,9 @@ use rayon::prelude::*;
 pub(crate) use self::indexed::IndexedMaps;
 pub(crate) use self::mirror::{Mirror, Ray, reflected};
 pub(crate) use self::reflectors::Reflectors;
+pub(crate) use self::scene::{FoundBy, ReflectedScene};
 use crate::eye_points::{MetByRay, ReflectionRays};
 use crate::point_shading::{PointGuides, PointShading, Points, ShadedPoints, index_in_blocks, probe_point};
-use crate::reflected_scene::FoundBy;
 use crate::tile::Tile;
 
 /// Rays are not sent on for a smaller share of what arrives: half a step of a display.

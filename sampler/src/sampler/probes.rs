@@ -13,7 +13,7 @@ use super::tile_loop::ReadyScene;
 use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::{ProbeBindings, ProbePrograms, ProbeRenderer};
-use crate::reflected_scene::ReflectedScene;
+use crate::reflected_light::ReflectedScene;
 use crate::resident::{GuideUse, Resident};
 use crate::tile::tiles;
 use crate::view_reflections::ViewReflections;

@@ -24,12 +24,12 @@ const OCTREE_TEXEL: f64 = 9e-4;
 const POINT_TRIANGLE: f64 = 6.5e-4;
 /// Milliseconds a texel of a probe from points.
 const POINT_TEXEL: f64 = 1.8e-3;
-/// Milliseconds a texel of a probe by rays: one and a half rays of 2.2 million a second, and shading what they met.
-const RAY_TEXEL: f64 = 3e-3;
+/// Milliseconds a texel of a probe by rays: one and a half rays, and shading what they met.
+const RAY_TEXEL: f64 = 9e-4;
 
 impl ReflectionCost {
     /// The costs of a scene's probes by several settings. Constants are from ten mirrors (`argus study reflections`) and a first
-    /// view of Sponza with 256 reflectors, with a software driver; shading by rays is estimated.
+    /// view of Sponza with 256 reflectors, with a software driver.
     pub fn of<const N: usize>(scene: &Scene, all: [Reflections; N]) -> [Self; N] {
         let found = scene.reflectors(u32::MAX).len();
         let of_mesh = |mesh: u32| scene.meshes.get(mesh as usize).map_or(0, |mesh| mesh.triangles() as u64);
