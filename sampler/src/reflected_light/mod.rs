@@ -61,6 +61,12 @@ struct Path {
     share: Vec3,
 }
 
+impl Path {
+    fn of_rays(rays: &[Ray]) -> Vec<Self> {
+        (0..).zip(rays).map(|(first, ray)| Self { ray: *ray, first, share: Vec3::ONE }).collect()
+    }
+}
+
 impl Bounces<'_> {
     /// Radiance that arrives along each ray.
     ///
@@ -72,8 +78,7 @@ impl Bounces<'_> {
         shading: &mut PointShading<'_>,
         stages: &mut Vec<Stage>,
     ) -> Result<Vec<Vec3>, RenderError> {
-        let first = |(first, ray): (u32, &Ray)| Path { ray: *ray, first, share: Vec3::ONE };
-        let paths: Vec<Path> = (0..).zip(rays).map(first).collect();
+        let paths = Path::of_rays(rays);
         let met = self.meet(&paths);
         self.arriving_from(paths, met, shading, stages)
     }
@@ -89,11 +94,9 @@ impl Bounces<'_> {
         shading: &mut PointShading<'_>,
         stages: &mut Vec<Stage>,
     ) -> Result<Vec<Vec3>, RenderError> {
-        let first = |(first, ray): (u32, &Ray)| Path { ray: *ray, first, share: Vec3::ONE };
-        let paths: Vec<Path> = (0..).zip(rays).map(first).collect();
         let of_ray = (0..points.len() as u32).map(Some).collect();
         let met = Met { points: Points { all: points, image: None }, of_ray };
-        self.arriving_from(paths, met, shading, stages)
+        self.arriving_from(Path::of_rays(rays), met, shading, stages)
     }
 
     /// Radiance that arrives along first rays, of which is known what they met.
