@@ -6,6 +6,7 @@
 // last of those whose cells overlap has it. Two triangles that share an edge compute the same volume there, of opposite sign, so
 // that a ray meets one of them.
 
+import package::shared::cube_faces::{face_of, from_face, in_face};
 import package::shared::eye_points::{ABSENT, PointFacet, PointMap, PointPiece, WHOLE_CELL};
 import package::shared::linear::linear_index;
 
@@ -49,30 +50,6 @@ const FIRST_TILES: u32 = 0xffffffffu;
 const MOST_CORNERS: u32 = 8u;
 // The least normal f32.
 const LEAST_INVERSE: f32 = 1.17549435e-38;
-
-// A direction within a face: coordinates along its two axes, and along its own axis.
-fn in_face(face: u32, d: vec3f) -> vec3f {
-    let turned = select(select(d, d.zxy, face / 2u == 1u), d.yzx, face / 2u == 0u);
-    return vec3f(turned.xy, select(turned.z, -turned.z, (face & 1u) == 1u));
-}
-
-// The direction of coordinates within a face.
-fn from_face(face: u32, at: vec3f) -> vec3f {
-    let d = vec3f(at.xy, select(at.z, -at.z, (face & 1u) == 1u));
-    return select(select(d, d.yzx, face / 2u == 1u), d.zxy, face / 2u == 0u);
-}
-
-// The face of a direction: that of its longest coordinate.
-fn face_of(d: vec3f) -> u32 {
-    let size = abs(d);
-    if size.x >= size.y && size.x >= size.z {
-        return select(0u, 1u, d.x < 0.0);
-    }
-    if size.y >= size.z {
-        return select(2u, 3u, d.y < 0.0);
-    }
-    return select(4u, 5u, d.z < 0.0);
-}
 
 fn is_before(a: vec3f, b: vec3f) -> bool {
     return a.x < b.x || (a.x == b.x && (a.y < b.y || (a.y == b.y && a.z < b.z)));

@@ -1,6 +1,7 @@
 // Program of `sampler/src/passes/resample_points.rs`: makes the finest level of reflection probes from cube maps of points
 // (`sampler/src/eye_points/maps.rs`).
 
+import package::shared::cube_faces::{face_of, in_face};
 import package::shared::encode::{radiance_from_rgb9e5};
 import package::shared::finite::{finite_or_zero};
 import package::shared::probe_planes::{SUB, direction_of_place, finest, keep, place_of, step};
@@ -18,19 +19,10 @@ override cube_side: u32 = 64u;
 
 // The texel of a direction, as `Maps::texel_of`.
 fn texel_along(map: u32, direction: vec3f) -> vec2u {
-    let size = abs(direction);
-    var at = vec3f(direction.y, direction.z, direction.x);
-    var face = 0u;
-    if size.y > size.x && size.y >= size.z {
-        at = vec3f(direction.z, direction.x, direction.y);
-        face = 2u;
-    } else if size.z > size.x {
-        at = direction;
-        face = 4u;
-    }
-    face += select(0u, 1u, at.z < 0.0);
+    let face = face_of(direction);
+    let at = in_face(face, direction);
     let side = cube_side;
-    let place = (at.xy / max(abs(at.z), 1e-30) + 1.0) * 0.5 * f32(side);
+    let place = (at.xy / max(at.z, 1e-30) + 1.0) * 0.5 * f32(side);
     let texel = min(vec2u(max(place, vec2f(0.0))), vec2u(side - 1u));
     let index = ((map * 6u + face) * side + texel.y) * side + texel.x;
     return texels[min(index, arrayLength(&texels) - 1u)];
