@@ -20,6 +20,7 @@ mod lead;
 mod memory;
 mod monitor;
 mod planning_time;
+mod prepare;
 mod redirect;
 mod relayed;
 mod scenes;
@@ -39,11 +40,7 @@ use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
-use argus_scene::rig::Sight;
-use argus_scene::{
-    EffectPlan, EffectRequest, Exposure, InvalidField, Lighting, Metering, ReflectionProbeSet,
-    ReflectionRequest, Rig, SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
-};
+use argus_scene::Rig;
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -52,6 +49,7 @@ use tracing::info;
 pub use config::{Config, ServeError};
 #[cfg(feature = "fuzzing")]
 pub(crate) use inbox::check_inbox;
+pub use prepare::{Prepared, prepare};
 
 use self::shared_core::SharedCore;
 use crate::core::{Core, Event};
@@ -63,24 +61,6 @@ use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::wire::ServiceInfo;
 use crate::{SceneRef, SceneSource};
-
-/// The reflections that are possible with a sampling.
-///
-/// # Errors
-/// Reflections were asked for by name, and the sampling has none.
-fn reflections_with(request: ReflectionRequest, sampling: Sampling) -> Result<ReflectionRequest, ServeError> {
-    match (sampling, request) {
-        (Sampling::Triangles, request) => Ok(request),
-        (Sampling::MegaViews(_), ReflectionRequest::Off | ReflectionRequest::Auto(_)) => {
-            Ok(ReflectionRequest::Off)
-        }
-        (Sampling::MegaViews(_), ReflectionRequest::By(_)) => {
-            let reason =
-                "maps are looked up by samples from triangles, and megaviews has none: take one of the two";
-            Err(ServeError::Sampling(InvalidField::new("reflections", reason)))
-        }
-    }
-}
 
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled. Then it
 /// refuses new requests, lets those in flight finish for [`Config::grace`], and returns.
@@ -96,48 +76,33 @@ pub async fn serve(
     registry: Arc<dyn Registry>,
     shutdown: CancellationToken,
 ) -> Result<(), ServeError> {
+    let prepared = {
+        let (config, source) = (config.clone(), source.clone());
+        tokio::task::spawn_blocking(move || prepare(&config, source.as_ref()))
+    };
+    let prepared = prepared.await.map_err(|error| ServeError::Listener(std::io::Error::other(error)))??;
+    serve_prepared(config, prepared, listener, source, registry, shutdown).await
+}
+
+/// Serves a scene that is prepared by this configuration, like [`serve`].
+///
+/// # Errors
+/// [`ServeError`].
+pub async fn serve_prepared(
+    config: Config,
+    prepared: Prepared,
+    listener: impl Accept,
+    source: Arc<dyn SceneSource>,
+    registry: Arc<dyn Registry>,
+    shutdown: CancellationToken,
+) -> Result<(), ServeError> {
     let scene = source.scene();
-    let rig = Rig::for_scene(scene, &config.rig)?;
-    config.sampling.validate(&rig).map_err(ServeError::Sampling)?;
-    check_sub_samples(config.sub_samples).map_err(ServeError::Sampling)?;
-    config.indirect.map_or(Ok(()), |indirect| indirect.validate()).map_err(ServeError::Sampling)?;
-    let mut request = EffectRequest {
-        effects: config.effects,
-        indirect: config.indirect,
-        reflections: reflections_with(config.reflections, config.sampling)?,
-        exposure: None,
+    let Prepared { set, effect_plan } = prepared;
+    let (rig, effects, indirect, exposure) = (set.rig, set.effects, set.indirect, set.lighting.exposure);
+    let sight = {
+        let source = source.clone();
+        tokio::task::spawn_blocking(move || source.sight()).await.ok().flatten()
     };
-    let (sight, exposure) = look(&source, config.exposure, request.metering()).await;
-    request.exposure = Some(exposure);
-    // Once for the sample set: its light passes are built from this plan alone.
-    let effect_plan = EffectPlan::of(scene, &request, None);
-    let (effects, indirect) = (effect_plan.light_effects(), effect_plan.indirect(&request));
-    indirect.check_effects(effects).map_err(ServeError::Sampling)?;
-    // A scene that stands still has epochs, too, if its lights drift or if it is sampled anew for every so many
-    // views.
-    let moves = scene.is_animated() || indirect.drifts() || config.core.refresh_views > 0;
-    let mut set = SampleSetInfo {
-        scene: scene.hash,
-        bounds: scene.bounds(),
-        rig,
-        version: Version::default(),
-        epoch_secs: match moves {
-            true => epoch_secs(&config).map_err(ServeError::Time)?,
-            false => 0.0,
-        },
-        lighting: Lighting { exposure, ..scene.lighting.clone() },
-        // The configuration's backend; the core replaces it if it is measured.
-        visibility: Visibility::default(),
-        sampling: config.sampling,
-        sub_samples: config.sub_samples,
-        effects,
-        indirect,
-        reflections: match effect_plan.reflections(scene, &request) {
-            Some(knobs) => ReflectionProbeSet::of(scene, &rig, knobs).map_err(ServeError::Sampling)?,
-            None => None,
-        },
-    };
-    set.version.state.light = set.first_light();
     let set = Arc::new(set);
     let service = ServiceInfo {
         scene: SceneRef { name: scene.name.clone(), hash: scene.hash },
@@ -222,21 +187,6 @@ pub(crate) fn learn(header: &argus_proto::v1::FrameHeader) -> (u64, f64) {
     (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
-/// Ray queries into the scene, without which views are planned by distance, and the exposure of all views.
-async fn look(
-    source: &Arc<dyn SceneSource>,
-    exposure: Exposure,
-    metering: Metering,
-) -> (Option<Arc<dyn Sight>>, f32) {
-    let own = source.scene().lighting.exposure;
-    let source = source.clone();
-    let looked = tokio::task::spawn_blocking(move || {
-        let metered = if exposure == Exposure::Auto { source.metered(metering) } else { None };
-        (source.sight(), exposure.factor(own, metered))
-    });
-    looked.await.unwrap_or_else(|_| (None, exposure.factor(own, None)))
-}
-
 /// Sends the core its ticks, ten times a tick and at least ten times a second.
 async fn tick(shared: &SharedCore, config: &Config) {
     // An epoch begins at most a fifth of its duration late.
@@ -251,15 +201,5 @@ async fn tick(shared: &SharedCore, config: &Config) {
         shared.step(Event::Tick);
         shared.frame_metrics.ticked();
         shared.channels.close_unused();
-    }
-}
-
-/// Scene seconds from one epoch to the next.
-fn epoch_secs(config: &Config) -> Result<f64, InvalidField> {
-    let secs = config.core.epoch.as_secs_f64() * config.time_scale;
-    // Written so that NaN is refused.
-    match (0.0..=86400.0).contains(&secs) {
-        true => Ok(secs),
-        false => Err(InvalidField::new("time_scale", format!("must be 0 to a day an epoch, not {secs} s"))),
     }
 }
