@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, Vec4};
 
+use crate::shading::dielectric_f0;
+
 /// The meaning of a material's alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
@@ -28,12 +30,14 @@ pub struct TextureRef {
     pub scale: Vec2,
     /// Counter-clockwise, radians.
     pub rotation: f32,
+    /// The mesh's texture coordinates that are transformed: 0 for [`crate::Mesh::uvs`], 1 for [`crate::Mesh::uvs2`].
+    pub uv_set: u8,
 }
 
 impl TextureRef {
-    /// The texture without a transform.
+    /// The texture without a transform, by the first set of texture coordinates.
     pub fn new(texture: u32) -> Self {
-        Self { texture, offset: Vec2::ZERO, scale: Vec2::ONE, rotation: 0.0 }
+        Self { texture, offset: Vec2::ZERO, scale: Vec2::ONE, rotation: 0.0, uv_set: 0 }
     }
 }
 
@@ -68,8 +72,62 @@ pub struct Material {
     pub double_sided: bool,
     /// KHR_materials_transmission: share of light that passes through; see [`crate::shading`] for its treatment.
     pub transmission: f32,
+    /// Red: share of light that passes through; linear.
+    pub transmission_texture: Option<TextureRef>,
     /// Index of refraction; sets a dielectric's F0.
     pub ior: f32,
+    /// KHR_materials_specular: strength of a dielectric's reflection.
+    pub specular: f32,
+    /// Alpha: strength of a dielectric's reflection; linear.
+    pub specular_texture: Option<TextureRef>,
+    /// KHR_materials_specular: multiplies a dielectric's F0; linear, may exceed 1.
+    pub specular_color: Vec3,
+    /// sRGB colour of a dielectric's F0.
+    pub specular_color_texture: Option<TextureRef>,
+}
+
+/// The property of a material that a texture multiplies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum TextureUse {
+    /// [`Material::base_color_texture`].
+    BaseColor,
+    /// [`Material::metallic_roughness_texture`].
+    MetallicRoughness,
+    /// [`Material::normal_texture`].
+    Normal,
+    /// [`Material::emissive_texture`].
+    Emissive,
+    /// [`Material::transmission_texture`].
+    Transmission,
+    /// [`Material::specular_texture`].
+    Specular,
+    /// [`Material::specular_color_texture`].
+    SpecularColor,
+}
+
+impl TextureUse {
+    /// Every use.
+    pub const ALL: [Self; 7] = [
+        Self::BaseColor,
+        Self::MetallicRoughness,
+        Self::Normal,
+        Self::Emissive,
+        Self::Transmission,
+        Self::Specular,
+        Self::SpecularColor,
+    ];
+
+    /// What a material shows without a texture of this use that cannot be had: see [`Material::lose`].
+    pub fn without(self) -> &'static str {
+        match self {
+            Self::BaseColor => "shown in its plain colour",
+            Self::MetallicRoughness => "shown without metal",
+            Self::Normal => "shown without bumps",
+            Self::Emissive => "shown without glow",
+            Self::Transmission => "shown opaque",
+            Self::Specular | Self::SpecularColor => "shown with an even gloss",
+        }
+    }
 }
 
 impl Default for Material {
@@ -89,25 +147,83 @@ impl Default for Material {
             alpha: AlphaMode::Opaque,
             double_sided: true,
             transmission: 0.0,
+            transmission_texture: None,
             ior: 1.5,
+            specular: 1.0,
+            specular_texture: None,
+            specular_color: Vec3::ONE,
+            specular_color_texture: None,
         }
     }
 }
 
 impl Material {
+    /// Its texture of a use.
+    pub fn texture(&self, of: TextureUse) -> Option<TextureRef> {
+        match of {
+            TextureUse::BaseColor => self.base_color_texture,
+            TextureUse::MetallicRoughness => self.metallic_roughness_texture,
+            TextureUse::Normal => self.normal_texture,
+            TextureUse::Emissive => self.emissive_texture,
+            TextureUse::Transmission => self.transmission_texture,
+            TextureUse::Specular => self.specular_texture,
+            TextureUse::SpecularColor => self.specular_color_texture,
+        }
+    }
+
+    /// The place of its texture of a use.
+    pub fn texture_mut(&mut self, of: TextureUse) -> &mut Option<TextureRef> {
+        match of {
+            TextureUse::BaseColor => &mut self.base_color_texture,
+            TextureUse::MetallicRoughness => &mut self.metallic_roughness_texture,
+            TextureUse::Normal => &mut self.normal_texture,
+            TextureUse::Emissive => &mut self.emissive_texture,
+            TextureUse::Transmission => &mut self.transmission_texture,
+            TextureUse::Specular => &mut self.specular_texture,
+            TextureUse::SpecularColor => &mut self.specular_color_texture,
+        }
+    }
+
+    /// Takes away a texture that cannot be had. Factors are often 1 only for the texture to multiply them: without it the
+    /// surface must not glow, be metal, or be glass all over.
+    pub fn lose(&mut self, lost: TextureUse) {
+        *self.texture_mut(lost) = None;
+        match lost {
+            TextureUse::MetallicRoughness => self.metallic = 0.0,
+            TextureUse::Emissive => self.emissive = Vec3::ZERO,
+            TextureUse::Transmission => self.transmission = 0.0,
+            TextureUse::SpecularColor => self.specular_color = self.specular_color.min(Vec3::ONE),
+            TextureUse::BaseColor | TextureUse::Normal | TextureUse::Specular => {}
+        }
+    }
+
     /// Whether the material has a specular lobe, so that its samples need the specular planes: a metal, or a
-    /// roughness below 0.9, anywhere that its textures allow.
+    /// roughness below 0.9 with a reflectance above 0, anywhere that its textures allow.
     ///
     /// Every renderer uses this function.
     pub fn is_glossy(&self) -> bool {
         let textured = self.metallic_roughness_texture.is_some();
-        self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0)
+        let reflects = self.metallic > 0.0 || self.dielectric_f0() != Vec3::ZERO;
+        reflects && (self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0))
     }
 
-    /// Whether light from lights, sky, emitters and other surfaces passes straight through, as through a pane or a lamp's
-    /// glass: at least half of it is transmitted. Otherwise the surface blocks all of it.
+    /// Reflectance of its dielectric at normal incidence, without textures: F0 of its index of refraction times the specular
+    /// colour, at most 1, times the specular factor.
+    pub fn dielectric_f0(&self) -> Vec3 {
+        (self.specular_color * dielectric_f0(self.ior)).min(Vec3::ONE) * self.specular
+    }
+
+    /// Whether light from lights, sky, emitters and other surfaces passes straight through all of the surface, as through a
+    /// pane or a lamp's glass: at least half of it is transmitted. Otherwise the surface blocks all of it, unless it
+    /// [passes in parts](Self::passes_light_in_parts).
     pub fn passes_light(&self) -> bool {
-        self.transmission >= 0.5
+        self.transmission >= 0.5 && self.transmission_texture.is_none()
+    }
+
+    /// Whether the transmission texture decides where light passes: where [`crate::texture::MipChain::red`] times the factor
+    /// is at least half.
+    pub fn passes_light_in_parts(&self) -> bool {
+        self.transmission >= 0.5 && self.transmission_texture.is_some()
     }
 
     /// The alpha below which a surface point does not exist; `None` if alpha is ignored.
@@ -131,6 +247,16 @@ pub enum Wrap {
     Mirror,
 }
 
+/// How a texture is read where its texels are larger than pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Filter {
+    /// Blends the four texels around a point.
+    #[default]
+    Linear,
+    /// Shows the texel that a point lies in, with sharp edges.
+    Nearest,
+}
+
 /// A decoded image with 8 bits per channel, and its addressing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Texture {
@@ -146,4 +272,6 @@ pub struct Texture {
     pub srgb: bool,
     /// Addressing of u and v.
     pub wrap: [Wrap; 2],
+    /// Magnification.
+    pub filter: Filter,
 }

@@ -311,7 +311,7 @@ mod tests {
     use glam::{DAffine3, Vec3};
 
     use super::*;
-    use crate::material::Wrap;
+    use crate::material::{Filter, Wrap};
     use crate::{Mesh, Texture, TextureRef};
 
     fn ball(size: f32, material: u32) -> Mesh {
@@ -335,6 +335,7 @@ mod tests {
             rgba: Arc::from([0, 255, 0, 255, 0, 200, 0, 255]),
             srgb: false,
             wrap: [Wrap::Repeat; 2],
+            filter: Filter::Linear,
         };
         let at = |mesh, x| Instance {
             mesh,

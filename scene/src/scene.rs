@@ -82,6 +82,8 @@ pub struct Mesh {
     pub tangents: Vec<Vec4>,
     /// Texture coordinates, one per position, or empty.
     pub uvs: Vec<Vec2>,
+    /// The second set of texture coordinates, one per position, or empty.
+    pub uvs2: Vec<Vec2>,
     /// Linear vertex colours that multiply the base colour, one per position, or empty.
     pub colors: Vec<Vec4>,
     /// Three per triangle, each a valid index of a position without NaN. A triangle may have no area or use a vertex
@@ -95,6 +97,11 @@ impl Mesh {
     /// Number of triangles.
     pub fn triangles(&self) -> usize {
         self.indices.len() / 3
+    }
+
+    /// Its texture coordinates of a set, 0 or 1: see [`crate::TextureRef::uv_set`].
+    pub fn uvs_of(&self, set: u8) -> &[Vec2] {
+        if set == 0 { &self.uvs } else { &self.uvs2 }
     }
 }
 

@@ -12,7 +12,10 @@
 //!    indices; `Mirror` folds it into 0..1, `Clamp` clamps it, and both clamp texel indices. A coordinate that
 //!    is not finite counts as 0.
 //! 6. **Alpha tests read level 0**, bilinearly ([`MipChain::alpha`]), at any distance: a cut-out's coverage must not
-//!    depend on its distance. Supersampling removes the aliasing.
+//!    depend on its distance. Supersampling removes the aliasing. Light rays test transmission likewise ([`MipChain::red`]).
+//! 7. A texture with [`Filter::Nearest`] reads the texel of **level 0** that the coordinate lies in: the weight of the second
+//!    texel of a row or column is rounded to 0 or 1, half up. Coarser levels are bilinear, whatever filter a file asks of
+//!    minification: texels smaller than a pixel are averaged.
 //!
 //! Level l has max(1, ⌊size / 2ˡ⌋) texels a side. Levels are box-filtered by area from the unrounded level above, so that
 //! odd sides lose nothing. Colours of cut-outs are weighted by alpha, and fully transparent texels take the colour of the
@@ -23,7 +26,7 @@ use std::sync::LazyLock;
 
 use glam::{Vec2, Vec4};
 
-use crate::material::Wrap;
+use crate::material::{Filter, Wrap};
 use crate::tone::linear_from_srgb;
 use crate::{Scene, Texture, TextureRef};
 
@@ -56,6 +59,8 @@ pub struct MipChain {
     pub srgb: bool,
     /// Addressing of u and v.
     pub wrap: [Wrap; 2],
+    /// Filter of level 0.
+    pub filter: Filter,
 }
 
 /// Texels of a level: max(1, ⌊size / 2^level⌋) a side.
@@ -117,10 +122,10 @@ impl MipChain {
         if alpha == AlphaUse::Cutout {
             fill_transparent(&mut levels);
         }
-        Self { levels, srgb: texture.srgb, wrap: texture.wrap }
+        Self { levels, srgb: texture.srgb, wrap: texture.wrap, filter: texture.filter }
     }
 
-    /// Only level 0, unfiltered: enough for alpha tests.
+    /// Only level 0, unfiltered: enough for tests of alpha and transmission.
     pub fn first_level(texture: &Texture) -> Self {
         let bytes = u128::from(texture.width) * u128::from(texture.height) * 4;
         let level = if bytes == 0 || texture.rgba.len() as u128 != bytes {
@@ -128,7 +133,7 @@ impl MipChain {
         } else {
             Level { width: texture.width, height: texture.height, rgba: Arc::clone(&texture.rgba) }
         };
-        Self { levels: vec![level], srgb: texture.srgb, wrap: texture.wrap }
+        Self { levels: vec![level], srgb: texture.srgb, wrap: texture.wrap, filter: texture.filter }
     }
 
     /// Texels of level 0.
@@ -145,7 +150,7 @@ impl MipChain {
         if texels > 1.0 { texels.log2().min(last) } else { 0.0 }
     }
 
-    /// Linear colour and alpha at the transformed `uv`, trilinear: rules 3 to 5. A level that is NaN counts
+    /// Linear colour and alpha at the transformed `uv`, trilinear: rules 3 to 5, and 7. A level that is NaN counts
     /// as 0.
     pub fn sample(&self, uv: Vec2, level: f32) -> Vec4 {
         let last = self.levels.len() - 1;
@@ -161,6 +166,11 @@ impl MipChain {
         self.blend(uv, 0, |texel| f32::from(texel[3]) / 255.0)
     }
 
+    /// The red channel of a linear texture at the transformed `uv`, for tests of transmission: rule 6.
+    pub fn red(&self, uv: Vec2) -> f32 {
+        self.blend(uv, 0, |texel| f32::from(texel[0]) / 255.0)
+    }
+
     fn bilinear(&self, uv: Vec2, level: usize) -> Vec4 {
         let color = if self.srgb { &SRGB.linear } else { &UNIT };
         self.blend(uv, level, |texel| {
@@ -169,12 +179,17 @@ impl MipChain {
         })
     }
 
-    /// The four texels around `uv`, decoded and blended.
+    /// The four texels around `uv`, decoded and blended, or the one that it lies in: rule 7.
     fn blend<T>(&self, uv: Vec2, level: usize, decode: impl Fn(&[u8]) -> T) -> T
     where
         T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
     {
         let Level { width, height, rgba } = &self.levels[level];
+        let nearest = self.filter == Filter::Nearest && level == 0;
+        let taps = |coordinate, side, wrap| {
+            let (texels, fraction) = taps(coordinate, side, wrap);
+            (texels, if nearest { f32::from(u8::from(fraction >= 0.5)) } else { fraction })
+        };
         let ([x0, x1], fx) = taps(uv.x, *width, self.wrap[0]);
         let ([y0, y1], fy) = taps(uv.y, *height, self.wrap[1]);
         let texel = |x: u32, y: u32| {

@@ -1,6 +1,6 @@
 //! Scattered rays against f64 single rays, and where rounding could leak light.
 
-use argus_scene::material::Wrap;
+use argus_scene::material::{Filter, Wrap};
 use argus_scene::{
     AlphaMode, Instance, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky, Texture, TextureRef,
 };
@@ -132,6 +132,7 @@ fn odd_scene(at: DVec3, scale: f64, moving: bool) -> Scene {
         rgba: holes.collect::<Vec<u8>>().into(),
         srgb: true,
         wrap: [Wrap::Repeat; 2],
+        filter: Filter::Linear,
     });
     if moving {
         animate(&mut scene);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::SamplerKnobs;
-use argus_scene::material::Wrap;
+use argus_scene::material::{Filter, Wrap};
 use argus_scene::shading::sky_radiance;
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
@@ -228,6 +228,7 @@ fn hundreds_of_textures_of_any_shape_are_looked_up_right() {
             rgba: (0..width * height).flat_map(|t| texel(t / 5 + i)).collect::<Vec<u8>>().into(),
             srgb: i % 3 != 0,
             wrap: [wraps[i as usize % 3], wraps[(i as usize / 3) % 3]],
+            filter: Filter::Linear,
         });
         let base_color_texture = Some(TextureRef { offset: Vec2::new(-0.7, 0.4), ..TextureRef::new(i) });
         scene.materials.push(Material { base_color: Vec4::ONE, base_color_texture, ..Material::default() });

@@ -33,6 +33,7 @@ fn scene() -> Scene {
         rgba: rgba.into(),
         srgb: true,
         wrap: [argus_scene::material::Wrap::Repeat; 2],
+        filter: argus_scene::material::Filter::Linear,
     }];
     let white = Material { base_color: Vec4::ONE, ..Material::default() };
     scene.materials = vec![

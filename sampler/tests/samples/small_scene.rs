@@ -4,7 +4,7 @@ use std::f32::consts::FRAC_PI_3;
 use std::sync::Arc;
 
 use argus_sampler::{RadianceFormat, SamplerKnobs};
-use argus_scene::material::Wrap;
+use argus_scene::material::{Filter, Wrap};
 use argus_scene::{
     AlphaMode, Camera, Light, Material, PlaneFormat, PlaneKind, SampleCamera, Scene, Texture, TextureRef,
 };
@@ -28,6 +28,7 @@ fn texture(name: &str, size: [u32; 2], srgb: bool, texel: impl Fn(u32, u32) -> [
         rgba: rgba.into(),
         srgb,
         wrap: [Wrap::Repeat, Wrap::Mirror],
+        filter: Filter::Linear,
     }
 }
 

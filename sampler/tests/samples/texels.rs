@@ -65,6 +65,7 @@ fn patterned(texels: u32, tiles: f32) -> Arc<Scene> {
         rgba: (0..texels * texels).flat_map(texel).collect::<Vec<u8>>().into(),
         srgb: false,
         wrap: [argus_scene::material::Wrap::Repeat; 2],
+        filter: argus_scene::material::Filter::Linear,
     });
     scene.lighting.lights.push(Light::Point {
         position: DVec3::new(1.0, 2.0, -1.0),

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use argus_sampler::{GpuSampler, SamplerKnobs};
-use argus_scene::material::{AlphaMode, Wrap};
+use argus_scene::material::{AlphaMode, Filter, Wrap};
 use argus_scene::{
     Camera, Cancel, Material, PixelJob, Rig, RigKnobs, SampleJob, SampleSetInfo, Sampler, Scene, SceneState,
     Texture, TextureRef, ViewJob, Visibility, procedural,
@@ -120,6 +120,7 @@ fn odd_scene(at: DVec3) -> Arc<Scene> {
         rgba: holes.collect::<Vec<u8>>().into(),
         srgb: true,
         wrap: [Wrap::Repeat; 2],
+        filter: Filter::Linear,
     });
     let cutout = Material {
         alpha: AlphaMode::Mask(0.5),

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::{Warnings, normals, tangents};
-use crate::Mesh;
+use crate::{Mesh, TextureRef};
 
 /// How missing normals are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,10 +21,11 @@ pub(super) struct RawMesh {
     pub(super) origin: DVec3,
     /// Relative to `origin`; may contain NaN and infinities.
     pub(super) positions: Vec<Vec3>,
-    /// Ignored unless there are as many as positions; so are the next three.
+    /// Ignored unless there are as many as positions; so are the next four.
     pub(super) normals: Vec<Vec3>,
     pub(super) tangents: Vec<Vec4>,
     pub(super) uvs: Vec<Vec2>,
+    pub(super) uvs2: Vec<Vec2>,
     pub(super) colors: Vec<Vec4>,
     /// Three per triangle; may be out of range.
     pub(super) indices: Vec<u32>,
@@ -32,12 +33,12 @@ pub(super) struct RawMesh {
 }
 
 impl RawMesh {
-    /// Drops triangles that cannot be drawn and unreferenced vertices, and makes missing normals and, if
-    /// `normal_mapped`, missing tangents. `None` if no triangle is left.
+    /// Drops triangles that cannot be drawn and unreferenced vertices, and makes missing normals and, for a material
+    /// with a normal map, missing tangents. `None` if no triangle is left.
     pub(super) fn finish(
         mut self,
         missing: MissingNormals,
-        normal_mapped: bool,
+        normal_map: Option<TextureRef>,
         warnings: &mut Warnings,
     ) -> Option<Mesh> {
         self.drop_broken_triangles(warnings);
@@ -48,6 +49,7 @@ impl RawMesh {
             ("normals", self.normals.len()),
             ("tangents", self.tangents.len()),
             ("texture coordinates", self.uvs.len()),
+            ("second texture coordinates", self.uvs2.len()),
             ("vertex colours", self.colors.len()),
         ] {
             if length != 0 && length != self.positions.len() {
@@ -66,11 +68,12 @@ impl RawMesh {
             normals: self.normals,
             tangents: self.tangents,
             uvs: self.uvs,
+            uvs2: self.uvs2,
             colors: self.colors,
             indices: self.indices,
             material: self.material,
         };
-        for uv in &mut mesh.uvs {
+        for uv in mesh.uvs.iter_mut().chain(&mut mesh.uvs2) {
             *uv = if uv.is_finite() { *uv } else { Vec2::ZERO };
         }
         for color in &mut mesh.colors {
@@ -81,7 +84,7 @@ impl RawMesh {
             (true, MissingNormals::Flat) => normals::make_flat(&mut mesh),
             (true, MissingNormals::Smooth) => normals::make_smooth(&mut mesh),
         }
-        tangents::complete(&mut mesh, normal_mapped);
+        tangents::complete(&mut mesh, normal_map);
         Some(mesh)
     }
 
@@ -123,8 +126,10 @@ impl RawMesh {
         if self.tangents.len() != count {
             self.tangents.clear();
         }
-        if self.uvs.len() != count {
-            self.uvs.clear();
+        for uvs in [&mut self.uvs, &mut self.uvs2] {
+            if uvs.len() != count {
+                uvs.clear();
+            }
         }
         if self.colors.len() != count {
             self.colors.clear();
@@ -150,6 +155,7 @@ impl RawMesh {
         pick(&mut self.normals, &order);
         pick(&mut self.tangents, &order);
         pick(&mut self.uvs, &order);
+        pick(&mut self.uvs2, &order);
         pick(&mut self.colors, &order);
     }
 }
@@ -190,7 +196,7 @@ mod tests {
         raw.positions.push(Vec3::new(0.0, f32::INFINITY, 0.0));
         raw.indices.extend([0, 1, 4, 0, 5, 1, 0, 1, 6, 0, 1, u32::MAX, 0, 1]);
         let mut warnings = Warnings::default();
-        let mesh = raw.finish(MissingNormals::Smooth, false, &mut warnings).unwrap();
+        let mesh = raw.finish(MissingNormals::Smooth, None, &mut warnings).unwrap();
         assert_eq!(mesh.triangles(), 2);
         assert_eq!(mesh.positions.len(), 4);
         assert_eq!(warnings.into_lines().len(), 3);
@@ -200,7 +206,7 @@ mod tests {
     fn attributes_of_another_length_are_ignored() {
         let raw = RawMesh { normals: vec![Vec3::Z], uvs: vec![Vec2::ONE; 5], ..square() };
         let mut warnings = Warnings::default();
-        let mesh = raw.finish(MissingNormals::Smooth, true, &mut warnings).unwrap();
+        let mesh = raw.finish(MissingNormals::Smooth, Some(TextureRef::new(0)), &mut warnings).unwrap();
         assert!(mesh.uvs.is_empty() && mesh.tangents.is_empty());
         assert_eq!(mesh.normals, [Vec3::Z; 4]);
         assert_eq!(warnings.into_lines().len(), 2);

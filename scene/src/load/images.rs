@@ -1,6 +1,6 @@
 //! Decodes image files into textures, in parallel. A bad one costs its texture and a warning.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use rayon::prelude::*;
 
 use super::Warnings;
-use crate::material::Wrap;
+use crate::material::{Filter, TextureUse, Wrap};
 use crate::{Material, Texture, TextureRef};
 
 /// Largest side of an image in texels.
@@ -31,8 +31,19 @@ struct Pixels {
 #[derive(Default)]
 pub(super) struct Textures {
     images: Vec<(String, Bytes)>,
-    wanted: Vec<(usize, bool, [Wrap; 2])>,
-    known: HashMap<(usize, bool, [Wrap; 2]), u32>,
+    wanted: Vec<Wanted>,
+    known: HashMap<Wanted, u32>,
+}
+
+/// How a texture reads an image.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Wanted {
+    /// Number of the image.
+    pub(super) image: usize,
+    /// Whether colours are sRGB-encoded.
+    pub(super) srgb: bool,
+    pub(super) wrap: [Wrap; 2],
+    pub(super) filter: Filter,
 }
 
 impl Textures {
@@ -42,28 +53,28 @@ impl Textures {
         self.images.len() - 1
     }
 
-    /// The texture that reads an image as sRGB or linear with this addressing.
-    pub(super) fn texture(&mut self, image: usize, srgb: bool, wrap: [Wrap; 2]) -> u32 {
-        *self.known.entry((image, srgb, wrap)).or_insert_with(|| {
-            self.wanted.push((image, srgb, wrap));
+    /// The texture that reads an image so.
+    pub(super) fn texture(&mut self, wanted: Wanted) -> u32 {
+        *self.known.entry(wanted).or_insert_with(|| {
+            self.wanted.push(wanted);
             self.wanted.len() as u32 - 1
         })
     }
 
-    /// Decodes the used images and assigns textures to the materials. Images that cannot be decoded are
-    /// removed from them.
+    /// Decodes the used images and assigns textures to the materials. They lose those that cannot be decoded.
     pub(super) fn decode(self, materials: &mut [Material], warnings: &mut Warnings) -> Vec<Texture> {
         let mut used = vec![false; self.images.len()];
-        self.wanted.iter().for_each(|&(image, ..)| used[image] = true);
+        self.wanted.iter().for_each(|wanted| used[wanted.image] = true);
         let decoded: Vec<Option<Result<Pixels, String>>> = self
             .images
             .par_iter()
             .zip(&used)
             .map(|((name, bytes), used)| used.then(|| decode(name, bytes)))
             .collect();
-        for ((name, _), result) in self.images.iter().zip(&decoded) {
+        for (image, ((name, _), result)) in self.images.iter().zip(&decoded).enumerate() {
             if let Some(Err(reason)) = result {
-                warnings.add(format!("texture {name}: {reason}: left out"));
+                let lost = |texture: TextureRef| self.wanted[texture.texture as usize].image == image;
+                warnings.add(format!("texture {name}: {reason}: {}", left_out(materials, lost)));
             }
         }
         let mut textures = Vec::new();
@@ -71,7 +82,7 @@ impl Textures {
         let new_index: Vec<Option<u32>> = self
             .wanted
             .iter()
-            .map(|&(image, srgb, wrap)| {
+            .map(|&Wanted { image, srgb, wrap, filter }| {
                 let pixels = decoded[image].as_ref()?.as_ref().ok()?;
                 total += pixels.rgba.len() as u64;
                 if total > MOST_DECODED {
@@ -85,24 +96,48 @@ impl Textures {
                     rgba: pixels.rgba.clone(),
                     srgb,
                     wrap,
+                    filter,
                 });
                 Some(textures.len() as u32 - 1)
             })
             .collect();
         for material in materials {
-            for slot in [
-                &mut material.base_color_texture,
-                &mut material.metallic_roughness_texture,
-                &mut material.normal_texture,
-                &mut material.emissive_texture,
-            ] {
-                *slot = slot.and_then(|reference| {
-                    let texture = new_index[reference.texture as usize]?;
-                    Some(TextureRef { texture, ..reference })
-                });
+            for of in TextureUse::ALL {
+                let Some(reference) = material.texture_mut(of) else { continue };
+                match new_index[reference.texture as usize] {
+                    Some(texture) => reference.texture = texture,
+                    None => material.lose(of),
+                }
             }
         }
         textures
+    }
+}
+
+/// What materials are shown without, if their textures cannot be had for which `lost` holds.
+pub(super) fn left_out(materials: &[Material], lost: impl Fn(TextureRef) -> bool) -> String {
+    let mut parts: BTreeMap<TextureUse, Vec<&str>> = BTreeMap::new();
+    for material in materials {
+        for of in TextureUse::ALL {
+            if material.texture(of).is_some_and(&lost) {
+                parts.entry(of).or_default().push(&material.name);
+            }
+        }
+    }
+    let parts = parts.iter().map(|(of, names)| format!("{} {}", named(names), of.without()));
+    parts.collect::<Vec<_>>().join(", ")
+}
+
+/// Names materials in a warning, three at most, with a verb.
+pub(super) fn named(names: &[&str]) -> String {
+    let quoted: Vec<String> = names.iter().take(3).map(|name| format!("{name:?}")).collect();
+    match &quoted[..] {
+        [] => String::new(),
+        [one] => format!("material {one} is"),
+        [others @ .., last] if names.len() <= 3 => {
+            format!("materials {} and {last} are", others.join(", "))
+        }
+        shown => format!("materials {} and {} more are", shown.join(", "), names.len() - shown.len()),
     }
 }
 
@@ -178,22 +213,25 @@ pub(super) mod tests {
     fn one_image_read_in_two_ways_is_two_textures_with_the_same_bytes() {
         let mut textures = Textures::default();
         let image = textures.add_image("a.png".to_owned(), png(2, 2, [9; 4]));
-        let wrap = [Wrap::Repeat; 2];
-        let (color, data) = (textures.texture(image, true, wrap), textures.texture(image, false, wrap));
-        assert_eq!(color, textures.texture(image, true, wrap));
+        let wanted = |image, srgb| Wanted { image, srgb, wrap: [Wrap::Repeat; 2], filter: Filter::Linear };
+        let (color, data) = (textures.texture(wanted(image, true)), textures.texture(wanted(image, false)));
+        assert_eq!(color, textures.texture(wanted(image, true)));
         let bad = textures.add_image("b.png".to_owned(), Bytes::from_static(b"nonsense"));
-        let broken = textures.texture(bad, true, wrap);
+        let broken = textures.texture(wanted(bad, true));
         let mut materials = [Material {
             base_color_texture: Some(TextureRef::new(color)),
             metallic_roughness_texture: Some(TextureRef::new(data)),
             emissive_texture: Some(TextureRef::new(broken)),
+            emissive: glam::Vec3::ONE,
             ..Material::default()
         }];
         let mut warnings = Warnings::default();
         let decoded = textures.decode(&mut materials, &mut warnings);
         assert_eq!(decoded.len(), 2);
         assert!(Arc::ptr_eq(&decoded[0].rgba, &decoded[1].rgba));
-        assert_eq!(materials[0].emissive_texture, None);
-        assert_eq!(warnings.into_lines().len(), 1);
+        assert_eq!((materials[0].emissive_texture, materials[0].emissive), (None, glam::Vec3::ZERO));
+        let lines = warnings.into_lines();
+        assert_eq!(lines.len(), 1);
+        assert!(lines[0].ends_with("material \"\" is shown without glow"), "{lines:?}");
     }
 }

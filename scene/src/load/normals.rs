@@ -42,6 +42,7 @@ pub(super) fn make_flat(mesh: &mut Mesh) {
     pick(&mut mesh.positions, &order);
     pick(&mut mesh.tangents, &order);
     pick(&mut mesh.uvs, &order);
+    pick(&mut mesh.uvs2, &order);
     pick(&mut mesh.colors, &order);
     mesh.normals = normals;
     mesh.indices = (0..order.len() as u32).collect();

@@ -3,16 +3,18 @@
 use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use glam::{Vec3, Vec4};
 
-use crate::Mesh;
+use crate::texture::transform_duv;
+use crate::{Mesh, TextureRef};
 
-/// Keeps, makes or removes tangents: a mesh has them if it is `normal_mapped` and has texture coordinates.
-pub(super) fn complete(mesh: &mut Mesh, normal_mapped: bool) {
-    if !normal_mapped || mesh.uvs.is_empty() {
+/// Keeps, makes or removes tangents: a mesh has them if it has a normal map and the texture coordinates of its set. They
+/// are made for the map as its transform places it.
+pub(super) fn complete(mesh: &mut Mesh, normal_map: Option<TextureRef>) {
+    let Some(map) = normal_map.filter(|map| !mesh.uvs_of(map.uv_set).is_empty()) else {
         mesh.tangents = Vec::new();
         return;
-    }
+    };
     if mesh.tangents.is_empty() {
-        make(mesh);
+        make(mesh, map);
     }
     for (tangent, normal) in mesh.tangents.iter_mut().zip(&mesh.normals) {
         let sign = if tangent.w < 0.0 { -1.0 } else { 1.0 };
@@ -25,6 +27,7 @@ pub(super) fn complete(mesh: &mut Mesh, normal_mapped: bool) {
 /// A mesh with one tangent per corner.
 struct Corners<'a> {
     mesh: &'a Mesh,
+    map: TextureRef,
     tangents: Vec<Vec4>,
 }
 
@@ -52,7 +55,7 @@ impl Geometry for Corners<'_> {
     }
 
     fn tex_coord(&self, face: usize, corner: usize) -> [f32; 2] {
-        self.mesh.uvs[self.vertex(face, corner)].to_array()
+        transform_duv(&self.map, self.mesh.uvs_of(self.map.uv_set)[self.vertex(face, corner)]).to_array()
     }
 
     fn set_tangent(&mut self, space: Option<TangentSpace>, face: usize, corner: usize) {
@@ -65,8 +68,8 @@ impl Geometry for Corners<'_> {
 }
 
 /// Makes tangents. A vertex whose triangles disagree, as along the seam of a mirrored texture, is split.
-fn make(mesh: &mut Mesh) {
-    let mut corners = Corners { mesh, tangents: vec![Vec4::ZERO; mesh.indices.len()] };
+fn make(mesh: &mut Mesh, map: TextureRef) {
+    let mut corners = Corners { mesh, map, tangents: vec![Vec4::ZERO; mesh.indices.len()] };
     if generate_tangents(&mut corners).is_err() {
         corners.tangents.fill(Vec4::ZERO);
     }
@@ -113,6 +116,7 @@ fn duplicate(mesh: &mut Mesh, vertex: usize) {
     again(&mut mesh.positions, vertex);
     again(&mut mesh.normals, vertex);
     again(&mut mesh.uvs, vertex);
+    again(&mut mesh.uvs2, vertex);
     again(&mut mesh.colors, vertex);
     mesh.tangents.push(Vec4::ZERO);
 }
@@ -137,7 +141,7 @@ mod tests {
     #[test]
     fn the_tangent_follows_u_and_the_bitangent_points_up_the_image() {
         let mut mesh = square();
-        complete(&mut mesh, true);
+        complete(&mut mesh, Some(TextureRef::new(0)));
         for tangent in &mesh.tangents {
             assert!((tangent.truncate() - Vec3::X).length() < 1e-5);
             // glTF: bitangent = normal × tangent · w; a normal map's green points up the image, along +y here.
@@ -154,7 +158,7 @@ mod tests {
         mesh.normals.extend([Vec3::Z; 2]);
         mesh.uvs.extend([Vec2::Y, Vec2::ZERO]);
         mesh.indices.extend([1, 4, 5, 1, 5, 2]);
-        complete(&mut mesh, true);
+        complete(&mut mesh, Some(TextureRef::new(0)));
         assert_eq!(mesh.positions.len(), 8);
         assert_eq!(mesh.tangents.len(), 8);
         assert!(mesh.tangents.iter().any(|t| t.w > 0.0) && mesh.tangents.iter().any(|t| t.w < 0.0));
@@ -163,10 +167,10 @@ mod tests {
     #[test]
     fn missing_or_degenerate_texture_coordinates_do_no_harm() {
         let mut mesh = Mesh { uvs: Vec::new(), ..square() };
-        complete(&mut mesh, true);
+        complete(&mut mesh, Some(TextureRef::new(0)));
         assert!(mesh.tangents.is_empty());
         let mut mesh = Mesh { uvs: vec![Vec2::ZERO; 4], ..square() };
-        complete(&mut mesh, true);
+        complete(&mut mesh, Some(TextureRef::new(0)));
         assert!(mesh.tangents.iter().all(|t| (t.truncate().length() - 1.0).abs() < 1e-5));
     }
 }

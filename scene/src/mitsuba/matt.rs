@@ -20,7 +20,7 @@ pub fn matt(mut scene: Scene) -> Scene {
         material.metallic = 0.0;
         material.roughness = 1.0;
         material.metallic_roughness_texture = None;
-        material.transmission = 0.0;
+        (material.transmission, material.transmission_texture) = (0.0, None);
     }
     scene
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::{DAffine3, DVec3, Vec2, Vec4};
 
 use super::*;
-use crate::material::{AlphaMode, Wrap};
+use crate::material::{AlphaMode, Filter, Wrap};
 use crate::scene::{RigKind, SceneHash};
 use crate::{Light, Lighting, Sky, Texture, TextureRef};
 
@@ -165,6 +165,7 @@ fn textures_are_linear_and_have_their_factor_and_cut_outs_are_zero_or_one() {
         rgba: [188, 188, 188, 255, 255, 255, 255, 0].to_vec().into(),
         srgb: true,
         wrap: [Wrap::Repeat, Wrap::Repeat],
+        filter: Filter::Linear,
     };
     let material = Material {
         base_color: Vec4::new(0.5, 1.0, 1.0, 1.0),

@@ -6,7 +6,7 @@ use glam::DVec2;
 
 use super::noise::{Random, smoothstep, tiling_fbm};
 use crate::Texture;
-use crate::material::Wrap;
+use crate::material::{Filter, Wrap};
 
 const SIDE: u32 = 256;
 
@@ -48,5 +48,6 @@ fn tile(name: &str, mut color: impl FnMut(DVec2) -> [f64; 3]) -> Texture {
         rgba: Arc::from(rgba),
         srgb: true,
         wrap: [Wrap::Repeat; 2],
+        filter: Filter::Linear,
     }
 }

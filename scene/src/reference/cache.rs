@@ -125,6 +125,7 @@ fn content_hash(scene: &Scene, pose: &Pose) -> blake3::Hash {
         part(bytemuck::cast_slice(&mesh.normals));
         part(bytemuck::cast_slice(&mesh.tangents));
         part(bytemuck::cast_slice(&mesh.uvs));
+        part(bytemuck::cast_slice(&mesh.uvs2));
         part(bytemuck::cast_slice(&mesh.colors));
         part(bytemuck::cast_slice(&mesh.indices));
         part(&mesh.material.to_le_bytes());
@@ -134,7 +135,7 @@ fn content_hash(scene: &Scene, pose: &Pose) -> blake3::Hash {
         part(bytemuck::cast_slice(&instance.world_from_mesh.to_cols_array()));
     }
     for texture in &scene.textures {
-        let described = (texture.width, texture.height, texture.srgb, texture.wrap);
+        let described = (texture.width, texture.height, texture.srgb, texture.wrap, texture.filter);
         part(format!("{described:?}").as_bytes());
         part(&texture.rgba);
     }

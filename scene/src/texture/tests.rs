@@ -4,7 +4,15 @@ use crate::tone::srgb_from_linear;
 fn texture(width: u32, height: u32, srgb: bool, texel: impl Fn(u32, u32) -> [u8; 4]) -> Texture {
     let texels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     let rgba: Vec<u8> = texels.flat_map(|(x, y)| texel(x, y)).collect();
-    Texture { name: String::new(), width, height, rgba: rgba.into(), srgb, wrap: [Wrap::Repeat; 2] }
+    Texture {
+        name: String::new(),
+        width,
+        height,
+        rgba: rgba.into(),
+        srgb,
+        wrap: [Wrap::Repeat; 2],
+        filter: Filter::Linear,
+    }
 }
 
 fn noise(x: u32, y: u32) -> [u8; 4] {
@@ -145,8 +153,12 @@ fn colour_is_continuous_in_the_level() {
 fn the_transform_gives_the_quadrant_of_the_extensions_own_example() {
     // KHR_texture_transform's example: "the lower left quadrant of the source image, rotated clockwise 90°".
     let half_turn = std::f32::consts::FRAC_PI_2;
-    let example =
-        TextureRef { texture: 0, offset: Vec2::new(0.0, 1.0), scale: Vec2::splat(0.5), rotation: half_turn };
+    let example = TextureRef {
+        offset: Vec2::new(0.0, 1.0),
+        scale: Vec2::splat(0.5),
+        rotation: half_turn,
+        ..TextureRef::new(0)
+    };
     for (uv, expected) in [(Vec2::ZERO, [0.0, 1.0]), (Vec2::ONE, [0.5, 0.5]), (Vec2::X, [0.0, 0.5])] {
         assert!((transform_uv(&example, uv) - Vec2::from(expected)).length() < 1e-6, "{uv}");
     }

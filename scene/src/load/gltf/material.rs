@@ -10,8 +10,8 @@ use super::accessor::Reader;
 use super::{fetch, name};
 use crate::load::Warnings;
 use crate::load::bundle::Bundle;
-use crate::load::images::Textures;
-use crate::material::Wrap;
+use crate::load::images::{Textures, Wanted};
+use crate::material::{Filter, Wrap};
 use crate::{AlphaMode, Material, TextureRef};
 
 /// Reads all materials of the document in its order, and the textures they use.
@@ -166,7 +166,7 @@ impl Slots<'_, '_> {
         let image = self.image(texture.source.value())?;
         let sampler = texture.sampler.and_then(|sampler| root.samplers.get(sampler.value()));
         let wrap = sampler.map_or([Wrap::Repeat; 2], |s| [wrap(s.wrap_s), wrap(s.wrap_t)]);
-        Some(TextureRef::new(self.textures.texture(image, srgb, wrap)))
+        Some(TextureRef::new(self.textures.texture(Wanted { image, srgb, wrap, filter: Filter::Linear })))
     }
 
     fn image(&mut self, index: usize) -> Option<usize> {

@@ -139,8 +139,9 @@ fn read(
     if let Some(index) = attribute(Semantic::Normals) {
         raw.normals = reader.floats::<3>(index, &[Type::Vec3])?.into_iter().map(Vec3::from).collect();
     }
-    let normal_mapped = surface.normal_texture.is_some();
-    if let (Some(index), true) = (attribute(Semantic::Tangents), normal_mapped && !raw.normals.is_empty()) {
+    if let (Some(index), true) =
+        (attribute(Semantic::Tangents), surface.normal_texture.is_some() && !raw.normals.is_empty())
+    {
         raw.tangents = reader.floats::<4>(index, &[Type::Vec4])?.into_iter().map(Vec4::from).collect();
     }
     let set = material::uv_set(reader.root, primitive.material);
@@ -151,7 +152,7 @@ fn read(
         raw.colors =
             reader.floats::<4>(index, &[Type::Vec3, Type::Vec4])?.into_iter().map(Vec4::from).collect();
     }
-    Ok(raw.finish(MissingNormals::Flat, normal_mapped, warnings))
+    Ok(raw.finish(MissingNormals::Flat, surface.normal_texture, warnings))
 }
 
 fn any_texture(m: &Material) -> Option<crate::TextureRef> {

@@ -89,7 +89,7 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     let (origin, positions) = about_an_origin(&content.positions);
     for (group, material) in content.groups.into_meshes().into_iter().zip(mapped) {
         let name = group.material.clone().unwrap_or_default();
-        let normal_mapped = parts.materials[material as usize].normal_texture.is_some();
+        let normal_map = parts.materials[material as usize].normal_texture;
         let mut raw = RawMesh { name, origin, material, ..RawMesh::default() };
         for corner in &group.corners {
             raw.positions.push(positions[corner.position as usize]);
@@ -106,7 +106,7 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
         raw.indices = group.indices;
         // Normals without a direction are averaged over the triangles that share the vertex: those of one
         // smoothing group, or of one face where there is none.
-        let finished: Option<Mesh> = raw.finish(MissingNormals::Smooth, normal_mapped, warnings);
+        let finished: Option<Mesh> = raw.finish(MissingNormals::Smooth, normal_map, warnings);
         if let Some(mesh) = finished {
             parts.meshes.push(mesh);
         }

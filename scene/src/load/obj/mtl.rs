@@ -8,8 +8,8 @@ use glam::{Vec2, Vec3, Vec4};
 use super::text::{lines, number, numbers, words};
 use crate::load::Warnings;
 use crate::load::bundle::{Bundle, relative};
-use crate::load::images::Textures;
-use crate::material::Wrap;
+use crate::load::images::{Textures, Wanted};
+use crate::material::{Filter, Wrap};
 use crate::{AlphaMode, Material, Texture, TextureRef};
 
 /// A material of an MTL file.
@@ -76,7 +76,8 @@ pub(super) fn read(
                 // With v flipped: 1 − ((1 − v)·s + o) = v·s + (1 − s − o).
                 let Reference { scale, offset, .. } = *reference;
                 let offset = Vec2::new(offset.x, 1.0 - scale.y - offset.y);
-                Some(TextureRef { offset, scale, ..TextureRef::new(images.texture(image, srgb, [wrap; 2])) })
+                let wanted = Wanted { image, srgb, wrap: [wrap; 2], filter: Filter::Linear };
+                Some(TextureRef { offset, scale, ..TextureRef::new(images.texture(wanted)) })
             }
             Err(reason) => {
                 warnings.add(format!("texture {reason}: left out"));

@@ -47,7 +47,7 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
         ..RawMesh::default()
     };
     let mut parts = Parts { materials: vec![Material::default()], ..Parts::default() };
-    if let Some(mesh) = raw.finish(MissingNormals::Smooth, false, warnings) {
+    if let Some(mesh) = raw.finish(MissingNormals::Smooth, None, warnings) {
         parts.meshes.push(mesh);
         parts.instances.push(Instance { mesh: 0, node: None, world_from_mesh: DAffine3::IDENTITY });
     }

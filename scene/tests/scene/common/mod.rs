@@ -103,8 +103,8 @@ pub(crate) fn sphere(rings: u32) -> Mesh {
 pub(crate) fn texture(side: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> Texture {
     let rgba: Vec<u8> =
         (0..side).flat_map(|y| (0..side).map(move |x| (x, y))).flat_map(|(x, y)| texel(x, y)).collect();
-    let wrap = [argus_scene::material::Wrap::Repeat; 2];
-    Texture { name: String::new(), width: side, height: side, rgba: rgba.into(), srgb: true, wrap }
+    let (wrap, filter) = ([argus_scene::material::Wrap::Repeat; 2], argus_scene::material::Filter::Linear);
+    Texture { name: String::new(), width: side, height: side, rgba: rgba.into(), srgb: true, wrap, filter }
 }
 
 pub(crate) fn textured(material: Material) -> Material {
