@@ -31,6 +31,8 @@ struct Pixels {
 #[derive(Default)]
 pub(super) struct Textures {
     images: Vec<(String, Bytes)>,
+    /// The number of each image by its name, and the place and number of its bytes.
+    numbers: HashMap<(String, usize, usize), usize>,
     wanted: Vec<Wanted>,
     known: HashMap<Wanted, u32>,
 }
@@ -47,10 +49,14 @@ pub(super) struct Wanted {
 }
 
 impl Textures {
-    /// Adds an image file under a name for messages; returns its number.
+    /// Adds an image file under a name for messages; returns its number. A file that many materials name is one image, so
+    /// that it is decoded, filtered and held once.
     pub(super) fn add_image(&mut self, name: String, bytes: Bytes) -> usize {
-        self.images.push((name, bytes));
-        self.images.len() - 1
+        let same_file = (name.clone(), bytes.as_ptr() as usize, bytes.len());
+        *self.numbers.entry(same_file).or_insert_with(|| {
+            self.images.push((name, bytes));
+            self.images.len() - 1
+        })
     }
 
     /// The texture that reads an image so.
@@ -207,6 +213,15 @@ pub(super) mod tests {
             decode("x.png", &whole[..length]).err().unwrap();
         }
         assert!(decode("x.png", b"GIF89a\x01\0\x01\0").err().unwrap().contains("not supported"));
+    }
+
+    #[test]
+    fn a_file_that_many_materials_name_is_one_image() {
+        let (mut textures, bytes) = (Textures::default(), png(2, 2, [9; 4]));
+        let mut add = |name: &str, bytes: &Bytes| textures.add_image(name.to_owned(), bytes.clone());
+        let first = add("a.png", &bytes);
+        assert_eq!(add("a.png", &bytes), first);
+        assert_ne!(add("b.png", &png(2, 2, [8; 4])), first);
     }
 
     #[test]
