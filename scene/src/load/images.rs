@@ -1,31 +1,22 @@
 //! Decodes image files into textures, in parallel. A bad one costs its texture and a warning.
 
+mod decode;
+mod ktx2;
+
 use std::collections::{BTreeMap, HashMap};
-use std::io::Cursor;
-use std::sync::Arc;
 
 use bytes::Bytes;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use rayon::prelude::*;
 
 use super::Warnings;
 use crate::material::{Filter, TextureUse, Wrap};
 use crate::{Material, Texture, TextureRef};
+use decode::{ImageFile, Pixels};
 
-/// Largest side of an image in texels.
-const MOST_TEXELS: u32 = 16384;
-/// Largest ratio of decoded bytes to file bytes. Deflate, the densest format here, reaches 1032. An image that claims
-/// more is truncated or malicious, and gets no memory.
-const MOST_BYTES_A_BYTE: u64 = 1100;
 /// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;
-
-/// An image in RGBA.
-struct Pixels {
-    width: u32,
-    height: u32,
-    rgba: Arc<[u8]>,
-}
+/// Limit in bytes of what a scene's images take beyond the ratio to their files that every image may have.
+const MOST_EXCESS: u64 = 256 << 20;
 
 /// The images and textures of a scene under construction.
 #[derive(Default)]
@@ -67,16 +58,28 @@ impl Textures {
         })
     }
 
+    /// Decodes the used images. Sizes are added up before any memory is taken.
+    fn pixels(&self, used: &[bool]) -> Vec<Option<Result<Pixels, String>>> {
+        let used_images = self.images.iter().zip(used);
+        let mut files: Vec<_> =
+            used_images.map(|((name, bytes), used)| used.then(|| ImageFile::inspect(name, bytes))).collect();
+        let (mut decoded, mut excess) = (0, 0);
+        for file in &mut files {
+            let Some(Ok(image)) = file else { continue };
+            decoded += image.decoded();
+            excess += image.excess();
+            if decoded > MOST_DECODED || excess > MOST_EXCESS {
+                *file = Some(Err("the scene has too many textures".to_owned()));
+            }
+        }
+        files.into_par_iter().map(|file| Some(file?.and_then(|file| file.decode()))).collect()
+    }
+
     /// Decodes the used images and assigns textures to the materials. They lose those that cannot be decoded.
     pub(super) fn decode(self, materials: &mut [Material], warnings: &mut Warnings) -> Vec<Texture> {
         let mut used = vec![false; self.images.len()];
         self.wanted.iter().for_each(|wanted| used[wanted.image] = true);
-        let decoded: Vec<Option<Result<Pixels, String>>> = self
-            .images
-            .par_iter()
-            .zip(&used)
-            .map(|((name, bytes), used)| used.then(|| decode(name, bytes)))
-            .collect();
+        let decoded = self.pixels(&used);
         for (image, ((name, _), result)) in self.images.iter().zip(&decoded).enumerate() {
             if let Some(Err(reason)) = result {
                 let lost = |texture: TextureRef| self.wanted[texture.texture as usize].image == image;
@@ -84,21 +87,15 @@ impl Textures {
             }
         }
         let mut textures = Vec::new();
-        let mut total = 0u64;
         let new_index: Vec<Option<u32>> = self
             .wanted
             .iter()
             .map(|&Wanted { image, srgb, wrap, filter }| {
                 let pixels = decoded[image].as_ref()?.as_ref().ok()?;
-                total += pixels.rgba.len() as u64;
-                if total > MOST_DECODED {
-                    warnings.add(format!("texture {}: too many textures: left out", self.images[image].0));
-                    return None;
-                }
                 textures.push(Texture {
                     name: self.images[image].0.clone(),
-                    width: pixels.width,
-                    height: pixels.height,
+                    width: pixels.size.width,
+                    height: pixels.size.height,
                     rgba: pixels.rgba.clone(),
                     srgb,
                     wrap,
@@ -147,39 +144,18 @@ pub(super) fn named(names: &[&str]) -> String {
     }
 }
 
-/// Decodes one image file, with memory limited by the file's size.
-fn decode(name: &str, bytes: &[u8]) -> Result<Pixels, String> {
-    // A TGA file has no signature.
-    let format = image::guess_format(bytes).or_else(|error| match ImageFormat::from_path(name) {
-        Ok(ImageFormat::Tga) => Ok(ImageFormat::Tga),
-        _ => Err(error),
-    });
-    let format = format.map_err(|_| "is no image format known here (PNG, JPEG, BMP, TGA)".to_owned())?;
-    if !matches!(format, ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Bmp | ImageFormat::Tga) {
-        return Err(format!("{format:?} images are not supported (PNG, JPEG, BMP, TGA are)"));
-    }
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
-    let most_bytes = (bytes.len() as u64).saturating_mul(MOST_BYTES_A_BYTE).saturating_add(64 << 10);
-    let mut limits = image::Limits::default();
-    limits.max_image_width = Some(MOST_TEXELS);
-    limits.max_image_height = Some(MOST_TEXELS);
-    limits.max_alloc = Some(most_bytes.saturating_mul(2));
-    reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(|error| error.to_string())?;
-    let (width, height) = decoder.dimensions();
-    if width == 0 || height == 0 || width > MOST_TEXELS || height > MOST_TEXELS {
-        return Err(format!("{width}×{height} texels; 1 to {MOST_TEXELS} a side are supported"));
-    }
-    if decoder.total_bytes() > most_bytes {
-        return Err(format!("{width}×{height} texels cannot be held by {} bytes", bytes.len()));
-    }
-    let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
-    Ok(Pixels { width, height, rgba: Arc::from(image.into_rgba8().into_raw()) })
-}
-
 #[cfg(test)]
 pub(super) mod tests {
+    use std::io::Cursor;
+    use std::sync::Arc;
+
+    use image::ImageFormat;
+
     use super::*;
+
+    fn decode(name: &str, bytes: &[u8]) -> Result<Pixels, String> {
+        ImageFile::inspect(name, bytes)?.decode()
+    }
 
     /// A PNG file of one colour.
     pub(in crate::load) fn png(width: u32, height: u32, rgba: [u8; 4]) -> Bytes {
@@ -212,7 +188,8 @@ pub(super) mod tests {
         for length in [0, 1, 8, 20, 33, whole.len() / 2] {
             decode("x.png", &whole[..length]).err().unwrap();
         }
-        assert!(decode("x.png", b"GIF89a\x01\0\x01\0").err().unwrap().contains("not supported"));
+        let avif = b"\0\0\0\x1cftypavif\0\0\0\0";
+        assert!(decode("x.png", avif).err().unwrap().contains("Avif images are not supported"));
     }
 
     #[test]

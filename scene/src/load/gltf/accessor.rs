@@ -1,14 +1,20 @@
 //! Buffers, views and accessors, every bound checked before anything is allocated.
 
+use std::collections::HashMap;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytes::Bytes;
 use gltf::json;
 use json::accessor::{ComponentType, Type};
 use json::validation::Checked;
 
+use super::compressed::{self, DracoPart};
 use super::{Document, fetch, get};
 use crate::load::bundle::Bundle;
+
+/// Bytes that an element takes at most while its primitive is read.
+const MOST_ELEMENT: u64 = 2 * 68;
 
 /// Reads numbers out of a document's buffers.
 pub(super) struct Reader<'a> {
@@ -16,8 +22,14 @@ pub(super) struct Reader<'a> {
     blob: Option<Bytes>,
     bundle: &'a Bundle,
     buffers: Vec<OnceLock<Result<Bytes, String>>>,
-    /// Remaining bytes for accessors without a buffer, which are all zeros.
+    /// Unpacked buffer views and Draco primitives, by buffer view.
+    document: &'a Document,
+    unpacked: HashMap<usize, OnceLock<Result<Bytes, String>>>,
+    primitives: HashMap<usize, OnceLock<Result<draco_core::Mesh, String>>>,
+    /// Limit in bytes of an accessor without a buffer, which is all zeros.
     most_zeros: u64,
+    /// Remaining bytes for unpacked views and primitives.
+    left: AtomicU64,
 }
 
 /// The position and layout of an accessor's elements.
@@ -33,7 +45,27 @@ impl<'a> Reader<'a> {
     pub(super) fn new(document: &'a Document, bundle: &'a Bundle, most_zeros: u64) -> Self {
         let root = &document.root;
         let buffers = root.buffers.iter().map(|_| OnceLock::new()).collect();
-        Self { root, blob: document.blob.clone(), bundle, buffers, most_zeros }
+        let compressed = &document.compressed;
+        let unpacked = compressed.views.keys().map(|&view| (view, OnceLock::new())).collect();
+        let primitives = compressed.accessors.values().map(|part| (part.view, OnceLock::new())).collect();
+        Self {
+            root,
+            blob: document.blob.clone(),
+            bundle,
+            buffers,
+            document,
+            unpacked,
+            primitives,
+            most_zeros,
+            left: AtomicU64::new(most_zeros),
+        }
+    }
+
+    /// Reserves memory for decompression.
+    fn take(&self, bytes: u64) -> Result<(), String> {
+        let left =
+            self.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(bytes));
+        left.map(|_| ()).map_err(|_| "it unpacks to more than its file can hold".to_owned())
     }
 
     fn buffer(&self, index: json::Index<json::Buffer>) -> Result<Bytes, String> {
@@ -60,12 +92,60 @@ impl<'a> Reader<'a> {
         index: json::Index<json::buffer::View>,
     ) -> Result<(Bytes, Option<usize>), String> {
         let view = get(&self.root.buffer_views, index, "buffer view")?;
+        if let Some(packed) = self.document.compressed.views.get(&index.value()) {
+            let stride = packed.as_ref().ok().filter(|packed| packed.is_of_vertices()).map(|p| p.byte_stride);
+            let declared = view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0);
+            return Ok((self.unpacked_view(index.value())?, declared.or(stride)));
+        }
         let buffer = self.buffer(view.buffer)?;
         let start = view.byte_offset.map_or(0, |offset| offset.0);
         let slice = slice(&buffer, start, view.byte_length.0)
             .ok_or_else(|| format!("buffer view {} does not fit in its buffer", index.value()))?;
         // A stride of zero is invalid but means none.
         Ok((slice, view.byte_stride.map(|stride| stride.0).filter(|&stride| stride > 0)))
+    }
+
+    /// The bytes of a view that meshopt has compressed.
+    fn unpacked_view(&self, index: usize) -> Result<Bytes, String> {
+        let (Some(packed), Some(place)) =
+            (self.document.compressed.views.get(&index), self.unpacked.get(&index))
+        else {
+            return Err("is not compressed".to_owned());
+        };
+        let unpack = || {
+            let packed = packed.as_ref().map_err(String::clone)?;
+            let buffer = self.buffer(json::Index::new(packed.buffer as u32))?;
+            let bytes = slice(&buffer, packed.byte_offset, packed.byte_length);
+            let bytes = bytes.ok_or("its compressed data does not fit in its buffer")?;
+            self.take(packed.unpacked())?;
+            packed.unpack(&bytes).map(Bytes::from)
+        };
+        place.get_or_init(unpack).clone().map_err(|reason| format!("buffer view {index}: {reason}"))
+    }
+
+    /// Elements that Draco has compressed.
+    fn draco(
+        &self,
+        part: DracoPart,
+        accessor: &json::Accessor,
+        components: usize,
+    ) -> Result<Elements, String> {
+        let place = self.primitives.get(&part.view).ok_or("is not compressed")?;
+        let decode = || {
+            let (bytes, _) = self.view(json::Index::new(part.view as u32))?;
+            let mesh = compressed::draco_mesh(&bytes, self.left.load(Ordering::Relaxed))?;
+            self.take(compressed::draco_bytes(&mesh))?;
+            Ok(mesh)
+        };
+        let mesh = place.get_or_init(decode).as_ref().map_err(|reason: &String| reason.clone())?;
+        let (data, stride, component) = compressed::draco_elements(mesh, part.attribute)?;
+        let count = data.len() / stride;
+        // Memory was reserved by what the accessor claims. Draco splits vertices at seams, which exporters may not count.
+        self.take((count as u64).saturating_sub(accessor.count.0).saturating_mul(MOST_ELEMENT))?;
+        if stride < component.size() * components {
+            return Err("Draco: has another type than its use needs".to_owned());
+        }
+        Ok(Elements { data: data.into(), stride, count, component, normalized: accessor.normalized })
     }
 
     fn elements(&self, index: json::Index<json::Accessor>, types: &[Type]) -> Result<Elements, String> {
@@ -77,6 +157,9 @@ impl<'a> Reader<'a> {
         };
         if !types.contains(&kind) {
             return Err(wrong("has another type than its use needs"));
+        }
+        if let Some(&part) = self.document.compressed.accessors.get(&index.value()) {
+            return self.draco(part, accessor, kind.multiplicity()).map_err(|reason| wrong(&reason));
         }
         let component = component.0;
         let size = component.size() * kind.multiplicity();

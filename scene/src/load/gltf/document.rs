@@ -6,8 +6,14 @@ use bytes::Bytes;
 use gltf::json;
 use serde_json::Value;
 
+use super::compressed::Compressed;
+
 /// Extensions that are supported, or that do not affect the image here. A file may require them.
-const KNOWN_EXTENSIONS: [&str; 8] = [
+const KNOWN_EXTENSIONS: [&str; 16] = [
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -15,7 +21,19 @@ const KNOWN_EXTENSIONS: [&str; 8] = [
     "KHR_materials_transmission",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
+    "MESHOPT_compression",
+    "MSFT_texture_dds",
+];
+
+/// Extensions by which a texture names an image of another format, and whether that format is read.
+const IMAGE_EXTENSIONS: [(&str, bool); 4] = [
+    ("KHR_texture_basisu", true),
+    ("EXT_texture_webp", true),
+    ("MSFT_texture_dds", true),
+    ("EXT_texture_avif", false),
 ];
 
 /// A parsed document; its indices are not checked.
@@ -23,6 +41,7 @@ pub(super) struct Document {
     pub(super) root: json::Root,
     /// The binary chunk.
     pub(super) blob: Option<Bytes>,
+    pub(super) compressed: Compressed,
 }
 
 impl Document {
@@ -32,8 +51,9 @@ impl Document {
         let mut value: Value = serde_json::from_slice(&text).map_err(not_json)?;
         normalise(&mut value);
         check_version(&value)?;
+        let compressed = Compressed::take(&mut value);
         let root = serde_json::from_value(value).map_err(|error| format!("is not glTF 2.0: {error}"))?;
-        Ok(Self { root, blob })
+        Ok(Self { root, blob, compressed })
     }
 
     /// Rejects a document that requires an unknown extension.
@@ -102,7 +122,8 @@ fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
 }
 
 /// Prepares valid JSON for the `gltf` crate: whole numbers written as fractions (`5126.0`) become whole, a scene may
-/// lack its nodes, and channels without a node and application data (`extras`) are removed.
+/// lack its nodes, a texture's image is the one that its extension names, and channels without a node and application
+/// data (`extras`) are removed.
 fn normalise(document: &mut Value) {
     if let Some(scenes) = document.get_mut("scenes").and_then(Value::as_array_mut) {
         for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
@@ -116,6 +137,16 @@ fn normalise(document: &mut Value) {
         }
     }
     simplify(document);
+    for texture in document.get_mut("textures").and_then(Value::as_array_mut).into_iter().flatten() {
+        let named = |&(name, read): &(&str, bool)| {
+            let source = texture.get("extensions")?.get(name)?.get("source")?;
+            // An image of a format that is not read serves only to say so.
+            (read || texture.get("source").is_none()).then(|| source.clone())
+        };
+        if let Some(source) = IMAGE_EXTENSIONS.iter().find_map(named) {
+            texture["source"] = source;
+        }
+    }
 }
 
 /// The recursion is bounded: the parser rejects nesting deeper than 128 levels.
@@ -202,8 +233,8 @@ mod tests {
 
     #[test]
     fn a_required_extension_that_is_unknown_is_named() {
-        let text = br#"{"asset":{"version":"2.0"},"extensionsRequired":["KHR_draco_mesh_compression"]}"#;
+        let text = br#"{"asset":{"version":"2.0"},"extensionsRequired":["XMPL_not_known"]}"#;
         let document = Document::parse(&Bytes::from_static(text)).unwrap();
-        assert!(document.check_extensions().unwrap_err().contains("KHR_draco_mesh_compression"));
+        assert!(document.check_extensions().unwrap_err().contains("XMPL_not_known"));
     }
 }

@@ -6,6 +6,7 @@
 
 mod accessor;
 mod animation;
+mod compressed;
 mod document;
 mod material;
 mod nodes;
