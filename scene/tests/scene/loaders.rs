@@ -73,7 +73,7 @@ fn check(scene: &Scene) {
 type ExpectedScene = (&'static str, usize, [f64; 3], [f64; 3], f64, RigKind);
 
 /// Counts and bounds from the collection's own page, each taken by two other programs.
-const REAL: [ExpectedScene; 23] = {
+const REAL: [ExpectedScene; 26] = {
     use RigKind::{Cell, TileCorners};
     const BUNNY: ([f64; 3], [f64; 3]) = ([-0.095, 0.033, -0.062], [0.061, 0.187, 0.059]);
     const BOX: ([f64; 3], [f64; 3]) = ([-1.02, 0.0, -1.04], [1.0, 1.99, 0.99]);
@@ -127,6 +127,31 @@ const REAL: [ExpectedScene; 23] = {
             [-1.4, 0.0, -1.113],
             [1.4, 0.9, 1.113],
             1e-3,
+            Cell,
+        ),
+        // Their files state the bounds of each accessor; the room's lines are not drawn.
+        (
+            "files_people_have/hotel_room/scene.glb",
+            99_029,
+            [6791.5, -66.1975, -11129.2],
+            [13274.5, 2130.74, -1134.32],
+            0.01,
+            Cell,
+        ),
+        (
+            "files_people_have/chess_board/chess-board.glb",
+            178_848,
+            [-157.491, -1.3465, -136.4902],
+            [179.57, 42.2437, 136.4902],
+            0.1,
+            Cell,
+        ),
+        (
+            "files_people_have/barn_lamp/AnisotropyBarnLamp.gltf",
+            10_203,
+            [-0.104_62, -0.198_30, -2.5e-6],
+            [0.086_20, 0.056_95, 0.226_54],
+            1e-4,
             Cell,
         ),
         ("nasty_obj/no_material.obj", 36, [0.0; 3], [556.0, 548.8, 559.2], 1e-3, Cell),

@@ -1,5 +1,6 @@
 //! glTF documents made here, one for each possible error of a loader.
 
+mod compressed;
 mod geometry;
 mod materials;
 mod nodes;
