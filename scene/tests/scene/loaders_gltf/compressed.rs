@@ -8,7 +8,7 @@ use glam::{Vec2, Vec3};
 use meshoptimizer_rs::{Workspace, codec};
 use serde_json::{Value, json};
 
-use super::{changed, data_uri, load, load_with, refused, square};
+use super::{changed, data_uri, load, load_with, refused};
 
 /// Colours of the quadrants, row by row.
 const QUADRANTS: [[u8; 3]; 4] = [[200, 40, 40], [40, 160, 80], [40, 80, 200], [220, 220, 60]];
@@ -463,7 +463,10 @@ fn hostile_compressed_geometry_is_refused_at_once() {
         let began = std::time::Instant::now();
         let line = refused(&document);
         assert!(
-            line.contains("accessor") || line.contains("buffer view") || line.contains("meshopt") || line.contains("Draco"),
+            line.contains("accessor")
+                || line.contains("buffer view")
+                || line.contains("meshopt")
+                || line.contains("Draco"),
             "{name}: {line}"
         );
         assert!(began.elapsed() < LONGEST, "{name}: {:?}", began.elapsed());
