@@ -1,6 +1,7 @@
 //! Arguments that several subcommands share: servers, viewpoints, points and sizes; and, each in its file, how samples are
 //! rendered, how a view is answered, and flags that are passed on.
 
+mod camera;
 mod passed_on;
 mod plan;
 mod samples;
@@ -8,18 +9,17 @@ mod samples;
 use std::path::PathBuf;
 
 use argus_client::{Client, ConnectOptions};
-use argus_scene::{Camera, Scene};
 use glam::DVec3;
 
+pub(crate) use self::camera::{Picture, Viewpoint, flags_of};
 pub(crate) use self::passed_on::PassedOn;
 pub(crate) use self::plan::{Plan, output, search};
-pub(crate) use self::samples::{Rig, Samples, effects};
+pub(crate) use self::samples::{Rig, Samples, effects, exposure};
 use crate::credentials;
-use crate::exit::bad_arguments;
 use crate::settings::{self, Flags, Sources};
 
 /// The address and credentials of the service, for every client subcommand.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub(crate) struct Server {
     /// Address of the service [default: ARGUS_SERVER, else http://127.0.0.1:7400]
     #[arg(long, value_name = "URL")]
@@ -102,47 +102,6 @@ impl Environment {
             Some(file) => argus_scene::in_environment(scene, file),
             None => scene.to_owned(),
         }
-    }
-}
-
-/// A viewpoint that follows from the scene if it is not given.
-#[derive(clap::Args, Debug, Clone)]
-pub(crate) struct Viewpoint {
-    /// Position of the viewer, metres [default: the scene's first recommended viewpoint]
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "target")]
-    eye: Option<DVec3>,
-    /// Point that the viewer looks at, metres
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
-    target: Option<DVec3>,
-    /// Direction that points up in the image [default: 0,1,0]
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
-    up: Option<DVec3>,
-    /// Vertical field of view, degrees [default: 45, or the recommended viewpoint's]
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
-    fov_deg: Option<f64>,
-    /// Size of the image in pixels
-    #[arg(long, value_name = "WxH", default_value = "320x240", value_parser = size)]
-    pub(crate) size: [u32; 2],
-}
-
-impl Viewpoint {
-    /// The camera that the flags or the scene name.
-    ///
-    /// # Errors
-    /// The camera has no image, or the size is 0 or beyond 16384 pixels a side.
-    pub(crate) fn camera(&self, scene: &Scene) -> anyhow::Result<Camera> {
-        let mut camera = match (self.eye, self.target) {
-            (Some(eye), Some(target)) => {
-                Camera { up: self.up.unwrap_or(DVec3::Y), ..Camera::look_at(eye, target) }
-            }
-            _ => scene.default_camera(),
-        };
-        camera.fov_deg = self.fov_deg.unwrap_or(camera.fov_deg);
-        camera.validate()?;
-        if self.size.iter().any(|side| !(1..=16384).contains(side)) {
-            return Err(bad_arguments("--size: must be 1 to 16384 pixels a side"));
-        }
-        Ok(camera)
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use argus_cluster::SceneSource;
-use argus_cluster::coordinator::{Config, serve};
+use argus_cluster::coordinator::{Config, Prepared, prepare, serve_prepared};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_cluster::security::Security;
@@ -33,7 +33,7 @@ const TRY_AGAIN: Duration = Duration::from_millis(500);
 Example: a cluster over machines that trust their network; `argus certs` shows the same by TLS
   host-a$ argus coordinator --scene model.glb --listen 0.0.0.0:7400 --insecure
   host-b$ argus worker --coordinator http://host-a:7400 --listen 0.0.0.0:7401 --advertise http://host-b:7401 --insecure
-  host-c$ argus view --server http://host-a:7400 --eye 3,2,5 --target 0,1,0 --out view.png")]
+  host-c$ argus view --server http://host-a:7400 --out view.png")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
     /// after it for mirroring balls
@@ -51,7 +51,7 @@ pub(crate) struct Service {
     /// Address to listen on; port 0 takes a free port [default: 127.0.0.1:7400]
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Print one JSON object once clients can connect: url, pid, scene, workers
+    /// Print one JSON object once clients can connect: url, pid, scene, workers, default_camera
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
@@ -111,6 +111,7 @@ pub(crate) struct Ready {
     listener: TcpListener,
     source: Arc<OpenScene>,
     config: Config,
+    prepared: Prepared,
     registry: Arc<dyn Registry>,
     /// Cancelled when this process must stop.
     pub(crate) shutdown: CancellationToken,
@@ -123,6 +124,8 @@ struct Announcement<'a> {
     pid: u32,
     scene: &'a str,
     workers: usize,
+    /// The view of clients that name no camera.
+    default_camera: Camera,
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
@@ -169,7 +172,7 @@ impl Service {
         Ok(Listening { url, listener, security, shutdown })
     }
 
-    /// Opens the scene.
+    /// Opens the scene and prepares its light.
     pub(crate) async fn open(
         &self,
         Listening { url, listener, security, shutdown }: Listening,
@@ -196,11 +199,19 @@ impl Service {
         config.exposure = sampling.exposure;
         config.indirect = sampling.indirect.knobs()?;
         config.core.samples_per_view = rig.samples.unwrap_or(config.core.samples_per_view);
+        let preparing = {
+            let (config, source) = (config.clone(), source.clone());
+            tokio::task::spawn_blocking(move || prepare(&config, source.as_ref()))
+        };
+        let prepared = tokio::select! {
+            prepared = preparing => prepared.context("a task of this process failed")??,
+            () = shutdown.cancelled() => anyhow::bail!("stopped before the scene's light was known"),
+        };
         let registry = tokio::select! {
             registry = registry(settings) => registry?,
             () = shutdown.cancelled() => anyhow::bail!("stopped before the registry answered"),
         };
-        Ok(Ready { url, listener, source, config, registry, shutdown })
+        Ok(Ready { url, listener, source, config, prepared, registry, shutdown })
     }
 
     /// The calibrated models of the scene and its rig.
@@ -229,16 +240,15 @@ impl Service {
     /// Prints the service's address.
     pub(crate) fn announce(&self, ready: &Ready, workers: usize) -> anyhow::Result<()> {
         let (url, scene) = (ready.url.as_str(), ready.source.name());
+        let default_camera = ready.source.scene().default_camera();
         if self.json {
-            return output::json(&Announcement { url, pid: std::process::id(), scene, workers });
+            let pid = std::process::id();
+            return output::json(&Announcement { url, pid, scene, workers, default_camera });
         }
         println!("serving {scene} at {url}");
         println!("try:  argus status --server {url}");
-        let Camera { eye, target, fov_deg, .. } = ready.source.scene().default_camera();
-        println!(
-            "      argus view --server {url} --eye {:.5},{:.5},{:.5} --target {:.5},{:.5},{:.5} --fov-deg {fov_deg:.3} --out view.png",
-            eye.x, eye.y, eye.z, target.x, target.y, target.z
-        );
+        println!("      argus view --server {url} --out view.png");
+        println!("      argus view --server {url} {} --out view.png", args::flags_of(&default_camera));
         Ok(())
     }
 }
@@ -246,7 +256,8 @@ impl Service {
 impl Ready {
     /// Serves until the process must stop.
     pub(crate) async fn serve(self) -> anyhow::Result<()> {
-        Ok(serve(self.config, self.listener, self.source, self.registry, self.shutdown).await?)
+        let Self { config, prepared, listener, source, registry, shutdown, .. } = self;
+        Ok(serve_prepared(config, prepared, listener, source, registry, shutdown).await?)
     }
 }
 

@@ -21,6 +21,7 @@ mod scene;
 mod selftest;
 mod serve;
 mod settings;
+mod sheet;
 mod shutdown;
 mod status;
 mod study;
@@ -59,7 +60,8 @@ Examples:
   argus demo                                  sixteen viewers of the built-in scene, start to finish
   argus selftest                              does Argus work correctly on this machine?
   argus serve --scene model.glb               serve a scene on this machine, then, elsewhere:
-  argus view --eye 3,2,5 --target 0,1,0 --out view.png
+  argus view --out view.png
+  argus view --scene model.glb --out view.png    one picture, without a service
   argus browse                                walk through it, in a browser
   argus load --clients 16 --seconds 10        how many views a second can the server answer?
   argus status                                the workers' roles and costs

@@ -26,6 +26,24 @@ pub(crate) fn write_rgb_png(path: &Path, width: u32, height: u32, rgb: &[u8]) ->
     write_png(path, width, height, rgb, ColorType::Rgb8)
 }
 
+/// Bits of each channel that a small picture keeps.
+const KEPT_BITS: u32 = 6;
+
+/// Writes a picture for documents as a PNG of few bytes: its lowest bits are rounded away, which cannot be seen.
+pub(crate) fn write_small_png(path: &Path, image: &RgbImage) -> anyhow::Result<()> {
+    let (lost, most) = (8 - KEPT_BITS, (1u32 << KEPT_BITS) - 1);
+    let rounded = |byte: u8| {
+        let kept = (u32::from(byte) * most + 127) / 255;
+        (kept << lost | kept >> (KEPT_BITS - lost)) as u8
+    };
+    let bytes: Vec<u8> = image.as_raw().iter().map(|byte| rounded(*byte)).collect();
+    let mut file = create(path)?;
+    PngEncoder::new_with_quality(&mut file, CompressionType::Best, FilterType::Adaptive)
+        .write_image(&bytes, image.width(), image.height(), ExtendedColorType::Rgb8)
+        .and_then(|()| Ok(file.flush()?))
+        .with_context(|| format!("cannot write {}", path.display()))
+}
+
 /// Writes one byte per pixel as a grey PNG.
 pub(crate) fn write_gray_png(path: &Path, width: u32, height: u32, gray: &[u8]) -> anyhow::Result<()> {
     write_png(path, width, height, gray, ColorType::L8)

@@ -31,7 +31,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     environment: args::Environment,
     #[command(flatten)]
-    viewpoint: args::Viewpoint,
+    picture: args::Picture,
     /// Rays per pixel, rounded up to a square number; the time grows in proportion
     #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u32).range(1..=4096))]
     samples_per_pixel: u32,
@@ -73,8 +73,8 @@ struct Report {
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let scene = argus_scene::open(&args.environment.of(&args.scene))?;
     let scene = if args.matt { matt(scene) } else { scene };
-    let camera = args.viewpoint.camera(&scene)?;
-    let [width, height] = args.viewpoint.size;
+    let camera = args.picture.camera(&scene)?;
+    let [width, height] = args.picture.size;
     // Whatever the scene has no cause for adds nothing.
     let light = DirectLight { effects: args.effects.most(), rays: args.light_rays };
     let tracer = Tracer::new(Arc::new(scene)).at(args.time).with_direct_light(light);

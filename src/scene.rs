@@ -7,7 +7,7 @@ use anyhow::Context;
 use argus_sampler::PacketSight;
 use argus_scene::effects::{Causes, EffectRow, Paid};
 use argus_scene::mitsuba::{self, Settings, SkyLight};
-use argus_scene::{Bounds, Effect, EffectPlan, EffectRequest, Effects, Exposure, RigKind, Scene};
+use argus_scene::{Bounds, Camera, Effect, EffectPlan, EffectRequest, Effects, Exposure, RigKind, Scene};
 use serde::Serialize;
 
 use crate::{args, output};
@@ -38,7 +38,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LIST", default_value = "auto", value_parser = args::effects, requires = "plan")]
     effects: Effects,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
-    /// animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --plan: name, hash,
+    /// default_camera, animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --plan: name, hash,
     /// light_effects, indirect, exposure, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms,
     /// saved_ms. With --mitsuba: shapes, triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
@@ -56,7 +56,7 @@ struct Export {
     #[arg(long, value_name = "FOLDER")]
     mitsuba: Option<PathBuf>,
     #[command(flatten)]
-    viewpoint: args::Viewpoint,
+    picture: args::Picture,
     /// Time of an animated scene, seconds
     #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = args::zero_or_more)]
     time: f64,
@@ -78,6 +78,8 @@ struct Report<'a> {
     textures: usize,
     lights: usize,
     cameras: usize,
+    /// The view of clients that name no camera.
+    default_camera: Camera,
     animations: usize,
     bounds: Corners,
     rig: RigKind,
@@ -111,6 +113,7 @@ impl<'a> Report<'a> {
             textures: scene.textures.len(),
             lights: scene.lighting.lights.len(),
             cameras: scene.cameras.len(),
+            default_camera: scene.default_camera(),
             animations: scene.animations.len(),
             bounds: Corners::of(scene.bounds()),
             rig: scene.rig,
@@ -124,8 +127,8 @@ impl<'a> Report<'a> {
 fn export(scene: Scene, args: &Export, folder: &Path, json: bool) -> anyhow::Result<()> {
     let scene = if args.matt { mitsuba::matt(scene) } else { scene };
     let settings = Settings {
-        camera: args.viewpoint.camera(&scene)?,
-        size: args.viewpoint.size,
+        camera: args.picture.camera(&scene)?,
+        size: args.picture.size,
         time_secs: args.time,
         sky: if args.ambient_sky { SkyLight::Ambient } else { SkyLight::Seen },
     };
@@ -170,15 +173,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     println!("  hash        {}", report.hash);
     println!("  cameras     {}", report.cameras);
     for named in &scene.cameras {
-        let camera = &named.camera;
-        println!(
-            "    {:<20} --eye {} --target {} --fov-deg {:.4}",
-            named.name,
-            point(camera.eye.to_array()),
-            point(camera.target.to_array()),
-            camera.fov_deg
-        );
+        println!("    {:<20} {}", named.name, args::flags_of(&named.camera));
     }
+    println!("  default     {}", args::flags_of(&report.default_camera));
     for warning in report.warnings {
         println!("  warning     {warning}");
     }

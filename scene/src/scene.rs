@@ -215,10 +215,10 @@ impl Scene {
         present.into_iter().filter_map(|(effect, present)| present.then_some(effect)).collect()
     }
 
-    /// A viewpoint that shows the scene. The first recommended one; else, if the scene surrounds its middle, one from
+    /// A viewpoint that shows the scene. The first recommended one that has an image; else, if the scene surrounds its middle, one from
     /// within, along its longer side; else one from outside its bounds.
     pub fn default_camera(&self) -> Camera {
-        if let Some(named) = self.cameras.first() {
+        if let Some(named) = self.cameras.iter().find(|named| named.camera.validate().is_ok()) {
             return named.camera;
         }
         let bounds = self.bounds();

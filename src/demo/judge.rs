@@ -5,7 +5,7 @@ use argus_client::Answer;
 use argus_scene::metrics;
 use image::RgbImage;
 
-use crate::demo::sheet::Entry;
+use crate::sheet::Entry;
 
 /// One viewer's images and their errors.
 pub(crate) struct Judged {

@@ -1,7 +1,6 @@
 //! `argus demo`: a local cluster, its clients, and the errors of their views.
 
 mod judge;
-mod sheet;
 mod table;
 
 use std::path::{Path, PathBuf};
@@ -18,7 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::demo::judge::Judged;
 use crate::demo::table::Figures;
-use crate::{args, output, processes};
+use crate::{args, output, processes, sheet};
 
 /// Starts a cluster of processes on this machine, lets clients request views over gRPC, compares each view with the one
 /// rendered from the triangles, and writes images, a contact sheet and a table of costs.

@@ -25,6 +25,7 @@ mod particles;
 mod radiosity;
 mod rays;
 mod reflections;
+mod scenes;
 mod service;
 mod shadows;
 mod soak;
@@ -90,6 +91,7 @@ enum Study {
     Rays(rays::RayStudy),
     Reflections(reflections::ReflectionStudy),
     Overload(overload::Overload),
+    Scenes(scenes::Scenes),
     Service(service::Service),
     Shadows(shadows::ShadowStudy),
     Device(device::Device),
@@ -143,6 +145,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Rays(study) => ("rays", study.run(form.quick, &progress).await?),
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
         Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
+        Study::Scenes(study) => ("scenes", study.run(form.out.clone(), &progress).await?),
         Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
         Study::Shadows(study) => ("shadows", study.run(form.quick, &progress).await?),
         Study::Effects(study) => ("effects", study.run(form.quick, form.out.clone(), &progress).await?),

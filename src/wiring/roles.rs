@@ -21,6 +21,11 @@ impl Device {
         Self { gpu: Mutex::default(), compositing }
     }
 
+    /// Opens the device ahead of its first use. An error is reported at that use.
+    pub(crate) fn open(&self) {
+        let _ = self.gpu();
+    }
+
     fn gpu(&self) -> Result<Arc<Gpu>, RenderError> {
         let mut held = self.gpu.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(gpu) = held.as_ref().filter(|gpu| gpu.lost().is_none()) {

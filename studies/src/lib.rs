@@ -39,6 +39,7 @@ pub mod radiosity;
 pub mod rays;
 pub mod reflections;
 mod report;
+pub mod scenes;
 pub mod service;
 pub mod shadows;
 pub mod simulate;

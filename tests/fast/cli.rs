@@ -63,7 +63,7 @@ fn every_subcommand_has_help() {
 
 #[test]
 fn invalid_arguments_end_with_2_before_any_work() {
-    fails_with(&["view"], 2, &["--eye", "--target", "--out"]);
+    fails_with(&["view"], 2, &["--out"]);
     fails_with(&["view", "--eye", "1,2", "--target", "0,0,0", "--out", "x.png"], 2, &["three numbers"]);
     let view = ["view", "--eye", "1,2,3", "--target", "-1,-2,-3", "--out", "x.png"];
     for (wrong, word) in [
@@ -71,6 +71,8 @@ fn invalid_arguments_end_with_2_before_any_work() {
         (["--output", "depth"], "range"),
         (["--size", "big"], "640x480"),
         (["--steps", "-1"], "--steps"),
+        (["--time", "1"], "--direct"),
+        (["--effects", "none"], "--scene"),
     ] {
         fails_with(&[view.as_slice(), &wrong].concat(), 2, &[word]);
     }
@@ -120,7 +122,7 @@ fn a_scene_is_exported_for_mitsuba_and_its_reference_is_linear_radiance() {
     assert!(seen["mean_radiance"][0].as_f64().unwrap() > 0.0, "{seen:#}");
     // Packed.
     assert!(std::fs::metadata(&out).unwrap().len() > 16 * 12 * 10);
-    fails_with(&["reference", "rooms", "--eye", "1,2,3", "--out", &out], 2, &["--target"]);
+    fails_in_one_line(&["reference", "rooms", "--eye", "nan,2,3", "--out", &out], 2, &["eye"]);
     fails_in_one_line(&["reference", "rooms", "--size", "0x5", "--out", &out], 2, &["--size"]);
 }
 
@@ -140,6 +142,35 @@ fn a_scene_is_described_and_a_missing_one_is_named() {
     fails_in_one_line(&["scene", "no/such/file.glb"], 1, &["no/such/file.glb"]);
     fails_in_one_line(&["scene", SMALL, "--environment", "no/such/sky.hdr"], 1, &["no/such/sky.hdr"]);
     assert!(!run(&["scene", "terrain:many"]).status.success());
+}
+
+#[test]
+fn a_view_without_a_service_needs_a_scene_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("view.png");
+    let out = out.to_str().unwrap();
+    let alone = ["view", "--scene", SMALL, "--size", "64x48", "--out", out, "--json"];
+    let seen = json(&alone);
+    let default = &json(&["scene", SMALL, "--json"])["default_camera"];
+    assert_eq!(
+        (&seen["camera"], &seen["search"], &seen["light"]),
+        (default, &"direct".into(), &"full".into())
+    );
+    let picture = std::fs::read(out).unwrap();
+    let again = json(&alone);
+    assert_eq!(
+        (seen["specification_hash"].clone(), picture),
+        (again["specification_hash"].clone(), std::fs::read(out).unwrap())
+    );
+    for (flags, word) in [
+        (["--server", "http://127.0.0.1:1"], "--server"),
+        (["--search", "splat"], "--search"),
+        (["--max-error", "0.1"], "--max-error"),
+    ] {
+        fails_with(&[&alone[..7], &flags].concat(), 2, &[word]);
+    }
+    fails_in_one_line(&[&alone[..7], &["--time", "3"]].concat(), 1, &["nothing moves"]);
+    fails_in_one_line(&["view", "--scene", "no/such.glb", "--out", out], 1, &["no/such.glb"]);
 }
 
 #[test]

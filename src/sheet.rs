@@ -1,4 +1,4 @@
-//! The contact sheet: each view from samples, the same view from triangles, and their difference.
+//! Contact sheets: images beside one another, with captions.
 
 use std::convert::Infallible;
 
@@ -56,6 +56,24 @@ pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
             canvas.image(image, left + j * (width + GAP), top);
         }
         canvas.text(&entry.caption, left, top + height + 2);
+    }
+    canvas.0
+}
+
+/// Arranges images under their captions, in rows of `columns`. A caption that does not fit is cut off.
+pub(crate) fn tiles(tiles: &[(String, RgbImage)], columns: u32) -> RgbImage {
+    let sides = tiles.iter().map(|(_, image)| image.dimensions());
+    let (width, height) = sides.fold((1, 1), |(w, h), (x, y)| (x.max(w), y.max(h)));
+    let (tile_width, tile_height) = (width + GAP, height + LINE + GAP);
+    let rows = (tiles.len() as u32).div_ceil(columns);
+    let size = [columns * tile_width + GAP, rows * tile_height + GAP];
+    let mut canvas = Canvas(RgbImage::from_pixel(size[0], size[1], PAPER));
+    for (i, (caption, image)) in (0..).zip(tiles) {
+        let [left, top] = [(i % columns) * tile_width + GAP, (i / columns) * tile_height + GAP];
+        let fitting: String =
+            caption.chars().take((width / FONT_9X15.character_size.width) as usize).collect();
+        canvas.text(&fitting, left, top);
+        canvas.image(image, left, top + LINE);
     }
     canvas.0
 }
@@ -130,6 +148,20 @@ mod tests {
             assert_eq!(sheet.pixels().filter(|pixel| *pixel == color).count(), 20 * 15, "{color:?}");
         }
         assert!(sheet.pixels().any(|pixel| pixel.0 == [225; 3]));
+    }
+
+    #[test]
+    fn tiles_of_different_sizes_all_fit() {
+        let images = (0..7u8).map(|i| {
+            let sides = (20 + u32::from(i), 30 - u32::from(i));
+            (format!("scene {i}"), RgbImage::from_pixel(sides.0, sides.1, Rgb([50 + i, 0, 0])))
+        });
+        let images: Vec<(String, RgbImage)> = images.collect();
+        let sheet = tiles(&images, 3);
+        for (_, image) in &images {
+            let shown = sheet.pixels().filter(|pixel| *pixel == image.get_pixel(0, 0)).count();
+            assert_eq!(shown, image.pixels().len());
+        }
     }
 
     #[test]

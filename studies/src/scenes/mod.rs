@@ -1,0 +1,178 @@
+//! Scenes: the picture of each file of a folder as a newcomer sees it, without a flag, and whether it can be made out.
+//!
+//! Each file is shown in its default view, in all the light that a service would give it. The bars are those of a picture
+//! that is neither dark nor washed out ([`Shown::passed`]). They are judged on pixels that show a surface, since a sky says
+//! nothing of how surfaces are lit.
+
+mod judgement;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result};
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::json;
+
+pub use self::judgement::Shown;
+use crate::report::row;
+use crate::{Machine, Report};
+
+/// Endings of scene files.
+const ENDINGS: [&str; 4] = ["glb", "gltf", "obj", "ply"];
+/// Begin of the names of folders with deliberately broken files.
+const BROKEN: &str = "nasty";
+/// Seconds that the first view may take beyond opening the scene.
+const FIRST_VIEW_SECS: f64 = 2.0;
+
+/// What was rendered of a scene.
+pub struct Picture {
+    /// The default view, in all light.
+    pub image: RgbImage,
+    /// Metres to the surface of each pixel, +inf for the sky.
+    pub ranges: Vec<f32>,
+    /// The chosen light, in words.
+    pub light: String,
+    /// Factor from radiance to display-linear values.
+    pub exposure: f32,
+    /// Seconds to open the file.
+    pub open_secs: f64,
+    /// Seconds from the start to the first view, in direct light.
+    pub first_view_secs: f64,
+    /// Seconds from the start to the view in all light.
+    pub picture_secs: f64,
+    /// Number of the loader's warnings.
+    pub warnings: usize,
+}
+
+/// The scene files of a folder and its folders, sorted. Folders of deliberately broken files are left out.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn files(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        let entries =
+            std::fs::read_dir(&folder).with_context(|| format!("cannot read {}", folder.display()))?;
+        for entry in entries {
+            let path = entry?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+            let ending = name.rsplit_once('.').map_or("", |(_, ending)| ending);
+            match path.is_dir() {
+                true if !name.starts_with(BROKEN) => folders.push(path),
+                false if ENDINGS.contains(&ending) => found.push(path),
+                _ => {}
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// Shows each scene file of a folder. Returns the report, and each picture under its file's name within the folder;
+/// `progress` counts scenes. A file that cannot be shown is a row that failed.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn run(
+    folder: &Path,
+    mut show: impl FnMut(&str) -> Result<Picture>,
+    progress: &ProgressBar,
+) -> Result<(Report, Vec<(String, RgbImage)>)> {
+    let files = files(folder)?;
+    anyhow::ensure!(!files.is_empty(), "{} has no scene files ({})", folder.display(), ENDINGS.join(", "));
+    progress.set_length(files.len() as u64);
+    let (mut rows, mut pictures) = (Vec::new(), Vec::new());
+    for file in &files {
+        let name = file.strip_prefix(folder).unwrap_or(file).display().to_string();
+        progress.set_message(name.clone());
+        rows.push(match show(&file.display().to_string()) {
+            Ok(picture) => {
+                let row = row_of(&name, &picture);
+                pictures.push((name, picture.image));
+                row
+            }
+            Err(error) => failed(&name, &error),
+        });
+        progress.inc(1);
+    }
+    let mut report = Report::new(folder.display().to_string(), Machine::here(""), rows);
+    report.notes.push(format!(
+        "The default view of each file, without a flag. mean, white, dark: of the pixels that show a surface, the mean display \
+         value (0 to 1), the share that is clipped white and the share below {} of 255; passed: mean {} to {}, white at most {}, \
+         dark at most {}. first_view_secs: direct light, from the start of the process's work; in_time: within {FIRST_VIEW_SECS} s \
+         of opening the file.",
+        judgement::DARK, judgement::MEAN[0], judgement::MEAN[1], judgement::MOST_WHITE, judgement::MOST_DARK
+    ));
+    Ok((report, pictures))
+}
+
+fn row_of(name: &str, picture: &Picture) -> serde_json::Map<String, serde_json::Value> {
+    let shown = Shown::of(&picture.image, &picture.ranges);
+    let Shown { visible, mean, white, dark } = shown;
+    let in_time = picture.first_view_secs <= picture.open_secs + FIRST_VIEW_SECS;
+    row(json!({
+        "file": name,
+        "passed": shown.passed(),
+        "light": picture.light,
+        "exposure": picture.exposure,
+        "visible": visible,
+        "mean": mean,
+        "white": white,
+        "dark": dark,
+        "warnings": picture.warnings,
+        "open_secs": picture.open_secs,
+        "first_view_secs": picture.first_view_secs,
+        "in_time": in_time,
+        "picture_secs": picture.picture_secs,
+    }))
+}
+
+/// The row of a file that cannot be shown.
+fn failed(name: &str, error: &anyhow::Error) -> serde_json::Map<String, serde_json::Value> {
+    row(json!({
+        "file": name, "passed": false, "light": format!("{error:#}"), "exposure": null, "visible": null, "mean": null,
+        "white": null, "dark": null, "warnings": null, "open_secs": null, "first_view_secs": null, "in_time": null,
+        "picture_secs": null,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Rgb;
+
+    use super::*;
+
+    #[test]
+    fn a_file_that_cannot_be_shown_and_a_dark_picture_fail_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["b.glb", "a/dark.OBJ", "a/lost.ply", "nasty_gltf/x.glb", "a/notes.txt"] {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, "").unwrap();
+        }
+        let show = |file: &str| {
+            anyhow::ensure!(!file.ends_with("lost.ply"), "it is lost");
+            let level = if file.ends_with("OBJ") { 2 } else { 100 };
+            Ok(Picture {
+                image: RgbImage::from_pixel(4, 4, Rgb([level; 3])),
+                ranges: vec![1.0; 16],
+                light: "file".to_owned(),
+                exposure: 1.0,
+                open_secs: 1.0,
+                first_view_secs: 2.5,
+                picture_secs: 4.0,
+                warnings: 0,
+            })
+        };
+        let (report, pictures) = run(folder.path(), show, &ProgressBar::hidden()).unwrap();
+        let said: Vec<(&str, bool)> =
+            report.rows.iter().map(|row| (row["file"].as_str().unwrap(), row["passed"] == true)).collect();
+        assert_eq!(said, [("a/dark.OBJ", false), ("a/lost.ply", false), ("b.glb", true)]);
+        assert_eq!(pictures.len(), 2);
+        assert!(report.rows[1]["light"].as_str().unwrap().contains("it is lost"));
+        let keys = |row: usize| report.rows[row].keys().collect::<Vec<_>>();
+        assert_eq!(keys(0), keys(1));
+        assert!(run(&folder.path().join("nasty_gltf/none"), show, &ProgressBar::hidden()).is_err());
+    }
+}
