@@ -35,7 +35,7 @@ const LOCAL: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 Example: a cluster on this machine, by TLS
   argus certs certs
   argus serve --config certs/argus.toml --listen 0.0.0.0:7400
-  argus view --config certs/argus.toml --server https://localhost:7400 --eye 60,40,60 --target 0,5,0 --out view.png
+  argus view --config certs/argus.toml --server https://localhost:7400 --out view.png
   argus certs certs --host render.example.org --days 30")]
 pub(crate) struct Args {
     /// Folder to write to; created if it does not exist

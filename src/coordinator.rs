@@ -139,7 +139,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if !args.service.json {
         println!("workers join with: argus worker --coordinator {}", ready.url);
     }
-    ready.serve().await
+    ready.serve(CancellationToken::new()).await
 }
 
 impl Service {
@@ -254,10 +254,10 @@ impl Service {
 }
 
 impl Ready {
-    /// Serves until the process must stop.
-    pub(crate) async fn serve(self) -> anyhow::Result<()> {
+    /// Serves until the process must stop. Cancels `answers` once a worker can answer views.
+    pub(crate) async fn serve(self, answers: CancellationToken) -> anyhow::Result<()> {
         let Self { config, prepared, listener, source, registry, shutdown, .. } = self;
-        Ok(serve_prepared(config, prepared, listener, source, registry, shutdown).await?)
+        Ok(serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await?)
     }
 }
 

@@ -41,8 +41,8 @@ pub(crate) struct Start<'a> {
     pub(crate) settings: &'a Settings,
     /// The scene to be served, which the first worker opens at once.
     pub(crate) scene: &'a str,
-    /// Cancelled once the coordinator has opened the scene; the remaining workers start then.
-    pub(crate) opened: CancellationToken,
+    /// Cancelled once the first worker can answer views; the remaining ones start then.
+    pub(crate) answers: CancellationToken,
 }
 
 /// Keeps workers running until `shutdown`, then lets them finish.
@@ -52,13 +52,13 @@ pub(crate) struct Start<'a> {
 pub(crate) async fn keep(start: Start<'_>, shutdown: CancellationToken) -> anyhow::Result<()> {
     let mut workers = JoinSet::new();
     for index in 0..start.count {
-        let (count, settings, opened) = (start.count, start.settings.clone(), start.opened.clone());
+        let (count, settings, answers) = (start.count, start.settings.clone(), start.answers.clone());
         let preload = (index == 0).then(|| format!("--preload={}", start.scene));
         let (shutdown, waits) = (shutdown.clone(), index > 0);
         workers.spawn(async move {
             if waits {
                 tokio::select! {
-                    () = opened.cancelled() => {}
+                    () = answers.cancelled() => {}
                     () = shutdown.cancelled() => return Ok(()),
                 }
             }

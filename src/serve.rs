@@ -48,16 +48,15 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     };
     let of_workers = Settings { worker, ..settings.clone() };
     // The first worker opens the scene at the same time as this process, and answers the first view. The remaining
-    // workers would compete for the same cores, so they start once the scene is open.
-    let opened = CancellationToken::new();
-    let start = processes::Start { count, settings: &of_workers, scene, opened: opened.clone() };
+    // workers would compete for the same cores, so they start once it can.
+    let answers = CancellationToken::new();
+    let start = processes::Start { count, settings: &of_workers, scene, answers: answers.clone() };
     let kept = processes::keep(start, shutdown.clone());
     let served = async {
         let served = async {
             let ready = args.service.open(listening, scene, &settings).await?;
-            opened.cancel();
             args.service.announce(&ready, count)?;
-            ready.serve().await
+            ready.serve(answers).await
         };
         // Workers stop first, so that they can still leave in order. If the coordinator fails, they stop too.
         let served = served.await;

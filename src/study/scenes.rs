@@ -27,7 +27,7 @@ const SUPERSAMPLING: u32 = 2;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  argus study scenes --scenes models --out docs
+  argus study scenes --scenes models --out pictures
   argus study scenes --scenes models --size 640x400 --json")]
 pub(super) struct Scenes {
     /// Folder of scene files

@@ -169,8 +169,8 @@ fn a_view_without_a_service_needs_a_scene_alone() {
     ] {
         fails_with(&[&alone[..7], &flags].concat(), 2, &[word]);
     }
-    fails_in_one_line(&[&alone[..7], &["--time", "3"]].concat(), 1, &["nothing moves"]);
-    fails_in_one_line(&["view", "--scene", "no/such.glb", "--out", out], 1, &["no/such.glb"]);
+    fails_with(&[&alone[..7], &["--time", "3"]].concat(), 1, &["nothing moves"]);
+    fails_with(&["view", "--scene", "no/such.glb", "--out", out], 1, &["no/such.glb"]);
 }
 
 #[test]
@@ -257,13 +257,13 @@ fn a_service_that_is_asked_to_stop_exits_with_0_and_removes_its_workers_settings
         let mut service = Process::start(command);
         let mut objects =
             serde_json::Deserializer::from_reader(service.take_stdout()).into_iter::<serde_json::Value>();
-        let url = objects.next().unwrap().unwrap()["url"].as_str().unwrap().to_owned();
-        let view = ["view", "--server", &url, "--eye", "60,40,60", "--target", "0,5,0", "--size", "32x24"];
+        let announced = objects.next().unwrap().unwrap();
+        let url = announced["url"].as_str().unwrap();
+        let view = ["view", "--server", url, "--size", "32x24"];
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("view.png");
-        let output = run(&[view.as_slice(), &["--out", out.to_str().unwrap()]].concat());
-        assert!(output.status.success(), "{}", stderr(&output));
-        assert_eq!(files(), 1);
+        let seen = json(&[view.as_slice(), &["--json", "--out", out.to_str().unwrap()]].concat());
+        assert_eq!((&seen["camera"], files()), (&announced["default_camera"], 1));
         let status = match signal {
             Some(signal) => {
                 let pid = Pid::from_raw(i32::try_from(service.pid()).unwrap()).unwrap();

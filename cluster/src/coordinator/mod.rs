@@ -81,10 +81,11 @@ pub async fn serve(
         tokio::task::spawn_blocking(move || prepare(&config, source.as_ref()))
     };
     let prepared = prepared.await.map_err(|error| ServeError::Listener(std::io::Error::other(error)))??;
-    serve_prepared(config, prepared, listener, source, registry, shutdown).await
+    let answers = CancellationToken::new();
+    serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await
 }
 
-/// Serves a scene that is prepared by this configuration, like [`serve`].
+/// Serves a scene that is prepared by this configuration, like [`serve`]. Cancels `answers` once a worker can answer views.
 ///
 /// # Errors
 /// [`ServeError`].
@@ -95,6 +96,7 @@ pub async fn serve_prepared(
     source: Arc<dyn SceneSource>,
     registry: Arc<dyn Registry>,
     shutdown: CancellationToken,
+    answers: CancellationToken,
 ) -> Result<(), ServeError> {
     let scene = source.scene();
     let Prepared { set, effect_plan } = prepared;
@@ -166,7 +168,7 @@ pub async fn serve_prepared(
     };
     let served = tokio::select! {
         served = server => served,
-        () = tick(&shared, &config) => Ok(()),
+        () = tick(&shared, &config, &answers) => Ok(()),
         () = kept => Ok(()),
         () = lead::lead(&shared, &registry, &reached_at) => Ok(()),
         () = cut_off => Ok(()),
@@ -187,8 +189,8 @@ pub(crate) fn learn(header: &argus_proto::v1::FrameHeader) -> (u64, f64) {
     (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
-/// Sends the core its ticks, ten times a tick and at least ten times a second.
-async fn tick(shared: &SharedCore, config: &Config) {
+/// Sends the core its ticks, ten times a tick and at least ten times a second. Cancels `answers` once it can answer views.
+async fn tick(shared: &SharedCore, config: &Config, answers: &CancellationToken) {
     // An epoch begins at most a fifth of its duration late.
     let finest =
         if shared.read(|core| core.set().epoch_secs > 0.0) { config.core.epoch / 5 } else { Duration::MAX };
@@ -199,6 +201,9 @@ async fn tick(shared: &SharedCore, config: &Config) {
     loop {
         interval.tick().await;
         shared.step(Event::Tick);
+        if !answers.is_cancelled() && shared.read(Core::can_answer) {
+            answers.cancel();
+        }
         shared.frame_metrics.ticked();
         shared.channels.close_unused();
     }

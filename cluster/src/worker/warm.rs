@@ -17,6 +17,9 @@ use crate::core::quality::Cost;
 /// Sizes of the measured views, pixels: small and typical.
 const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
 
+/// Replaces the typical size where its view would take longer than [`SLOW_MS`], by the time of the small one.
+const SIZE_WHERE_SLOW: [u32; 2] = [160, 120];
+
 /// Number of measurements of each view. The fastest counts, since other processes use the same cores.
 const ROUNDS: usize = 3;
 
@@ -118,8 +121,11 @@ fn measured(
 ) -> Result<Option<Cost>, RenderError> {
     render(SIZES[0])?;
     between();
-    let mut times = Vec::new();
+    let mut times: Vec<(u64, f64)> = Vec::new();
     for size in SIZES {
+        let pixels = |size: [u32; 2]| u64::from(size[0]) * u64::from(size[1]);
+        let is_slow = |&(few, ms): &(u64, f64)| ms * pixels(size) as f64 / few as f64 > SLOW_MS;
+        let size = if times.last().is_some_and(is_slow) { SIZE_WHERE_SLOW } else { size };
         let mut fastest = f64::INFINITY;
         for _ in 0..ROUNDS {
             let began = Instant::now();
@@ -130,7 +136,7 @@ fn measured(
                 break;
             }
         }
-        times.push((u64::from(size[0]) * u64::from(size[1]), fastest));
+        times.push((pixels(size), fastest));
     }
     Ok(Cost::fit(times.into_iter()))
 }
