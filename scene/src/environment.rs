@@ -64,6 +64,8 @@ pub struct Environment {
     pub map: Arc<EnvironmentMap>,
     /// Directional lights in place of its small bright regions, the strongest first.
     pub lights: Vec<Light>,
+    /// What the loader could not show of its file, one line each.
+    pub warnings: Vec<String>,
 }
 
 impl PartialEq for EnvironmentMap {
@@ -116,7 +118,8 @@ impl Environment {
             ));
         }
         let lights = split([width, height], &mut texels);
-        Ok(Self { map: Arc::new(EnvironmentMap::new([width, height], &texels)), lights })
+        let map = Arc::new(EnvironmentMap::new([width, height], &texels));
+        Ok(Self { map, lights, warnings: Vec::new() })
     }
 }
 
@@ -285,6 +288,7 @@ impl Scene {
             false => std::mem::take(&mut self.lighting.lights),
         };
         lights.extend(environment.lights);
+        self.warnings.extend(environment.warnings.iter().map(|line| format!("environment map: {line}")));
         self.lighting =
             Lighting { lights, sky: Sky::of_map(environment.map), exposure: self.lighting.exposure };
         self.hash = self.hash.in_environment(file);

@@ -49,16 +49,12 @@ fn files_that_are_no_environment_map_are_refused_with_their_name_and_the_reason(
         DynamicImage::new_rgb8(4, 2).write_to(&mut bytes, ImageFormat::Png).unwrap();
         bytes.into_inner()
     };
-    let with = |bad: f32| exr(image_of(4, 2, |x, y| if (x, y) == (3, 1) { [0.0, bad, 0.0] } else { one }));
     for (bytes, reason) in [
         (Vec::new(), "empty"),
         (b"nonsense".to_vec(), "is no environment map"),
         (png, "is no environment map"),
         (exr(image_of(4, 4, |_, _| one)), "4×4 texels: a map of all directions is twice as wide as high"),
         (file(image_of(4, 3, |_, _| one), ImageFormat::Hdr), "twice as wide as high"),
-        (with(f32::NAN), "texel 3, 1 is (0, NaN, 0)"),
-        (with(f32::INFINITY), "texel 3, 1 is (0, inf, 0)"),
-        (with(-0.5), "texel 3, 1 is (0, -0.5, 0)"),
         (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 16384 +X 32768\n".to_vec(), "at most 8192×4096"),
     ] {
         let error = decode_environment("maps/noon.hdr", &bytes).unwrap_err();
@@ -72,6 +68,114 @@ fn files_that_are_no_environment_map_are_refused_with_their_name_and_the_reason(
     assert_eq!(load_environment("no/such.exr").unwrap_err().file, "no/such.exr");
     let folder = tempfile::tempdir().unwrap();
     assert!(load_environment(folder.path()).unwrap_err().reason.contains("not a file"));
+}
+
+#[test]
+fn texels_that_no_radiance_can_have_are_clamped_and_counted() {
+    let with = |bad: f32| {
+        let image = image_of(4, 2, |x, y| if (x, y) == (3, 1) { [1.0, bad, 1.0] } else { [1.0; 3] });
+        decode_environment("sky.exr", &file(image, ImageFormat::OpenExr)).unwrap()
+    };
+    assert!(with(0.5).warnings.is_empty());
+    let black = with(0.0).map.hash();
+    for (bad, instead) in [(f32::NAN, 0.0), (-0.5, 0.0), (f32::NEG_INFINITY, 0.0), (f32::INFINITY, 65504.0)] {
+        let environment = with(bad);
+        assert_eq!(environment.warnings.len(), 1, "{bad}");
+        assert!(environment.warnings[0].starts_with("1 of 8 texels are negative, NaN or infinite"), "{bad}");
+        assert_eq!(environment.map.hash() == black, instead == 0.0, "{bad}");
+        assert_eq!(
+            environment,
+            Environment { warnings: environment.warnings.clone(), ..with(instead) },
+            "{bad}"
+        );
+        let scene =
+            scene(vec![patch(1)], vec![white()], Lighting::default()).with_environment(environment, b"");
+        assert!(scene.warnings.len() == 1 && scene.warnings[0].starts_with("environment map: 1 of 8"));
+    }
+}
+
+/// A Radiance file of 4 × 2 texels of radiance 1, 0.5 and 0.25, with lines in its header.
+fn radiance(lines: &str) -> Vec<u8> {
+    let mut bytes = format!("#?RADIANCE\n{lines}FORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 4\n").into_bytes();
+    (0..8).for_each(|_| bytes.extend([128, 64, 32, 129]));
+    bytes
+}
+
+#[test]
+fn every_line_of_a_radiance_header_is_applied_or_warned_of_or_changes_nothing() {
+    let map_of = |lines: &str| decode_environment("sky.hdr", &radiance(lines)).unwrap();
+    let color = |lines: &str| argus_scene::rgb9e5::decode(map_of(lines).map.texels()[0]);
+    let plain = Vec3::new(1.0, 0.5, 0.25);
+    // What the value is divided by, or the start of the warning.
+    for (lines, divisor, warning) in [
+        ("", Vec3::ONE, ""),
+        ("EXPOSURE=2\n", Vec3::splat(2.0), ""),
+        ("EXPOSURE= 2.0\nEXPOSURE=4\n", Vec3::splat(8.0), ""),
+        ("COLORCORR=1 2 4\n", Vec3::new(1.0, 2.0, 4.0), ""),
+        ("EXPOSURE=0\n", Vec3::ONE, "EXPOSURE=0 is no factor"),
+        ("EXPOSURE=bright\n", Vec3::ONE, "EXPOSURE=bright is no factor"),
+        ("PRIMARIES=0.64 0.33 0.30 0.60 0.15 0.06 0.3127 0.3290\n", Vec3::ONE, ""),
+        (
+            "PRIMARIES=0.73 0.27 0.27 0.72 0.15 0.05 0.31 0.33\n",
+            Vec3::ONE,
+            "its primaries are not those of Rec. 709",
+        ),
+        ("GAMMA=1\n", Vec3::ONE, ""),
+        ("GAMMA=2.2\n", Vec3::ONE, "GAMMA=2.2"),
+        ("PIXASPECT=1.0\n", Vec3::ONE, ""),
+        ("PIXASPECT=2\n", Vec3::ONE, "PIXASPECT=2"),
+        ("SOFTWARE=by hand\nVIEW= -vta\nCAPDATE= 2020:01:01\n# a comment\nmkillum -ab 1\n", Vec3::ONE, ""),
+    ] {
+        assert_eq!(color(lines) * divisor, plain, "{lines}");
+        let warnings = map_of(lines).warnings;
+        assert_eq!(warnings.len(), usize::from(!warning.is_empty()), "{lines}: {warnings:?}");
+        assert!(warnings.iter().all(|line| line.starts_with(warning)), "{lines}: {warnings:?}");
+    }
+}
+
+/// An OpenEXR file of one layer with channels of these names, each of the value after it, in blocks.
+fn openexr(channels: &[(&str, f32)], blocks: exr::prelude::Blocks, half: bool) -> Vec<u8> {
+    use exr::prelude::*;
+    let samples = |value: f32| match half {
+        true => FlatSamples::F16(vec![f16::from_f32(value); 8]),
+        false => FlatSamples::F32(vec![value; 8]),
+    };
+    let list = channels.iter().map(|(name, value)| AnyChannel::new(*name, samples(*value))).collect();
+    let encoding = Encoding { blocks, line_order: LineOrder::Increasing, ..Encoding::FAST_LOSSLESS };
+    let layer = Layer::new((4, 2), LayerAttributes::default(), encoding, AnyChannels::sort(list));
+    let mut bytes = Cursor::new(Vec::new());
+    Image::from_layer(layer).write().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn openexr_files_of_every_layout_are_read() {
+    use exr::prelude::{Blocks, Vec2};
+    let grey = Vec3::splat(0.5);
+    for (channels, expected) in [
+        (&[("Y", 0.5)][..], grey),
+        (&[("sky.Y", 0.5)], grey),
+        (&[("Z", 0.5)], grey),
+        (&[("R", 1.0), ("G", 0.5), ("B", 0.25)], Vec3::new(1.0, 0.5, 0.25)),
+        (&[("R", 1.0), ("G", 0.5), ("B", 0.25), ("A", 0.0), ("Y", 9.0)], Vec3::new(1.0, 0.5, 0.25)),
+        (&[("view.sky.R", 1.0), ("view.sky.G", 0.5), ("view.sky.B", 0.25)], Vec3::new(1.0, 0.5, 0.25)),
+    ] {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(2, 2))] {
+            for half in [false, true] {
+                let environment = decode_environment("sky.exr", &openexr(channels, blocks, half)).unwrap();
+                let texels = environment.map.texels();
+                assert!(environment.warnings.is_empty(), "{:?}", environment.warnings);
+                assert!(
+                    texels.iter().all(|t| argus_scene::rgb9e5::decode(*t) == expected),
+                    "{channels:?} {blocks:?}"
+                );
+            }
+        }
+    }
+    let depths = openexr(&[("Z", 1.0), ("N", 1.0)], Blocks::ScanLines, false);
+    assert!(
+        decode_environment("sky.exr", &depths).unwrap_err().reason.contains("neither red, green and blue")
+    );
 }
 
 #[test]
