@@ -1,44 +1,16 @@
 //! The bundle of a scene: its main file and every file it refers to, by names relative to its folder.
-//!
-//! Scene files are untrusted. A name that is absolute, leaves the folder (`..`) or has a scheme is never opened.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::io;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
 
-use super::{Format, LoadError, gltf, obj};
+use super::paths::{Files, Finder, Folder, Found};
+use super::{Format, LoadError, Warnings, gltf, obj, ply};
 use crate::SceneHash;
 
-/// A source of a bundle's files.
-pub(super) trait Files {
-    /// The whole content of a file, by its name relative to the scene's folder.
-    fn read(&self, name: &str) -> io::Result<Bytes>;
-}
-
-/// Files of a folder on disk.
-pub(super) struct Folder(pub(super) PathBuf);
-
-impl Files for Folder {
-    fn read(&self, name: &str) -> io::Result<Bytes> {
-        let path = self.0.join(name);
-        // Reading a device or a pipe might never end.
-        if !std::fs::metadata(&path)?.is_file() {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "not a file"));
-        }
-        Ok(Bytes::from(std::fs::read(path)?))
-    }
-}
-
-/// Files that are in memory already.
-pub(super) struct InMemory<'a>(pub(super) &'a BTreeMap<String, Bytes>);
-
-impl Files for InMemory<'_> {
-    fn read(&self, name: &str) -> io::Result<Bytes> {
-        self.0.get(name).cloned().ok_or_else(|| io::Error::new(io::ErrorKind::NotFound, "not in the bundle"))
-    }
-}
+/// A reference in a file: the file's folder, and the name as it is written.
+type Reference = (String, String);
 
 /// A main file and the files it refers to.
 pub(super) struct Bundle {
@@ -48,8 +20,10 @@ pub(super) struct Bundle {
     pub(super) format: Format,
     /// Every file that could be read, by relative name.
     pub(super) files: BTreeMap<String, Bytes>,
-    /// Why each of the remaining files could not be read.
-    missing: BTreeMap<String, String>,
+    /// The material libraries of an OBJ file: what each line says, and the files that it stands for.
+    pub(super) libraries: Vec<(String, Vec<String>)>,
+    /// The file of each reference, or why it is missing.
+    found: HashMap<Reference, Result<Found, String>>,
 }
 
 impl Bundle {
@@ -58,54 +32,62 @@ impl Bundle {
     pub(super) fn collect(files: &dyn Files, main: &str) -> Result<Self, LoadError> {
         let bytes = files.read(main).map_err(|error| LoadError::new(main, error.to_string()))?;
         let format = Format::detect(main, &bytes).map_err(|reason| LoadError::new(main, reason))?;
+        let mut finder = Finder::new(files);
+        finder.read.insert(main.to_owned(), bytes.clone());
         let mut bundle = Self {
             main: main.to_owned(),
             format,
-            files: BTreeMap::from([(main.to_owned(), bytes.clone())]),
-            missing: BTreeMap::new(),
+            files: BTreeMap::new(),
+            libraries: Vec::new(),
+            found: HashMap::new(),
         };
         match format {
             Format::Gltf => {
                 let names = gltf::references(&bytes).map_err(|reason| LoadError::new(main, reason))?;
-                bundle.add(files, names);
+                bundle.add(&mut finder, "", names);
             }
             Format::Obj => {
-                let libraries = obj::libraries(&bytes);
-                let candidates =
-                    libraries.iter().flatten().filter_map(|name| relative("", name).ok()).collect();
-                bundle.add(files, candidates);
-                // If the whole line names a file, its words are not files of their own. Words that name no file were
-                // guesses.
-                bundle.missing.clear();
-                let libraries: Vec<(String, Bytes)> = bundle
-                    .files
-                    .iter()
-                    .filter(|(name, _)| *name != main)
-                    .map(|(n, b)| (n.clone(), b.clone()))
-                    .collect();
-                for (library, bytes) in libraries {
-                    bundle.add(files, obj::textures(&library, &bytes));
+                for candidates in obj::libraries(&bytes) {
+                    bundle.add_libraries(&mut finder, candidates);
+                }
+                let libraries: BTreeSet<String> =
+                    bundle.libraries.iter().flat_map(|(_, names)| names.iter().cloned()).collect();
+                for library in libraries {
+                    let textures = obj::textures(&finder.read[&library]);
+                    bundle.add(&mut finder, folder_of(&library), textures);
                 }
             }
-            Format::Ply => {}
+            Format::Ply => bundle.add(&mut finder, "", ply::textures(&bytes)),
         }
+        bundle.files = finder.read;
         Ok(bundle)
     }
 
-    fn add(&mut self, files: &dyn Files, names: BTreeSet<String>) {
-        for name in names {
-            if self.files.contains_key(&name) {
-                continue;
-            }
-            match files.read(&name) {
-                Ok(bytes) => {
-                    self.files.insert(name, bytes);
-                }
-                Err(error) => {
-                    self.missing.insert(name, error.to_string());
-                }
-            }
+    /// Finds the libraries of one line. The whole line is a name with spaces; if there is no such file, each word is a
+    /// name. Files of exactly those names come before substitutes.
+    fn add_libraries(&mut self, finder: &mut Finder, candidates: Vec<String>) {
+        let Some((line, words)) = candidates.split_first() else { return };
+        let is_there = |finder: &mut Finder, name: &String| finder.exact("", name).is_ok();
+        let by_words = !is_there(finder, line) && words.iter().any(|word| is_there(finder, word));
+        let whole = if by_words { None } else { self.find(finder, "", line.clone()) };
+        let names = match whole {
+            Some(name) => vec![name],
+            None => words.iter().filter_map(|word| self.find(finder, "", word.clone())).collect(),
+        };
+        self.libraries.push((line.clone(), names));
+    }
+
+    fn add(&mut self, finder: &mut Finder, folder: &str, references: BTreeSet<String>) {
+        for reference in references {
+            self.find(finder, folder, reference);
         }
+    }
+
+    fn find(&mut self, finder: &mut Finder, folder: &str, reference: String) -> Option<String> {
+        let found = finder.find(folder, &reference);
+        let name = found.as_ref().ok().map(|found| found.name.clone());
+        self.found.insert((folder.to_owned(), reference), found);
+        name
     }
 
     /// The main file's content.
@@ -113,12 +95,29 @@ impl Bundle {
         &self.files[&self.main]
     }
 
-    /// A file of the bundle, or why it is missing.
-    pub(super) fn get(&self, name: &str) -> Result<&Bytes, String> {
-        self.files.get(name).ok_or_else(|| match self.missing.get(name) {
-            Some(reason) => format!("{name}: {reason}"),
-            None => format!("{name}: not in the bundle"),
-        })
+    /// The name and content of the file that `reference` in a file of `folder` stands for, or why it is missing.
+    pub(super) fn get(&self, folder: &str, reference: &str) -> Result<(&str, &Bytes), String> {
+        let missing = |reason: &str| format!("{reference}: {reason}");
+        match self.found.get(&(folder.to_owned(), reference.to_owned())) {
+            Some(Ok(found)) => Ok((&found.name, &self.files[&found.name])),
+            Some(Err(reason)) => Err(missing(reason)),
+            None => Err(missing("not in the bundle")),
+        }
+    }
+
+    /// Warns of each file that was taken for another name.
+    pub(super) fn warn_of_substitutes(&self, warnings: &mut Warnings) {
+        let told: BTreeSet<String> = self
+            .found
+            .iter()
+            .filter_map(|((_, reference), found)| {
+                let found = found.as_ref().ok().filter(|found| found.substitute)?;
+                let place =
+                    if found.name.contains('/') { "within the file's folder" } else { "beside the file" };
+                Some(format!("\"{reference}\" is not there: {} taken from {place}", found.name))
+            })
+            .collect();
+        told.into_iter().for_each(|line| warnings.add(line));
     }
 
     /// Bytes of all files together.
@@ -140,38 +139,20 @@ impl Bundle {
     }
 }
 
-/// The name of a referenced file relative to the scene's folder. `reference` is relative to `folder`.
-///
-/// # Errors
-/// Why the name is not within the folder.
-pub(super) fn relative(folder: &str, reference: &str) -> Result<String, String> {
-    // Files written on Windows use backslashes.
-    let unified = reference.replace('\\', "/");
-    let refuse = |why: &str| Err(format!("{:?} {why}", super::error::one_line(reference)));
-    if unified.starts_with('/') || unified.contains(':') {
-        return refuse("is not a name within the scene's folder");
-    }
-    let mut parts: Vec<&str> = folder.split('/').filter(|part| !part.is_empty()).collect();
-    for part in unified.split('/') {
-        match part {
-            "" | "." => {}
-            ".." => return refuse("leaves the scene's folder"),
-            _ if part.contains('\0') => return refuse("is not a file name"),
-            _ => parts.push(part),
-        }
-    }
-    if parts.is_empty() { refuse("is not a file name") } else { Ok(parts.join("/")) }
+/// The folder of a file.
+pub(super) fn folder_of(name: &str) -> &str {
+    name.rsplit_once('/').map_or("", |(folder, _)| folder)
 }
 
-/// Splits a path into its folder and the name of the file in it.
+/// A path's folder, and the name of the file in it.
 ///
 /// # Errors
 /// A path without a file name, or a name that is not Unicode: names are part of the scene's hash.
-pub(super) fn split(path: &Path) -> Result<(PathBuf, String), LoadError> {
+pub(super) fn split(path: &Path) -> Result<Folder, LoadError> {
     let shown = path.display().to_string();
     let name = path.file_name().ok_or_else(|| LoadError::new(&shown, "is not the name of a file"))?;
     let name = name.to_str().ok_or_else(|| LoadError::new(&shown, "its name is not Unicode"))?;
-    Ok((path.parent().map(Path::to_owned).unwrap_or_default(), name.to_owned()))
+    Ok(Folder { path: path.parent().map(Path::to_owned).unwrap_or_default(), main: name.to_owned() })
 }
 
 /// Every file of a scene's bundle: its name relative to the folder, and its path on this machine. Includes the main file.
@@ -181,30 +162,8 @@ pub(super) fn split(path: &Path) -> Result<(PathBuf, String), LoadError> {
 /// The main file cannot be read or has an unknown format.
 pub fn bundle_files(path: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, LoadError> {
     let path = path.as_ref();
-    let (folder, main) = split(path)?;
-    let bundle = Bundle::collect(&Folder(folder.clone()), &main)
+    let folder = split(path)?;
+    let bundle = Bundle::collect(&folder, &folder.main)
         .map_err(|error| LoadError::new(path.display().to_string(), error.reason))?;
-    Ok(bundle.files.into_keys().map(|name| (name.clone(), folder.join(name))).collect())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_outside_the_folder_are_rejected() {
-        for name in
-            ["../secret", "a/../../b", "/etc/passwd", "C:\\x.png", "http://x/y", "file:x", "a\0b", "", "."]
-        {
-            relative("", name).expect_err(name);
-        }
-        relative("textures", "..\\x.png").expect_err("backslashes climb as well");
-    }
-
-    #[test]
-    fn names_inside_the_folder_are_normalised() {
-        assert_eq!(relative("", "./a//b c.png").unwrap(), "a/b c.png");
-        assert_eq!(relative("maps", "wood\\oak.png").unwrap(), "maps/wood/oak.png");
-        assert_eq!(relative("", "..hidden").unwrap(), "..hidden");
-    }
+    Ok(bundle.files.into_keys().map(|name| (name.clone(), folder.path.join(name))).collect())
 }

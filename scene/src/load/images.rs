@@ -11,7 +11,8 @@ use rayon::prelude::*;
 use super::Warnings;
 use crate::material::{Filter, TextureUse, Wrap};
 use crate::{Material, Texture, TextureRef};
-use decode::{ImageFile, Pixels};
+use decode::ImageFile;
+pub(super) use decode::{Pixels, Size};
 
 /// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;
@@ -58,28 +59,11 @@ impl Textures {
         })
     }
 
-    /// Decodes the used images. Sizes are added up before any memory is taken.
-    fn pixels(&self, used: &[bool]) -> Vec<Option<Result<Pixels, String>>> {
-        let used_images = self.images.iter().zip(used);
-        let mut files: Vec<_> =
-            used_images.map(|((name, bytes), used)| used.then(|| ImageFile::inspect(name, bytes))).collect();
-        let (mut decoded, mut excess) = (0, 0);
-        for file in &mut files {
-            let Some(Ok(image)) = file else { continue };
-            decoded += image.decoded();
-            excess += image.excess();
-            if decoded > MOST_DECODED || excess > MOST_EXCESS {
-                *file = Some(Err("the scene has too many textures".to_owned()));
-            }
-        }
-        files.into_par_iter().map(|file| Some(file?.and_then(|file| file.decode()))).collect()
-    }
-
     /// Decodes the used images and assigns textures to the materials. They lose those that cannot be decoded.
     pub(super) fn decode(self, materials: &mut [Material], warnings: &mut Warnings) -> Vec<Texture> {
         let mut used = vec![false; self.images.len()];
         self.wanted.iter().for_each(|wanted| used[wanted.image] = true);
-        let decoded = self.pixels(&used);
+        let decoded = decode_used(&self.images, &used);
         for (image, ((name, _), result)) in self.images.iter().zip(&decoded).enumerate() {
             if let Some(Err(reason)) = result {
                 let lost = |texture: TextureRef| self.wanted[texture.texture as usize].image == image;
@@ -115,6 +99,23 @@ impl Textures {
         }
         textures
     }
+}
+
+/// Decodes the used images. Sizes are added up before any memory is taken.
+pub(super) fn decode_used(images: &[(String, Bytes)], used: &[bool]) -> Vec<Option<Result<Pixels, String>>> {
+    let used_images = images.iter().zip(used);
+    let mut files: Vec<_> =
+        used_images.map(|((name, bytes), used)| used.then(|| ImageFile::inspect(name, bytes))).collect();
+    let (mut decoded, mut excess) = (0, 0);
+    for file in &mut files {
+        let Some(Ok(image)) = file else { continue };
+        decoded += image.decoded();
+        excess += image.excess();
+        if decoded > MOST_DECODED || excess > MOST_EXCESS {
+            *file = Some(Err("the scene has too many textures".to_owned()));
+        }
+    }
+    files.into_par_iter().map(|file| Some(file?.and_then(|file| file.decode()))).collect()
 }
 
 /// What materials are shown without, if their textures cannot be had for which `lost` holds.

@@ -9,8 +9,10 @@ mod error;
 mod geometry;
 mod gltf;
 mod images;
+mod maps;
 mod normals;
 mod obj;
+mod paths;
 mod ply;
 mod polygon;
 mod tangents;
@@ -24,10 +26,14 @@ use crate::animation::{Animation, Node, Pose};
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
 
+use bundle::Bundle;
 pub use bundle::bundle_files;
-use bundle::{Bundle, Folder, InMemory};
 pub use environment::{decode_environment, load_environment};
 pub use error::LoadError;
+use paths::InMemory;
+
+/// Some editors begin text with this mark.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// A file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +52,8 @@ impl Format {
         if bytes.starts_with(b"glTF") {
             return Ok(Self::Gltf);
         }
-        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
+        if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
             return Ok(Self::Ply);
         }
         let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
@@ -98,6 +105,12 @@ impl Warnings {
     }
 }
 
+/// Text of a file as UTF-8, or else as Latin-1.
+fn text_of(bytes: &[u8]) -> String {
+    let latin = || bytes.iter().map(|&byte| char::from(byte)).collect();
+    std::str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned)
+}
+
 /// Loads a scene from a file and the files that it refers to.
 ///
 /// # Errors
@@ -105,8 +118,8 @@ impl Warnings {
 pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     let path = path.as_ref();
     let shown = path.display().to_string();
-    let (folder, main) = bundle::split(path)?;
-    let scene = Bundle::collect(&Folder(folder), &main).and_then(|bundle| load(&bundle));
+    let folder = bundle::split(path)?;
+    let scene = Bundle::collect(&folder, &folder.main).and_then(|bundle| load(&bundle));
     let mut scene = scene.map_err(|error| LoadError::new(&shown, error.reason))?;
     scene.name = shown;
     Ok(scene)
@@ -123,6 +136,7 @@ pub fn load_bundle(name: &str, files: &BTreeMap<String, Bytes>) -> Result<Scene,
 
 fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     let mut warnings = Warnings::default();
+    bundle.warn_of_substitutes(&mut warnings);
     let parts = match bundle.format {
         Format::Gltf => gltf::load(bundle, &mut warnings),
         Format::Obj => obj::load(bundle, &mut warnings),

@@ -4,6 +4,7 @@ mod common;
 mod effect_plan;
 mod environment;
 mod loaders;
+mod loaders_files;
 mod loaders_gltf;
 mod reference_images;
 mod reference_light;

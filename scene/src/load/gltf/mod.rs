@@ -18,7 +18,7 @@ use base64::Engine;
 use bytes::Bytes;
 use gltf::json;
 
-use super::bundle::{Bundle, relative};
+use super::bundle::Bundle;
 use super::{Parts, Warnings};
 use document::Document;
 
@@ -49,25 +49,25 @@ impl Budget {
     }
 }
 
-/// Names of the files that a document refers to within its folder.
+/// Names of the files that a document refers to, as they are written.
 pub(super) fn references(bytes: &Bytes) -> Result<BTreeSet<String>, String> {
     let document = Document::parse(bytes)?;
     let buffers = document.root.buffers.iter().filter_map(|buffer| buffer.uri.as_deref());
     let images = document.root.images.iter().filter_map(|image| image.uri.as_deref());
-    Ok(buffers.chain(images).filter_map(|uri| file_of(uri).ok()).collect())
+    Ok(buffers.chain(images).filter(|uri| !uri.starts_with("data:")).map(file_of).collect())
 }
 
-/// The file within the scene's folder that a URI names.
-fn file_of(uri: &str) -> Result<String, String> {
+/// The file that a URI names.
+fn file_of(uri: &str) -> String {
     // Exporters escape names differently: a name with a stray per cent sign is used as it is.
     let decoded = percent_encoding::percent_decode_str(uri).decode_utf8();
-    relative("", decoded.as_deref().unwrap_or(uri))
+    decoded.map_or_else(|_| uri.to_owned(), |name| name.into_owned())
 }
 
 /// The content of a URI: a file of the bundle, or inline data.
 fn fetch(bundle: &Bundle, uri: &str) -> Result<Bytes, String> {
     let Some(data) = uri.strip_prefix("data:") else {
-        return bundle.get(&file_of(uri)?).cloned();
+        return bundle.get("", &file_of(uri)).map(|(_, bytes)| bytes.clone());
     };
     let (kind, data) = data.split_once(',').ok_or("a data URI without data")?;
     if !kind.ends_with(";base64") {

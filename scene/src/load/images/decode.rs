@@ -19,9 +19,9 @@ const KNOWN: &str = "PNG, JPEG, WebP, KTX2, BMP, TGA, GIF, TIFF, DDS";
 
 /// Texels of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Size {
-    pub(super) width: u32,
-    pub(super) height: u32,
+pub(in crate::load) struct Size {
+    pub(in crate::load) width: u32,
+    pub(in crate::load) height: u32,
 }
 
 impl Size {
@@ -31,9 +31,10 @@ impl Size {
 }
 
 /// An image in RGBA.
-pub(super) struct Pixels {
-    pub(super) size: Size,
-    pub(super) rgba: Arc<[u8]>,
+#[derive(Clone)]
+pub(in crate::load) struct Pixels {
+    pub(in crate::load) size: Size,
+    pub(in crate::load) rgba: Arc<[u8]>,
 }
 
 /// An image file of a known format and size.

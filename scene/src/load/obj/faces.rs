@@ -103,11 +103,6 @@ impl Groups {
         true
     }
 
-    /// The materials' names, in the order of [`Self::into_meshes`].
-    pub(super) fn materials(&self) -> Vec<Option<String>> {
-        self.groups.iter().map(|group| group.material.clone()).collect()
-    }
-
     pub(super) fn into_meshes(self) -> Vec<Group> {
         self.groups
     }

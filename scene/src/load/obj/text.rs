@@ -2,11 +2,12 @@
 
 use std::borrow::Cow;
 
+use crate::load::BYTE_ORDER_MARK;
+
 /// Calls `line` with the keyword and the rest of every non-empty line. Comments are removed; a line that ends in a
 /// backslash continues in the next one.
 pub(super) fn lines(bytes: &[u8], mut line: impl FnMut(&[u8], &[u8])) {
-    // Some editors begin files with a byte order mark.
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
     let mut rows = bytes.split(|&b| b == b'\n' || b == b'\r');
     while let Some(first) = rows.next() {
         let mut whole = Cow::Borrowed(first);

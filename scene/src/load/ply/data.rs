@@ -1,5 +1,8 @@
 //! The header of a PLY file, and the values after it.
 
+use crate::load::error::one_line;
+use crate::load::{BYTE_ORDER_MARK, text_of};
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {
     Ascii,
@@ -43,17 +46,8 @@ impl Scalar {
         }
     }
 
-    /// Largest value of an integer type, by which colours are divided; 1 for floats.
-    pub(super) fn unit(self) -> f64 {
-        match self {
-            Self::I8 => 127.0,
-            Self::U8 => 255.0,
-            Self::I16 => 32767.0,
-            Self::U16 => 65535.0,
-            Self::I32 => f64::from(i32::MAX),
-            Self::U32 => f64::from(u32::MAX),
-            Self::F32 | Self::F64 => 1.0,
-        }
+    pub(super) fn is_float(self) -> bool {
+        matches!(self, Self::F32 | Self::F64)
     }
 }
 
@@ -73,25 +67,61 @@ pub(super) struct Element {
 }
 
 impl Element {
+    /// The number of the scalar property with one of these names.
     pub(super) fn find(&self, names: &[&str]) -> Option<usize> {
         self.properties.iter().position(|p| p.list.is_none() && names.contains(&p.name.as_str()))
     }
+
+    /// The number of the list with one of these names.
+    pub(super) fn find_list(&self, names: &[&str]) -> Option<usize> {
+        self.properties.iter().position(|p| p.list.is_some() && names.contains(&p.name.as_str()))
+    }
+
+    /// The numbers of three scalar properties, each with one of its names.
+    pub(super) fn find_three(&self, names: [&[&str]; 3]) -> Option<[usize; 3]> {
+        match names.map(|names| self.find(names)) {
+            [Some(a), Some(b), Some(c)] => Some([a, b, c]),
+            _ => None,
+        }
+    }
 }
 
-/// Parses the header. Also returns where the data starts.
-pub(super) fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, usize), String> {
+/// What a header says.
+#[derive(Debug)]
+pub(super) struct Header {
+    pub(super) encoding: Encoding,
+    pub(super) elements: Vec<Element>,
+    /// Images named by comments, in the order that faces count them.
+    pub(super) textures: Vec<String>,
+    /// Where the data starts.
+    pub(super) start: usize,
+}
+
+/// Parses the header. Its text may be UTF-8 or Latin-1, and its lines may end as on any system.
+pub(super) fn header(bytes: &[u8]) -> Result<Header, String> {
+    let mut at = if bytes.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
+    let first_end = bytes.iter().position(|&b| b == b'\n' || b == b'\r');
+    // Where lines end in a carriage return alone, a line feed after the header is data.
+    let line_end = match first_end.map(|end| &bytes[end..]) {
+        Some([b'\r', b'\n', ..]) | Some([b'\n', ..]) | None => b'\n',
+        _ => b'\r',
+    };
     let mut encoding = None;
-    let mut elements: Vec<Element> = Vec::new();
-    let mut at = 0;
+    let (mut elements, mut textures) = (Vec::<Element>::new(), Vec::new());
     loop {
-        let rest = bytes.get(at..).filter(|rest| !rest.is_empty()).ok_or("its header does not end")?;
-        let end = rest.iter().position(|&b| b == b'\n' || b == b'\r').ok_or("its header does not end")?;
-        let line = std::str::from_utf8(&rest[..end]).map_err(|_| "its header is not text")?;
-        at += end + if rest[end..].starts_with(b"\r\n") { 2 } else { 1 };
+        let rest = bytes.get(at..).unwrap_or_default();
+        let end = rest.iter().position(|&b| b == line_end).ok_or("its header does not end")?;
+        let line = text_of(&rest[..end]);
+        at += end + 1;
         let words: Vec<&str> = line.split_whitespace().collect();
         match words.as_slice() {
             ["end_header"] => break,
-            ["format", kind, _] => {
+            ["comment", what, ..] if what.eq_ignore_ascii_case("TextureFile") => {
+                let name = line.split_once(*what).map_or("", |(_, name)| name.trim());
+                textures.extend((!name.is_empty()).then(|| name.to_owned()));
+            }
+            ["ply"] | ["comment" | "obj_info", ..] | [] => {}
+            ["format", kind, ..] => {
                 encoding = Some(match *kind {
                     "ascii" => Encoding::Ascii,
                     "binary_little_endian" => Encoding::Little,
@@ -113,11 +143,15 @@ pub(super) fn header(bytes: &[u8]) -> Result<(Encoding, Vec<Element>, usize), St
                 let element = elements.last_mut().ok_or("a property before any element")?;
                 element.properties.push(Property { name: (*name).to_owned(), scalar, list: None });
             }
-            ["ply"] | ["comment" | "obj_info", ..] | [] => {}
-            _ => return Err(format!("{:?} in its header", crate::load::error::one_line(line))),
+            _ => return Err(format!("{:?} in its header", one_line(&line))),
         }
     }
-    Ok((encoding.ok_or("its header names no format")?, elements, at))
+    let encoding = encoding.ok_or("its header names no format")?;
+    // Some editors put their mark before the data.
+    if encoding == Encoding::Ascii && bytes[at..].starts_with(BYTE_ORDER_MARK) {
+        at += BYTE_ORDER_MARK.len();
+    }
+    Ok(Header { encoding, elements, textures, start: at })
 }
 
 /// Reads the values of a file's data one after another.
@@ -134,13 +168,11 @@ impl Values<'_> {
             let rest = &self.rest[start..];
             let end = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
             self.rest = &rest[end..];
-            let word = std::str::from_utf8(&rest[..end]).ok();
-            return word.and_then(|word| word.parse().ok()).ok_or_else(|| {
-                format!(
-                    "{:?} is no number",
-                    crate::load::error::one_line(&String::from_utf8_lossy(&rest[..end]))
-                )
-            });
+            let word = text_of(&rest[..end]);
+            let number = word.parse().ok();
+            // C libraries write `-nan(ind)` and `1.#QNAN`.
+            let number = number.or_else(|| (word.contains("nan") || word.contains('#')).then_some(f64::NAN));
+            return number.ok_or_else(|| format!("{:?} is no number", one_line(&word)));
         }
         let size = scalar.size();
         if self.rest.len() < size {

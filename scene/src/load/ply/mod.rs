@@ -1,153 +1,273 @@
 //! PLY: ASCII and binary of either byte order.
 //!
 //! The data is read in one pass without trusting the header's counts: nothing is allocated for an element before its
-//! bytes have been read.
+//! bytes have been read. Elements may come in any order, so faces are kept as they are until all is read.
 
 mod data;
+mod elements;
+
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use bytes::Bytes;
-use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
+use glam::{DAffine3, Vec2, Vec3, Vec4};
 
 use super::bundle::Bundle;
 use super::geometry::{MissingNormals, RawMesh, about_an_origin};
+use super::maps::{Maps, Reading};
 use super::polygon::triangulate;
 use super::{Parts, Warnings};
-use crate::Material;
+use crate::material::{Filter, Wrap};
 use crate::scene::Instance;
-use crate::tone::linear_from_srgb;
+use crate::{AlphaMode, Material, TextureRef};
 use data::{Element, Values, header};
+use elements::{Faces, Vertices, faces, skip, strips, vertices, warn_of_properties};
 
+/// How images of colours are read.
+const SRGB: Reading = Reading { srgb: true, wrap: Wrap::Repeat, filter: Filter::Linear };
+
+/// The content of a file.
 #[derive(Default)]
 struct Content {
-    positions: Vec<DVec3>,
-    normals: Vec<Vec3>,
-    uvs: Vec<Vec2>,
-    colors: Vec<Vec4>,
-    indices: Vec<u32>,
-    bad_faces: usize,
+    vertices: Vertices,
+    faces: Faces,
+    /// Triangles of strips.
+    strips: Faces,
+    /// Images named by comments.
+    textures: Vec<String>,
 }
 
-/// Reads a PLY file: one mesh, one grey material.
+/// Names of the images that a file refers to, as they are written.
+pub(super) fn textures(bytes: &Bytes) -> BTreeSet<String> {
+    // A file without a valid header refers to nothing; the loader says why it has none.
+    header(bytes).map(|header| header.textures.into_iter().collect()).unwrap_or_default()
+}
+
+/// Reads a PLY file: one mesh and one material for each image that its faces use, and one for faces without an image.
 pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
     let content = parse(bundle.main_bytes(), warnings)?;
-    if content.bad_faces > 0 {
-        let count = content.bad_faces;
-        warnings.add(format!(
-            "{count} faces with fewer than three corners or vertices that do not exist: dropped"
-        ));
+    let (origin, positions) = about_an_origin(&content.vertices.positions);
+    let meshes = assemble(&content, warnings);
+    let file_of = |texture: &Option<usize>| texture.map(|number| bundle.get("", &content.textures[number]));
+    let mut files = BTreeMap::new();
+    for file in meshes.keys().filter_map(file_of) {
+        match file {
+            Ok((name, bytes)) => drop(files.insert(name.to_owned(), bytes.clone())),
+            Err(reason) => warnings.add(format!("texture {reason}: left out")),
+        }
     }
-    let (origin, positions) = about_an_origin(&content.positions);
-    let raw = RawMesh {
-        origin,
-        positions,
-        normals: content.normals,
-        uvs: content.uvs,
-        colors: content.colors,
-        indices: content.indices,
-        ..RawMesh::default()
-    };
-    let mut parts = Parts { materials: vec![Material::default()], ..Parts::default() };
-    if let Some(mesh) = raw.finish(MissingNormals::Smooth, None, warnings) {
-        parts.meshes.push(mesh);
-        parts.instances.push(Instance { mesh: 0, node: None, world_from_mesh: DAffine3::IDENTITY });
+    let mut maps = Maps::decode(files, warnings);
+    let mut parts = Parts::default();
+    for (texture, Assembled { corners, indices, normals, uvs, colors, blends, .. }) in meshes {
+        let file = file_of(&texture).and_then(Result::ok);
+        let reference = file.and_then(|(name, _)| maps.plain(name, SRGB)).map(TextureRef::new);
+        let white = reference.is_some() || !colors.is_empty();
+        let alpha = match reference.map_or(AlphaMode::Opaque, |reference| maps.alpha(reference.texture)) {
+            _ if blends => AlphaMode::Blend,
+            alpha => alpha,
+        };
+        let base_color = if white { Vec4::ONE } else { Material::default().base_color };
+        let material = parts.materials.len() as u32;
+        parts.materials.push(Material {
+            base_color,
+            base_color_texture: reference,
+            alpha,
+            ..Material::default()
+        });
+        let raw = RawMesh {
+            origin,
+            positions: corners.iter().map(|&vertex| positions[vertex as usize]).collect(),
+            normals,
+            uvs,
+            colors,
+            indices,
+            material,
+            ..RawMesh::default()
+        };
+        if let Some(mesh) = raw.finish(MissingNormals::Smooth, None, warnings) {
+            let mesh_index = parts.meshes.len() as u32;
+            parts.meshes.push(mesh);
+            parts.instances.push(Instance {
+                mesh: mesh_index,
+                node: None,
+                world_from_mesh: DAffine3::IDENTITY,
+            });
+        }
     }
+    parts.textures = maps.textures;
     Ok(parts)
 }
 
 fn parse(bytes: &Bytes, warnings: &mut Warnings) -> Result<Content, String> {
-    let (encoding, elements, start) = header(bytes)?;
-    let mut values = Values { rest: &bytes[start..], encoding };
-    let mut content = Content::default();
-    for element in &elements {
-        if element.properties.is_empty() {
+    let header = header(bytes)?;
+    let mut values = Values { rest: &bytes[header.start..], encoding: header.encoding };
+    let mut content = Content { textures: header.textures, ..Content::default() };
+    for element in &header.elements {
+        if element.properties.is_empty() || element.count == 0 {
             continue;
         }
         match element.name.as_str() {
-            "vertex" => vertices(element, &mut values, &mut content)?,
-            "face" => faces(element, &mut values, &mut content)?,
-            name => {
-                if name == "tristrips" {
-                    warnings.add("triangle strips are not supported: left out");
-                }
+            "vertex" => {
+                warn_of_properties(element, "its vertices", warnings);
+                vertices(element, &mut values, &mut content.vertices)?;
+            }
+            "face" => {
+                warn_of_properties(element, "its faces", warnings);
+                faces(element, &mut values, &mut content.faces)?;
+            }
+            "tristrips" => strips(element, &mut values, &mut content.strips)?,
+            _ => {
+                warn_of_element(element, warnings);
                 skip(element, &mut values)?;
             }
         }
     }
+    let Content { vertices, faces, strips, .. } = &content;
+    if faces.corners.is_empty() && strips.corners.is_empty() && !vertices.positions.is_empty() {
+        warnings.add(format!("{} points without faces: points are not drawn", vertices.positions.len()));
+    }
     Ok(content)
 }
 
-fn skip(element: &Element, values: &mut Values) -> Result<(), String> {
-    let mut list = Vec::new();
-    for _ in 0..element.count {
-        for property in &element.properties {
-            values.property(property, &mut list)?;
-        }
+/// Warns of an element that the picture lacks.
+fn warn_of_element(element: &Element, warnings: &mut Warnings) {
+    let (count, name) = (element.count, element.name.as_str());
+    match name {
+        // A viewpoint is chosen for every file.
+        "camera" => {}
+        "edge" => warnings.add(format!("{count} edges (element edge) are not drawn")),
+        "material" => warnings.add(format!("{count} materials (element material) are not shown")),
+        "range_grid" => warnings.add("a grid of ranges (element range_grid) is not made into triangles"),
+        _ => warnings.add(format!("{count} of the element {name:?}, which is not known, are left out")),
     }
-    Ok(())
 }
 
-fn vertices(element: &Element, values: &mut Values, content: &mut Content) -> Result<(), String> {
-    let find = |names: &[&str]| element.find(names);
-    let all = |indices: [Option<usize>; 3]| match indices {
-        [Some(a), Some(b), Some(c)] => Some([a, b, c]),
-        _ => None,
+/// A mesh whose corners are numbers of vertices.
+#[derive(Default)]
+struct Assembled {
+    corners: Vec<u32>,
+    indices: Vec<u32>,
+    /// For each corner, or empty; so are the next two.
+    normals: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    colors: Vec<Vec4>,
+    /// Whether some colours are partly transparent.
+    blends: bool,
+    /// The corner of each vertex, or `u32::MAX`: enough where faces say nothing of their corners.
+    by_vertex: Vec<u32>,
+    by_corner: HashMap<Corner, u32>,
+}
+
+/// A corner that faces share: its vertex, and the bits of what the face says of it.
+type Corner = (u32, [u32; 4], [u32; 2], [u32; 3]);
+
+/// Makes the meshes, by the images they show. Faces that agree on all that they say of a vertex share it.
+fn assemble(content: &Content, warnings: &mut Warnings) -> BTreeMap<Option<usize>, Assembled> {
+    let Content { vertices, faces, strips, textures } = content;
+    let count = vertices.positions.len();
+    let has_vertex_colors = !vertices.colors.is_empty();
+    if has_vertex_colors && !faces.colors.is_empty() {
+        warnings.add("colours of its faces are not shown, since its vertices have colours");
+    }
+    let (mut colors, blends) = match has_vertex_colors {
+        true => vertices.colors.linear(warnings),
+        false => faces.colors.linear(warnings),
     };
-    let position =
-        all([find(&["x"]), find(&["y"]), find(&["z"])]).ok_or("its vertices have no x, y and z")?;
-    let normal = all([find(&["nx"]), find(&["ny"]), find(&["nz"])]);
-    let color = all([
-        find(&["red", "r", "diffuse_red"]),
-        find(&["green", "g", "diffuse_green"]),
-        find(&["blue", "b", "diffuse_blue"]),
-    ]);
-    let alpha = find(&["alpha", "a"]);
-    let uv = find(&["s", "u", "texture_u"]).zip(find(&["t", "v", "texture_v"]));
-    let mut row = vec![0.0; element.properties.len()];
-    let mut list = Vec::new();
-    for _ in 0..element.count {
-        for (value, property) in row.iter_mut().zip(&element.properties) {
-            *value = values.property(property, &mut list)?;
-        }
-        let vector = |[x, y, z]: [usize; 3]| DVec3::new(row[x], row[y], row[z]);
-        content.positions.push(vector(position));
-        content.normals.extend(normal.map(|normal| vector(normal).as_vec3()));
-        content.uvs.extend(uv.map(|(u, v)| Vec2::new(row[u] as f32, 1.0 - row[v] as f32)));
-        let unit = |i: usize| (row[i] / element.properties[i].scalar.unit()) as f32;
-        // Scanners and paint programs write display values.
-        content.colors.extend(color.map(|rgb| {
-            let [r, g, b] = rgb.map(|i| linear_from_srgb(unit(i).clamp(0.0, 1.0)));
-            Vec4::new(r, g, b, alpha.map_or(1.0, unit))
-        }));
+    let face_colors = if has_vertex_colors { Vec::new() } else { std::mem::take(&mut colors) };
+    let face_normals = if vertices.normals.is_empty() { &faces.normals[..] } else { &[] };
+    let has_colors = !colors.is_empty() || !face_colors.is_empty();
+    let has_normals = !vertices.normals.is_empty() || !face_normals.is_empty();
+    let has_uvs = !vertices.uvs.is_empty() || !faces.uvs.is_empty();
+    if !textures.is_empty() && !has_uvs {
+        warnings.add("its textures are not shown: it has no texture coordinates");
     }
-    Ok(())
-}
-
-fn faces(element: &Element, values: &mut Values, content: &mut Content) -> Result<(), String> {
-    let names = ["vertex_indices", "vertex_index"];
-    let indices =
-        element.properties.iter().position(|p| p.list.is_some() && names.contains(&p.name.as_str()));
-    let indices = indices.ok_or("its faces have no list of vertex_indices")?;
-    let (mut list, mut face, mut outline) = (Vec::new(), Vec::new(), Vec::new());
-    for _ in 0..element.count {
-        for (i, property) in element.properties.iter().enumerate() {
-            values.property(property, if i == indices { &mut face } else { &mut list })?;
+    let are_shared =
+        face_colors.is_empty() && face_normals.is_empty() && faces.uvs.is_empty() && textures.len() <= 1;
+    let mut meshes: BTreeMap<Option<usize>, Assembled> = BTreeMap::new();
+    let (mut bad, mut absent) = (faces.bad, 0usize);
+    let mut outline = Vec::new();
+    for (polygons, is_strip) in [(faces, false), (strips, true)] {
+        let mut first = 0;
+        for (face, &corners) in polygons.corners.iter().enumerate() {
+            let range = first..first + corners as usize;
+            first = range.end;
+            let indices = &polygons.indices[range.clone()];
+            if indices.iter().any(|&vertex| vertex as usize >= count) {
+                bad += 1;
+                continue;
+            }
+            let says = |column: &[Vec2]| {
+                if is_strip { None } else { column.get(range.clone()).map(<[Vec2]>::to_vec) }
+            };
+            let corner_uvs = says(&faces.uvs).filter(|uvs| uvs.iter().all(|uv| uv.is_finite()));
+            let number = match polygons.textures.get(face) {
+                Some(&number) => number,
+                None => vertices.textures.get(indices[0] as usize).copied().unwrap_or(0),
+            };
+            let placed = corner_uvs.is_some() || !vertices.uvs.is_empty();
+            let texture = usize::try_from(number).ok().filter(|_| placed).and_then(|number| {
+                absent += usize::from(number >= textures.len() && !textures.is_empty());
+                (number < textures.len()).then_some(number)
+            });
+            let mesh = meshes.entry(texture).or_default();
+            mesh.blends = blends;
+            if are_shared && mesh.by_vertex.is_empty() {
+                mesh.by_vertex = vec![u32::MAX; count];
+            }
+            let color = face_colors.get(face).copied().filter(|_| !is_strip);
+            let normal = face_normals.get(face).copied().filter(|_| !is_strip);
+            outline.clear();
+            outline.extend(indices.iter().map(|&vertex| vertices.positions[vertex as usize]));
+            triangulate(&outline, |triangle| {
+                for k in triangle {
+                    let vertex = indices[k];
+                    let uv = corner_uvs.as_ref().map(|uvs| uvs[k]);
+                    let next = mesh.corners.len() as u32;
+                    let known = if are_shared {
+                        &mut mesh.by_vertex[vertex as usize]
+                    } else {
+                        let corner = (
+                            vertex,
+                            color.map_or([0; 4], |color| color.to_array().map(f32::to_bits)),
+                            uv.map_or([0; 2], |uv| uv.to_array().map(f32::to_bits)),
+                            normal.map_or([0; 3], |normal| normal.to_array().map(f32::to_bits)),
+                        );
+                        mesh.by_corner.entry(corner).or_insert(u32::MAX)
+                    };
+                    if *known < next {
+                        mesh.indices.push(*known);
+                        continue;
+                    }
+                    *known = next;
+                    mesh.indices.push(next);
+                    mesh.corners.push(vertex);
+                    let at = vertex as usize;
+                    if has_colors {
+                        mesh.colors.push(color.or(colors.get(at).copied()).unwrap_or(Vec4::ONE));
+                    }
+                    if has_normals {
+                        mesh.normals.push(normal.or(vertices.normals.get(at).copied()).unwrap_or(Vec3::ZERO));
+                    }
+                    if has_uvs {
+                        mesh.uvs.push(uv.or(vertices.uvs.get(at).copied()).unwrap_or(Vec2::ZERO));
+                    }
+                }
+            });
         }
-        let count = content.positions.len();
-        let valid = |&i: &f64| i >= 0.0 && i < count as f64 && i.fract() == 0.0;
-        if face.len() < 3 || !face.iter().all(valid) {
-            content.bad_faces += 1;
-            continue;
-        }
-        outline.clear();
-        outline.extend(face.iter().map(|&i| content.positions[i as usize]));
-        let corners = &mut content.indices;
-        triangulate(&outline, |triangle| corners.extend(triangle.map(|k| face[k] as u32)));
     }
-    Ok(())
+    if bad > 0 {
+        warnings
+            .add(format!("{bad} faces with fewer than three corners or vertices that do not exist: dropped"));
+    }
+    if absent > 0 {
+        warnings.add(format!("{absent} faces with a number of a texture that does not exist: shown without"));
+    }
+    meshes
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     fn read(bytes: &[u8]) -> Result<Content, String> {
@@ -182,9 +302,10 @@ mod tests {
         };
         for bytes in [ascii.into_bytes(), binary(true), binary(false)] {
             let content = read(&bytes).unwrap();
-            assert_eq!(content.positions.len(), 4);
-            assert_eq!(content.positions[2], DVec3::new(1.0, 1.0, 0.0));
-            assert_eq!(content.indices, [0, 1, 2, 0, 2, 3, 0, 1, 2]);
+            assert_eq!(content.vertices.positions.len(), 4);
+            assert_eq!(content.vertices.positions[2], DVec3::new(1.0, 1.0, 0.0));
+            let meshes = assemble(&content, &mut Warnings::default());
+            assert_eq!(meshes[&None].indices, [0, 1, 2, 0, 2, 3, 0, 1, 2]);
         }
     }
 
@@ -196,7 +317,7 @@ mod tests {
         let list = "ply\nformat ascii 1.0\nelement face 1\nproperty list uint int vertex_indices\nend_header\n4e9 1 2";
         assert!(read(list.as_bytes()).err().unwrap().contains("cut short"));
         let nothing = "ply\nformat ascii 1.0\nelement dust 18446744073709551615\nend_header\n";
-        assert!(read(nothing.as_bytes()).unwrap().positions.is_empty());
+        assert!(read(nothing.as_bytes()).unwrap().vertices.positions.is_empty());
     }
 
     #[test]
@@ -221,6 +342,8 @@ mod tests {
             element face 4\nproperty list int int vertex_index\nend_header\n\
             0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 3\n3 0 1 -1\n2 0 1\n";
         let content = read(text.as_bytes()).unwrap();
-        assert_eq!((content.indices.len(), content.bad_faces), (3, 3));
+        let mut warnings = Warnings::default();
+        assert_eq!(assemble(&content, &mut warnings)[&None].indices.len(), 3);
+        assert!(warnings.into_lines()[0].starts_with("3 faces with fewer than three corners"));
     }
 }

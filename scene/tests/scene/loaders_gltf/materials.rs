@@ -48,7 +48,7 @@ fn a_bad_texture_is_dropped_with_a_warning() {
         (json!({"uri": "x.png"}), &whole[..40]),
         (json!({"uri": "missing.png"}), &whole),
         (json!({"uri": "x.png"}), b"not an image"),
-        (json!({"uri": "../x.png"}), &whole),
+        (json!({"uri": "../y.png"}), &whole),
         (json!({"bufferView": 77, "mimeType": "image/png"}), &whole),
     ];
     for (image, bytes) in cases {
