@@ -3,10 +3,10 @@
 //! A triangle shines evenly, with the mean of its emission over its surface: the reference and all renderers light other
 //! surfaces by this mean, whatever the texture. The triangle itself shows its texture.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use crate::texture::{MipChain, transform_uv};
-use crate::{Instance, Scene, TextureRef};
+use crate::{AlphaMode, Instance, Scene, TextureRef};
 
 /// A triangle that emits.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,9 +107,20 @@ pub fn emitters(scene: &Scene, placed: &[Instance], textures: &[MipChain]) -> Ve
             };
             let [a, b, c] = indices.map(corner);
             let uvs = indices.map(|i| mesh.uvs.get(i as usize).copied().unwrap_or(Vec2::ZERO));
+            // A blended surface emits as far as it is seen.
+            let share = match material.alpha {
+                AlphaMode::Blend => {
+                    let colors = indices.map(|i| mesh.colors.get(i as usize).map_or(1.0, |color| color.w));
+                    let texel = mean_texel(material.base_color_texture, textures, uvs).w;
+                    material.coverage(material.base_color.w * texel * colors.iter().sum::<f32>() / 3.0)
+                }
+                AlphaMode::Opaque | AlphaMode::Mask(_) => 1.0,
+            };
             let emitter = Emitter {
                 corners: if mirrored { [a, c, b] } else { [a, b, c] },
-                radiance: material.emissive * mean_texel(material.emissive_texture, textures, uvs),
+                radiance: material.emissive
+                    * mean_texel(material.emissive_texture, textures, uvs).truncate()
+                    * share,
                 both_sides: material.double_sided,
                 instance: index,
                 primitive,
@@ -126,23 +137,23 @@ pub fn emitters(scene: &Scene, placed: &[Instance], textures: &[MipChain]) -> Ve
 /// Points along a side of the grid of a triangle at which its texture is read.
 const GRID: u32 = 6;
 
-/// Mean of a texture over a triangle.
-fn mean_texel(reference: Option<TextureRef>, textures: &[MipChain], uvs: [Vec2; 3]) -> Vec3 {
+/// Mean of a texture over a triangle; white without one.
+fn mean_texel(reference: Option<TextureRef>, textures: &[MipChain], uvs: [Vec2; 3]) -> Vec4 {
     let found = reference.and_then(|r| Some((r, textures.get(r.texture as usize)?)));
-    let Some((reference, chain)) = found else { return Vec3::ONE };
+    let Some((reference, chain)) = found else { return Vec4::ONE };
     let edges = [uvs[1] - uvs[0], uvs[2] - uvs[0]];
     // One texel of the level is as wide as the distance of two points of the grid.
     let texels = edges[0].abs().max(edges[1].abs()) * reference.scale.abs() * chain.size();
     let level = (texels.max_element() / GRID as f32).max(1.0).log2();
-    let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+    let (mut sum, mut count) = (Vec4::ZERO, 0.0);
     for row in 0..GRID {
         for column in 0..GRID - row {
             let weight = |i: u32| (i as f32 + 1.0 / 3.0) / GRID as f32;
             let uv = uvs[0] + edges[0] * weight(column) + edges[1] * weight(row);
-            sum += chain.sample(transform_uv(&reference, uv), level).truncate();
+            sum += chain.sample(transform_uv(&reference, uv), level);
             count += 1.0;
         }
     }
     let mean = sum / count;
-    if mean.is_finite() { mean.max(Vec3::ZERO) } else { Vec3::ZERO }
+    if mean.is_finite() { mean.max(Vec4::ZERO) } else { Vec4::ZERO }
 }

@@ -41,6 +41,7 @@ pub mod shading;
 mod specification;
 pub mod texture;
 pub mod tone;
+pub mod transparency;
 pub mod view;
 mod visibility;
 

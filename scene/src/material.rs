@@ -13,7 +13,7 @@ pub enum AlphaMode {
     Opaque,
     /// A surface point exists if alpha ≥ the cutoff.
     Mask(f32),
-    /// glTF's blending, which a visibility buffer cannot express. Treated as `Mask(0.5)`, with a warning from the loader.
+    /// A surface point hides the share alpha of what is behind it: [`crate::transparency`].
     Blend,
 }
 
@@ -226,12 +226,13 @@ impl Material {
         self.transmission >= 0.5 && self.transmission_texture.is_some()
     }
 
-    /// The alpha below which a surface point does not exist; `None` if alpha is ignored.
+    /// The alpha below which a surface point does not hide all that is behind it; `None` if alpha is ignored. A cut-out does
+    /// not exist below it; a blended surface is transparent there.
     pub fn alpha_cutoff(&self) -> Option<f32> {
         match self.alpha {
             AlphaMode::Opaque => None,
             AlphaMode::Mask(cutoff) => Some(cutoff),
-            AlphaMode::Blend => Some(0.5),
+            AlphaMode::Blend => Some(crate::transparency::OPAQUE),
         }
     }
 }

@@ -7,7 +7,7 @@ use super::{duration_ms, known, unspecified};
 use crate::v1;
 
 /// Pairs of kinds, in the vocabulary and on the wire.
-const KINDS: [(EffectKind, v1::EffectKind); 15] = [
+const KINDS: [(EffectKind, v1::EffectKind); 16] = [
     (EffectKind::Sun, v1::EffectKind::Sun),
     (EffectKind::PointLights, v1::EffectKind::PointLights),
     (EffectKind::SpotLights, v1::EffectKind::SpotLights),
@@ -22,6 +22,7 @@ const KINDS: [(EffectKind, v1::EffectKind); 15] = [
     (EffectKind::Glow, v1::EffectKind::Glow),
     (EffectKind::Particles, v1::EffectKind::Particles),
     (EffectKind::CutOuts, v1::EffectKind::CutOuts),
+    (EffectKind::Transparency, v1::EffectKind::Transparency),
     (EffectKind::Animation, v1::EffectKind::Animation),
 ];
 

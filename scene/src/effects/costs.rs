@@ -5,7 +5,7 @@ use crate::{Scene, Stage};
 
 /// Stages that run for one effect alone, by name. A stage that several effects share belongs to none: reading surfaces
 /// back and adding up what arrives at them ([`SHARED_STAGE`]) runs as soon as one effect of direct light casts rays.
-pub const STAGES: [(&str, EffectKind); 29] = [
+pub const STAGES: [(&str, EffectKind); 31] = [
     ("trace shadows", EffectKind::Shadows),
     ("trace penumbras", EffectKind::SoftShadows),
     ("trace emitters", EffectKind::Emitters),
@@ -34,6 +34,8 @@ pub const STAGES: [(&str, EffectKind); 29] = [
     ("light leaves: gather", EffectKind::Indirect),
     ("gather paths", EffectKind::Indirect),
     ("test alpha", EffectKind::CutOuts),
+    ("trace layers", EffectKind::Transparency),
+    ("blend layers", EffectKind::Transparency),
     ("pose", EffectKind::Animation),
 ];
 

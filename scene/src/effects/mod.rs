@@ -26,7 +26,7 @@
 //! | indirect light | a·(L_e + a(E/π + S))/(1 − a) |
 //! | glow | L_e |
 //! | particles | a·ΣI/(π·clamp²) |
-//! | cut-outs, animation | 1: they are never off |
+//! | cut-outs, transparency, animation | 1: they are never off |
 //!
 //! The bounds are those of converged light. Noise of a random estimate, such as that of an emitter close to a surface, is
 //! not in them. The sum of several rows' bounds bounds what they change together.
@@ -79,13 +79,15 @@ pub enum EffectKind {
     Particles,
     /// Parts of surfaces do not exist, by their alpha.
     CutOuts,
+    /// Surfaces hide only a part of what is behind them, by their alpha.
+    Transparency,
     /// Instances or lights move.
     Animation,
 }
 
 impl EffectKind {
     /// All kinds, in the order of a plan's rows.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Sun,
         Self::PointLights,
         Self::SpotLights,
@@ -100,6 +102,7 @@ impl EffectKind {
         Self::Glow,
         Self::Particles,
         Self::CutOuts,
+        Self::Transparency,
         Self::Animation,
     ];
 
@@ -120,6 +123,7 @@ impl EffectKind {
             Self::Glow => "glow",
             Self::Particles => "particles",
             Self::CutOuts => "cut-outs",
+            Self::Transparency => "transparency",
             Self::Animation => "animation",
         }
     }

@@ -11,7 +11,10 @@ use super::surfaces::{Body, bodies};
 use super::{
     Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, ReflectionRequest, bytes,
 };
-use crate::{Indirect, Light, LightEffects, Material, PathKnobs, ReflectionCost, Reflections, Scene};
+use crate::transparency::transparent_meshes;
+use crate::{
+    AlphaMode, Indirect, Light, LightEffects, Material, PathKnobs, ReflectionCost, Reflections, Scene,
+};
 
 /// Bytes below which `auto` leaves an effect out.
 const LEAST_BYTES: f64 = 0.5;
@@ -145,8 +148,9 @@ impl<'a> Facts<'a> {
             EffectKind::Glow => self.of_materials("emit", self.emission, |_, body| body.emits()),
             EffectKind::Particles => self.particles(request),
             EffectKind::CutOuts => self.of_materials("are cut out by alpha", Vec3::ONE, |material, _| {
-                material.alpha_cutoff().is_some()
+                matches!(material.alpha, AlphaMode::Mask(_))
             }),
+            EffectKind::Transparency => self.transparency(),
             EffectKind::Animation => self.animation(),
         }
     }
@@ -313,6 +317,12 @@ impl<'a> Facts<'a> {
         let share = self.bodies.iter().map(|body| body.transmission).fold(0.0, f32::max);
         let bound = if share > 0.0 { self.radiance() * share } else { Vec3::ZERO };
         self.of_materials("let light through", bound, |_, body| body.transmission > 0.0)
+    }
+
+    fn transparency(&self) -> Found {
+        let meshes = transparent_meshes(self.scene);
+        let is_transparent = |body: &Body| meshes[self.scene.instances[body.instance as usize].mesh as usize];
+        self.of_materials("are transparent by alpha", Vec3::ONE, |_, body| is_transparent(body))
     }
 
     fn indirect(&self) -> Found {

@@ -7,7 +7,7 @@ use glam::{Vec3, Vec4};
 use super::bitmaps::Bitmaps;
 use super::lights::rgb;
 use super::xml::Xml;
-use crate::Material;
+use crate::{AlphaMode, Material};
 
 /// A material as one mesh needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -64,10 +64,25 @@ pub(super) fn write(
         return Ok(());
     }
     let mut depth = 1;
-    if let (Some(cutoff), Some(texture)) = (material.alpha_cutoff(), material.base_color_texture) {
-        open(xml, "mask");
-        bitmaps.cutout(xml, &format!("{id}-opacity"), texture, [material.base_color.w, cutoff])?;
-        depth += 1;
+    let (alpha, opacity) = (material.base_color.w, format!("{id}-opacity"));
+    match (material.alpha, material.base_color_texture) {
+        (AlphaMode::Mask(cutoff), Some(texture)) => {
+            open(xml, "mask");
+            bitmaps.cutout(xml, &opacity, texture, [alpha, cutoff])?;
+            depth += 1;
+        }
+        (AlphaMode::Blend, Some(texture)) => {
+            open(xml, "mask");
+            let blend = Material { alpha: AlphaMode::Blend, ..Material::default() };
+            bitmaps.number(xml, ["opacity", &opacity], texture, move |t| blend.coverage(t.w * alpha))?;
+            depth += 1;
+        }
+        (AlphaMode::Blend, None) if material.coverage(alpha) < 1.0 => {
+            open(xml, "mask");
+            xml.value("float", "opacity", &alpha.to_string());
+            depth += 1;
+        }
+        _ => (),
     }
     if material.double_sided {
         open(xml, "twosided");

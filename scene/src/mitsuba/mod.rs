@@ -172,8 +172,8 @@ fn place(scene: &Scene, pose: &Pose, bitmaps: &mut Bitmaps) -> Vec<Part> {
         let mesh = &scene.meshes[instance.mesh as usize];
         let material = &scene.materials[mesh.material as usize];
         note_differences(material, mesh, bitmaps);
-        let vanishes = material.base_color_texture.is_none()
-            && material.alpha_cutoff().is_some_and(|cutoff| material.base_color.w < cutoff);
+        let vanishes =
+            material.base_color_texture.is_none() && material.coverage(material.base_color.w) == 0.0;
         if vanishes || instance.world_from_mesh.matrix3.determinant() == 0.0 {
             continue;
         }

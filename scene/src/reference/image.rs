@@ -118,16 +118,19 @@ impl Tracer {
         for i in 0..rays.side * rays.side {
             let cell = DVec2::new(f64::from(i % rays.side), f64::from(i / rays.side));
             let (direction, dx, dy) = rays.through(corner + (cell + 0.5) / f64::from(rays.side));
-            let hit = self.trace(rays.eye, direction);
-            sum += self.radiance_of(hit.as_ref(), direction, dx, dy);
-            if let (Some((indirect, pixel)), Some(hit)) = (indirect, &hit) {
-                let (surface, _) = self.without_transmitted(hit, &self.surface(hit, direction, dx, dy));
-                let seed = pixel << 16 | u64::from(i);
-                sum += surface.albedo * self.indirect_by_pi(hit, &surface, direction, indirect, seed);
+            let seen = self.see(rays.eye, direction);
+            for (hit, share) in seen.shares() {
+                sum += self.radiance_of(hit, direction, dx, dy) * share;
+                if let (Some((indirect, pixel)), Some(hit)) = (indirect, hit) {
+                    let (surface, _) = self.without_transmitted(hit, &self.surface(hit, direction, dx, dy));
+                    let seed = pixel << 16 | u64::from(i);
+                    let by_pi = self.indirect_by_pi(hit, &surface, direction, indirect, seed);
+                    sum += surface.albedo * by_pi * share;
+                }
             }
             // Only a grid of odd side has a sample at the pixel's centre.
             if 2 * i + 1 == rays.side * rays.side {
-                range = Some(hit);
+                range = Some(seen.shown());
             }
         }
         let central = range.unwrap_or_else(|| self.trace(rays.eye, rays.through(corner + 0.5).0));

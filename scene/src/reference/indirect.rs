@@ -117,9 +117,9 @@ impl Tracer {
                     (position - start.position, (position - start.position).length())
                 }
             };
-            let lit = towards.dot(start.side) > 0.0 && self.is_unblocked(start.position, towards, distance);
-            if lit {
-                sum += irradiance * (cosine * std::f32::consts::FRAC_1_PI);
+            if towards.dot(start.side) > 0.0 {
+                let passed = self.passed(start.position, towards, distance);
+                sum += irradiance * (cosine * passed * std::f32::consts::FRAC_1_PI);
             }
         }
         sum

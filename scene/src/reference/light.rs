@@ -7,7 +7,8 @@
 //! - the radiance of each emitting triangle that no surface blocks ([`crate::emitters`]).
 //!
 //! Rays begin a little above the surface ([`terminator_lift`]). Every triangle blocks both ways, but those of
-//! glass ([`crate::Material::passes_light`]); cut-outs let light through where they let rays of sight through.
+//! glass ([`crate::Material::passes_light`]); cut-outs let light through where they let rays of sight through,
+//! and transparent surfaces let a part of it through ([`crate::transparency`]).
 
 use glam::{DVec2, DVec3, Vec3};
 
@@ -118,13 +119,13 @@ impl Tracer {
             }
             if effects.shadows {
                 let rays = if effects.soft_shadows { lit.light.rays.max(1) } else { 1 };
-                let seen = (0..rays).filter(|&ray| {
+                let seen = (0..rays).map(|ray| {
                     let disc = disc_point((r2(ray) + shift).fract());
                     let disc = if effects.soft_shadows { disc } else { DVec2::ZERO };
                     let ray = shadow_ray(light, start.position, disc);
                     start.sees(self, ray.direction, ray.most)
                 });
-                *share = seen.count() as f32 / rays as f32;
+                *share = seen.sum::<f32>() / rays as f32;
             }
             arriving.by_pi += irradiance * (cosine * *share * std::f32::consts::FRAC_1_PI);
         }
@@ -149,9 +150,8 @@ impl Tracer {
         for ray in 0..rays {
             let direction =
                 cosine_direction(surface.normal.as_dvec3(), disc_point((r2(ray) + shift).fract()));
-            if start.sees(self, direction, f64::INFINITY) {
-                sum += sky_radiance(sky, direction.as_vec3()).as_dvec3();
-            }
+            let seen = start.sees(self, direction, f64::INFINITY);
+            sum += (sky_radiance(sky, direction.as_vec3()) * seen).as_dvec3();
         }
         (sum / f64::from(rays)).as_vec3()
     }
@@ -173,12 +173,9 @@ impl Tracer {
             let facing = if emitter.both_sides { facing.abs() } else { facing };
             // Twice the area is in `facing`.
             let weight = cosine * facing * 0.5 / (squared * squared) / lit.emitters.probability(emitter);
-            if cosine > 0.0
-                && facing > 0.0
-                && weight.is_finite()
-                && start.sees(self, to_light, 1.0 - NEAR_END)
-            {
-                sum += emitter.radiance.as_dvec3() * weight;
+            if cosine > 0.0 && facing > 0.0 && weight.is_finite() {
+                let seen = start.sees(self, to_light, 1.0 - NEAR_END);
+                sum += emitter.radiance.as_dvec3() * weight * f64::from(seen);
             }
         }
         (sum / f64::from(rays) * std::f64::consts::FRAC_1_PI).as_vec3()
@@ -222,12 +219,12 @@ struct LightStart {
 }
 
 impl LightStart {
-    /// Whether nothing blocks a ray before its end.
-    fn sees(&self, tracer: &Tracer, direction: DVec3, most: f64) -> bool {
+    /// The share of a ray that nothing blocks before its end.
+    fn sees(&self, tracer: &Tracer, direction: DVec3, most: f64) -> f32 {
         if !self.is_lifted && direction.dot(self.side) <= 0.0 {
-            return false;
+            return 0.0;
         }
-        tracer.is_unblocked(self.position, direction, most * direction.length())
+        tracer.passed(self.position, direction, most * direction.length())
     }
 }
 

@@ -33,8 +33,8 @@ pub use indirect::Indirect;
 pub use light::DirectLight;
 pub use reflection::Reflecting;
 pub use sight::SceneSight;
-pub use tracer::{Hit, Tracer};
+pub use tracer::{Hit, Seen, Tracer};
 
 /// Version of the tracer's images. Raise it when the same scene and camera give another image: stored images of an
 /// older version are not used.
-pub const REFERENCE_VERSION: u32 = 3;
+pub const REFERENCE_VERSION: u32 = 4;

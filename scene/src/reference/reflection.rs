@@ -105,7 +105,7 @@ impl Tracer {
         let lighting = &self.pose.lighting;
         let mut origin = from;
         for _ in 0..MOST_PASSED {
-            let Some(hit) = self.trace(origin, direction) else { break };
+            let Some(hit) = self.trace_one(origin, direction) else { break };
             if past == Some(hit.instance) {
                 origin = hit.position + direction * (OFF_SURFACE * hit.range.max(1e-6));
                 continue;

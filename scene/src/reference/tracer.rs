@@ -1,5 +1,6 @@
 //! Rays through a scene: the nearest surface, and its radiance.
 
+use std::cmp::Ordering;
 use std::sync::{Arc, OnceLock};
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
@@ -11,6 +12,7 @@ use super::reflection::Reflecting;
 use super::triangle::{Crossing, ShearedRay};
 use crate::shading::{diffuse_radiance, reflected_lights, reflected_sky, sky_radiance};
 use crate::texture::{MipChain, mip_chains, transform_uv};
+use crate::transparency::{Layer, cut, is_met, shown};
 use crate::{Bounds, Instance, Material, Mesh, Pose, Scene};
 
 /// The nearest surface along a ray.
@@ -59,9 +61,20 @@ struct MeshTree {
     triangles: Vec<u32>,
 }
 
+/// What a search makes of surfaces that hide a part of what is behind them: [`crate::transparency`].
+enum Partial {
+    /// They are layers.
+    Layers(Vec<Layer<Hit>>),
+    /// One is met or not.
+    Chance,
+    /// The share that passes all of them.
+    Passed(f32),
+}
+
 /// The limits of a search along a ray, and its hit so far; metres.
 struct Search {
     nearest: Option<Hit>,
+    partial: Partial,
     /// The search ends at this range.
     reach: f64,
     /// A hit nearer than this ends the search.
@@ -71,6 +84,16 @@ struct Search {
 }
 
 impl Search {
+    /// A search for the nearest surface at any range.
+    fn nearest(partial: Partial, of_light: bool) -> Self {
+        Self { nearest: None, partial, reach: f64::INFINITY, enough: 0.0, of_light }
+    }
+
+    /// A search for any surface up to a range.
+    fn any(partial: Partial, reach: f64, of_light: bool) -> Self {
+        Self { nearest: None, partial, reach, enough: f64::INFINITY, of_light }
+    }
+
     /// Range from which a further hit no longer matters.
     fn limit(&self) -> f64 {
         match self.nearest {
@@ -78,6 +101,35 @@ impl Search {
             Some(hit) if hit.range < self.enough => 0.0,
             Some(hit) => hit.range.min(self.reach),
         }
+    }
+}
+
+/// What a ray of sight sees.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Seen {
+    /// Transparent surfaces, front to back.
+    pub layers: Vec<Layer<Hit>>,
+    /// The surface behind them; `None` for the sky.
+    pub behind: Option<Hit>,
+}
+
+impl Seen {
+    /// The surface that the ray shows.
+    pub fn shown(&self) -> Option<Hit> {
+        shown(&self.layers).map_or(self.behind, |layer| Some(self.layers[layer].surface))
+    }
+
+    /// Each surface, `None` for the sky, with its share of the ray's radiance.
+    pub fn shares(&self) -> impl Iterator<Item = (Option<&Hit>, f32)> {
+        let mut through = 1.0;
+        let front = self.layers.iter().map(|layer| (Some(&layer.surface), layer.alpha));
+        let all = front.chain([(self.behind.as_ref(), 1.0)]);
+        let shares = all.map(move |(surface, alpha)| {
+            let share = through * alpha;
+            through *= 1.0 - alpha;
+            (surface, share)
+        });
+        shares.filter(|&(_, share)| share > 0.0)
     }
 }
 
@@ -165,33 +217,69 @@ impl Tracer {
         &self.scene
     }
 
-    /// The nearest surface at a range above 0 along a ray, whose direction need not be a unit vector. Cut-outs are open
-    /// where their alpha is below the cutoff, and single-sided triangles from behind.
+    /// The surface that a ray shows, at a range above 0; its direction need not be a unit vector. Cut-outs are open
+    /// where their alpha is below the cutoff, and single-sided triangles from behind. Of transparent surfaces, the ray
+    /// shows the first at which half of what is behind is hidden.
     pub fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
-        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0, of_light: false };
-        let unit = self.search(origin, direction, &mut search)?;
-        search.nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
+        self.see(origin, direction).shown()
+    }
+
+    /// All that a ray sees at ranges above 0; its direction need not be a unit vector.
+    pub fn see(&self, origin: DVec3, direction: DVec3) -> Seen {
+        let mut search = Search::nearest(Partial::Layers(Vec::new()), false);
+        let Some(unit) = self.search(origin, direction, &mut search) else {
+            return Seen { layers: Vec::new(), behind: None };
+        };
+        let at = |hit: Hit| Hit { position: origin + unit * hit.range, ..hit };
+        let behind = search.nearest.map(at);
+        let mut layers = match search.partial {
+            Partial::Layers(layers) => layers,
+            Partial::Chance | Partial::Passed(_) => Vec::new(),
+        };
+        layers.retain(|layer| behind.is_none_or(|behind| precedes(&layer.surface, &behind)));
+        layers.sort_by(|a, b| order(&a.surface, &b.surface));
+        // Triangles that share an edge are one surface.
+        layers.dedup_by(|b, a| {
+            let (a, b) = (a.surface, b.surface);
+            a.instance == b.instance && b.range - a.range <= SAME_PLACE * b.range
+        });
+        layers.iter_mut().for_each(|layer| layer.surface = at(layer.surface));
+        cut(&mut layers, |layer| is_met_at(&layer.surface, layer.alpha));
+        Seen { layers, behind }
+    }
+
+    /// One of the surfaces that a ray sees. Transparent surfaces are met as often as their alpha says.
+    pub(super) fn trace_one(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
+        self.nearest(origin, direction, false)
     }
 
     /// The nearest surface at a range above 0 that reflects light along a ray, whose direction need not be a unit vector.
-    /// Single-sided triangles do from both sides, and glass does not.
+    /// Single-sided triangles do from both sides, and glass does not. Transparent surfaces are met as often as their
+    /// alpha says.
     pub(super) fn trace_light(&self, origin: DVec3, direction: DVec3) -> Option<Hit> {
-        let mut search = Search { nearest: None, reach: f64::INFINITY, enough: 0.0, of_light: true };
+        self.nearest(origin, direction, true)
+    }
+
+    fn nearest(&self, origin: DVec3, direction: DVec3, of_light: bool) -> Option<Hit> {
+        let mut search = Search::nearest(Partial::Chance, of_light);
         let unit = self.search(origin, direction, &mut search)?;
         search.nearest.map(|hit| Hit { position: origin + unit * hit.range, ..hit })
     }
 
     /// Whether a ray meets nothing.
     pub(super) fn is_clear(&self, origin: DVec3, direction: DVec3) -> bool {
-        let mut search =
-            Search { nearest: None, reach: f64::INFINITY, enough: f64::INFINITY, of_light: false };
+        let mut search = Search::any(Partial::Chance, f64::INFINITY, false);
         self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
     }
 
-    /// Whether light passes along a ray up to a range. Single-sided triangles block it both ways, and glass does not.
-    pub(super) fn is_unblocked(&self, origin: DVec3, direction: DVec3, reach: f64) -> bool {
-        let mut search = Search { nearest: None, reach, enough: f64::INFINITY, of_light: true };
-        self.search(origin, direction, &mut search).is_some() && search.nearest.is_none()
+    /// The share of light that passes along a ray up to a range. Single-sided triangles block it both ways, and glass does
+    /// not.
+    pub(super) fn passed(&self, origin: DVec3, direction: DVec3, reach: f64) -> f32 {
+        let mut search = Search::any(Partial::Passed(1.0), reach, true);
+        match (self.search(origin, direction, &mut search), search.nearest, search.partial) {
+            (Some(_), None, Partial::Passed(share)) => share,
+            _ => 0.0,
+        }
     }
 
     /// The range of a surface on the way from one point to another, and beyond by a share `slack` of the distance. It is
@@ -200,10 +288,8 @@ impl Tracer {
         let way = to - from;
         let length = way.length();
         let mut search = Search {
-            nearest: None,
-            reach: (1.0 + slack) * length,
             enough: (1.0 - slack) * length,
-            of_light: false,
+            ..Search::any(Partial::Chance, (1.0 + slack) * length, false)
         };
         self.search(from, way, &mut search)?;
         search.nearest.map(|hit| hit.range)
@@ -246,7 +332,7 @@ impl Tracer {
                 };
                 let closer =
                     hit.range <= search.reach && search.nearest.is_none_or(|best| precedes(&hit, &best));
-                if closer && self.exists(placed, hit.triangle, &crossing, search.of_light) {
+                if closer && self.blocks(placed, &hit, &crossing, search) {
                     search.nearest = Some(hit);
                 }
             }
@@ -254,15 +340,32 @@ impl Tracer {
         });
     }
 
-    /// Whether there is a surface where a ray crosses a triangle.
-    fn exists(&self, placed: &Placed, triangle: u32, crossing: &Crossing, of_light: bool) -> bool {
-        if placed.culled && !crossing.front && !of_light {
+    /// Whether a search ends at a triangle that its ray crosses. Takes a surface over that hides a part.
+    fn blocks(&self, placed: &Placed, hit: &Hit, crossing: &Crossing, search: &mut Search) -> bool {
+        if placed.culled && !crossing.front && !search.of_light {
             return false;
         }
-        let Some(cutoff) = placed.cutoff else { return true };
+        let coverage = self.coverage(placed, hit.triangle, crossing);
+        if coverage == 0.0 || coverage >= 1.0 {
+            return coverage >= 1.0;
+        }
+        match &mut search.partial {
+            Partial::Layers(layers) => layers.push(Layer { surface: *hit, alpha: coverage }),
+            Partial::Chance => return is_met_at(hit, coverage),
+            Partial::Passed(share) => *share *= 1.0 - coverage,
+        }
+        false
+    }
+
+    /// The share of what is behind that a surface hides where a ray crosses a triangle.
+    fn coverage(&self, placed: &Placed, triangle: u32, crossing: &Crossing) -> f32 {
+        let Some(cutoff) = placed.cutoff else { return 1.0 };
+        if cutoff == f32::INFINITY {
+            return 0.0;
+        }
         let mesh = &self.scene.meshes[placed.mesh as usize];
         let material = &self.scene.materials[mesh.material as usize];
-        self.alpha(mesh, material, triangle, crossing.barycentric) >= cutoff
+        material.coverage(self.alpha(mesh, material, triangle, crossing.barycentric))
     }
 
     /// Alpha of a surface point: factor × texture (level 0) × vertex colour.
@@ -281,7 +384,8 @@ impl Tracer {
     /// `direction + dx` and `direction + dy` are the neighbouring samples' directions, up to their length. Their distance
     /// selects the mip levels. Zero reads textures unfiltered.
     pub fn radiance_along(&self, origin: DVec3, direction: DVec3, dx: DVec3, dy: DVec3) -> Vec3 {
-        self.radiance_of(self.trace(origin, direction).as_ref(), direction, dx, dy)
+        let seen = self.see(origin, direction);
+        seen.shares().map(|(hit, share)| self.radiance_of(hit, direction, dx, dy) * share).sum()
     }
 
     /// Linear radiance of a ray's hit, or of the sky without one; arguments as in [`Self::radiance_along`].
@@ -335,7 +439,19 @@ fn place(scene: &Scene, pose: &Pose, boxes: &[Bounds]) -> (Vec<Placed>, BoxTree)
 
 /// Whether `a` is nearer; of equal ranges, whether it has the lower (instance, triangle).
 fn precedes(a: &Hit, b: &Hit) -> bool {
-    a.range < b.range || (a.range == b.range && (a.instance, a.triangle) < (b.instance, b.triangle))
+    order(a, b).is_lt()
+}
+
+fn order(a: &Hit, b: &Hit) -> Ordering {
+    a.range.total_cmp(&b.range).then((a.instance, a.triangle).cmp(&(b.instance, b.triangle)))
+}
+
+/// Ranges of an instance that differ by less than this share are of one place.
+const SAME_PLACE: f64 = 1e-9;
+
+fn is_met_at(hit: &Hit, coverage: f32) -> bool {
+    let weights = [hit.barycentric.x as f32, hit.barycentric.y as f32];
+    is_met(coverage, [hit.instance, hit.triangle], weights)
 }
 
 /// A triangle costs about as much as a box: obvhs' own choice for its "medium" build.

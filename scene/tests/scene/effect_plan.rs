@@ -5,8 +5,8 @@ use argus_scene::effects::{EffectCosts, EffectKind, SHARED_STAGE, STAGES};
 use argus_scene::reference::{DirectLight, Indirect, Reflecting, Tracer};
 use argus_scene::reflection::BOUNCES;
 use argus_scene::{
-    Camera, EffectPlan, EffectRequest, Effects, Instance, Light, LightEffects, Lighting, Material, Mesh,
-    PointKnobs, Scene, Sky, Stage, VplKnobs,
+    AlphaMode, Camera, EffectPlan, EffectRequest, Effects, Instance, Light, LightEffects, Lighting, Material,
+    Mesh, PointKnobs, Scene, Sky, Stage, VplKnobs,
 };
 use common::{furnace, patch, scene, sphere, sun, texture, textured, tracer};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
@@ -296,6 +296,26 @@ fn soft_shadows_need_a_light_with_an_extent() {
 fn a_black_sky_plans_no_rays_to_the_sky() {
     assert!(!auto(&matt(sun(DVec3::NEG_Y))).is_on(EffectKind::SkyVisibility));
     assert_eq!(auto(&matt(furnace())).light_effects(), SKY);
+}
+
+#[test]
+fn only_alpha_between_none_and_all_plans_transparency() {
+    for (alpha, mode, expected) in [
+        (0.5, AlphaMode::Blend, true),
+        (1.0, AlphaMode::Blend, false),
+        (0.0, AlphaMode::Blend, false),
+        (0.5, AlphaMode::Mask(0.5), false),
+        (0.5, AlphaMode::Opaque, false),
+    ] {
+        let roof =
+            Material { base_color: Vec4::new(0.3, 0.3, 0.3, alpha), alpha: mode, ..Material::default() };
+        let plan = auto(&roofed(sun(DVec3::NEG_Y), grey(0.4), roof));
+        let row = plan.row(EffectKind::Transparency).unwrap();
+        assert_eq!((row.on, row.bound > 0.0), (expected, expected), "{alpha} {mode:?}");
+        assert_eq!(row.causes.materials, if expected { vec![1] } else { vec![] }, "{alpha} {mode:?}");
+        let cut = plan.is_on(EffectKind::CutOuts);
+        assert_eq!(cut, matches!(mode, AlphaMode::Mask(_)), "{alpha} {mode:?}");
+    }
 }
 
 #[test]

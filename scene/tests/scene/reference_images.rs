@@ -334,3 +334,45 @@ fn a_cached_image_is_reused_only_for_the_same_scene() {
     let blocked = files()[0].join("below a file");
     assert_eq!(cache::render(Some(&blocked), &tracer, &front(2.0), [8, 6], 4, |_| {}), first);
 }
+
+/// Two panes of these alphas before a white sky, the nearest last, and the radiance of each.
+fn panes(alphas: &[f32]) -> Scene {
+    let glass = |i: usize, alpha: f32| Material {
+        base_color: Vec4::new(0.0, 0.0, 0.0, alpha),
+        emissive: Vec3::splat(0.25 + 0.5 * i as f32),
+        alpha: AlphaMode::Blend,
+        ..Material::default()
+    };
+    let materials: Vec<Material> = alphas.iter().enumerate().map(|(i, &alpha)| glass(i, alpha)).collect();
+    let mesh = |i: u32| Mesh { material: i, ..patch(1) };
+    let mut scene = scene((0..alphas.len() as u32).map(mesh).collect(), materials, furnace());
+    for (i, instance) in scene.instances.iter_mut().enumerate() {
+        instance.world_from_mesh = DAffine3::from_translation(DVec3::Z * (0.1 * i as f64));
+    }
+    scene
+}
+
+#[test]
+fn transparent_surfaces_blend_with_what_is_behind_and_the_first_half_is_shown() {
+    let cases: [(&[f32], f64); 7] = [
+        (&[0.0], f64::INFINITY),
+        (&[0.3], f64::INFINITY),
+        (&[0.5], 1.0),
+        (&[1.0], 1.0),
+        (&[0.3, 0.4], 1.0),
+        (&[0.2, 0.2], f64::INFINITY),
+        (&[1.0, 0.6], 0.9),
+    ];
+    for (alphas, range) in cases {
+        let tracer = tracer(panes(alphas));
+        let (eye, ahead) = (DVec3::new(0.13, 0.07, 1.0), DVec3::NEG_Z);
+        let seen = tracer.radiance_along(eye, ahead, DVec3::ZERO, DVec3::ZERO);
+        let expected = alphas
+            .iter()
+            .enumerate()
+            .fold(1.0, |behind, (i, &alpha)| (0.25 + 0.5 * i as f32) * alpha + behind * (1.0 - alpha));
+        assert!((seen.x - expected).abs() < 1e-5, "{alphas:?}: {seen} {expected}");
+        let shown = tracer.trace(eye, ahead).map_or(f64::INFINITY, |hit| hit.range);
+        assert!(shown == range || (shown - range).abs() < 1e-9, "{alphas:?}: {shown}");
+    }
+}

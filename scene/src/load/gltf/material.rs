@@ -93,10 +93,7 @@ impl Slots<'_, '_> {
         let cutoff = json.alpha_cutoff.map_or(0.5, |cutoff| cutoff.0);
         material.alpha = match json.alpha_mode {
             Checked::Valid(JsonAlphaMode::Mask) => AlphaMode::Mask(cutoff),
-            Checked::Valid(JsonAlphaMode::Blend) => {
-                self.warnings.add(format!("material {:?}: blending is shown as a cut-out", material.name));
-                AlphaMode::Blend
-            }
+            Checked::Valid(JsonAlphaMode::Blend) => AlphaMode::Blend,
             _ => AlphaMode::Opaque,
         };
         self.extensions(json, &mut material, set);
