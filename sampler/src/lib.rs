@@ -14,6 +14,7 @@ mod eye;
 pub mod eye_points;
 mod indirect;
 mod knobs;
+mod layers;
 mod light;
 mod light_meter;
 mod light_rays;

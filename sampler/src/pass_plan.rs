@@ -18,7 +18,12 @@ pub struct PassPlan {
 }
 
 /// The plan for a scene on the device.
-pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs) -> Vec<PassPlan> {
+pub(crate) fn pass_plan(
+    scene: &Scene,
+    resident: &Resident,
+    knobs: &SamplerKnobs,
+    has_layers: bool,
+) -> Vec<PassPlan> {
     let effects = scene.effects();
     let has = |effect| effects.contains(&effect);
     let count = |test: &dyn Fn(DrawClass) -> bool| -> usize {
@@ -38,6 +43,11 @@ pub(crate) fn pass_plan(scene: &Scene, resident: &Resident, knobs: &SamplerKnobs
         ),
         row("trace rays", true, "pixels that no sample saw".to_owned()),
         row("test alpha", cutouts > 0, format!("{cutouts} of them have alpha-tested materials")),
+        row(
+            "blend layers",
+            has_layers,
+            said(has_layers, "a material is transparent by alpha", "nothing is transparent by alpha"),
+        ),
         row("shade view", true, "direct views, with what their eyes see reflected".to_owned()),
         row(
             "shade whole texels",

@@ -34,16 +34,20 @@ impl PixelList {
 
     /// Ids of [`Self::sub_samples`], arranged as the compact image; 0 beyond the last pixel.
     pub(crate) fn image(&self, found: &[[u32; 2]]) -> Vec<[u32; 2]> {
-        let side = self.tile.side as usize;
         let [width, height] = self.compact.sub_samples().map(|n| n as usize);
         let mut image = vec![[0; 2]; width * height];
-        for (pixel, ids) in found.chunks_exact(side * side).enumerate() {
-            let (column, row) = (pixel % ROW as usize, pixel / ROW as usize);
-            for (i, id) in ids.iter().enumerate() {
-                image[(row * side + i / side) * width + column * side + i % side] = *id;
-            }
+        for (at, ids) in (0u32..).zip(found) {
+            image[self.address(at) as usize] = *ids;
         }
         image
+    }
+
+    /// Where one of [`Self::sub_samples`] lies in the compact image.
+    pub(crate) fn address(&self, at: u32) -> u32 {
+        let side = self.tile.side;
+        let (pixel, i) = (at / (side * side), at % (side * side));
+        let (column, row) = (pixel % ROW, pixel / ROW);
+        (row * side + i / side) * self.compact.sub_samples()[0] + column * side + i % side
     }
 
     /// The positions, packed for the device.

@@ -2,6 +2,7 @@
 
 mod light;
 mod octree_samples;
+mod part_shading;
 mod point_probes;
 mod probes;
 mod rays;
@@ -30,7 +31,7 @@ use crate::indirect::IndirectLight;
 use crate::light::DirectLight;
 use crate::omni_maps::OmniMaps;
 use crate::pass_plan::{PassPlan, pass_plan};
-use crate::passes::{PlaneBuffers, ResolveView, TileContext};
+use crate::passes::{Blend, PlaneBuffers, ResolveView, TileContext};
 use crate::pixel_list::pixel_lists;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
@@ -65,7 +66,10 @@ pub struct GpuSampler {
     visibility: VisibilityBackends,
     surface_programs: SurfacePrograms,
     resolve_view: ResolveView,
+    /// Programs that blend transparent surfaces; `None` for a scene without them.
+    blend: Option<Blend>,
     scratch: Scratch,
+    layer_scratch: Scratch,
     /// Direct light by rays, made when it is first needed; `None` without effects of light.
     direct: Option<DirectLight>,
     /// Indirect light, made when it is first needed.
@@ -96,14 +100,17 @@ impl GpuSampler {
         }
         let resident = Resident::new(&gpu, &scene)?;
         let glossy = resident.features.specular;
+        let visibility = VisibilityBackends::new(&gpu, &scene, &resident);
         Ok(Self {
-            visibility: VisibilityBackends::new(&gpu, &scene, &resident),
+            blend: visibility.has_layers().then(|| Blend::new(&gpu, glossy && knobs.effects.any())),
+            visibility,
             surface_programs: SurfacePrograms::new(&gpu, &resident, &knobs),
             direct: None,
             indirect: None,
             maps: None,
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
+            layer_scratch: Scratch::default(),
             animated: scene.is_animated(),
             lighting: exposed(scene.at(0.0).lighting, &knobs),
             posed_secs: 0.0,
@@ -122,7 +129,7 @@ impl GpuSampler {
 
     /// The passes of this scene, and why each is on or off.
     pub fn plan(&self) -> Vec<PassPlan> {
-        pass_plan(&self.scene, &self.resident, &self.knobs)
+        pass_plan(&self.scene, &self.resident, &self.knobs, self.visibility.has_layers())
     }
 
     /// Renders the samples of a job. With `between`, other work runs between tiles.
@@ -405,11 +412,21 @@ impl GpuSampler {
         let mut commands = self.gpu.commands("identify");
         self.visibility.record(&mut commands, &context, visibility, &mut Vec::new())?;
         commands.submit().wait()?;
-        let took = begin.elapsed();
+        let mut took = begin.elapsed();
         let mut commands = self.gpu.commands("read ids");
         let pending = commands.read_texture(context.targets.visibility.texture());
         let bytes = commands.submit().wait()?.take(pending);
-        let ids = bytes.as_chunks::<8>().0.iter().map(|b| bytemuck::pod_read_unaligned(b)).collect();
+        let mut ids: Vec<[u32; 2]> =
+            bytes.as_chunks::<8>().0.iter().map(|b| bytemuck::pod_read_unaligned(b)).collect();
+        if self.visibility.has_layers() {
+            let begin = Instant::now();
+            for ray in self.visibility.layers_of_tile(&self.resident, camera.eye, &tile.rays()) {
+                if let (Some(id), Some((shown, _))) = (ids.get_mut(ray.at as usize), ray.shown()) {
+                    *id = shown;
+                }
+            }
+            took += begin.elapsed();
+        }
         Ok((ids, took))
     }
 

@@ -5,9 +5,12 @@ use std::time::Instant;
 
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{RenderError, Scene, Stage, Visibility};
+use argus_shaders::layout::sampler::Rays;
+use glam::DVec3;
 
 use crate::backend_timing;
 use crate::draws::{self, DrawList};
+use crate::layers::{LayerTracer, RayLayers};
 use crate::packets::PacketTracer;
 use crate::passes::{Rasteriser, TileContext, Trace};
 use crate::pixel_list::PixelList;
@@ -20,6 +23,8 @@ pub(crate) struct VisibilityBackends {
     scene: Arc<Scene>,
     rasteriser: Rasteriser,
     packets: Option<PacketTracer>,
+    /// Transparent surfaces; `None` for a scene without them.
+    layers: Option<LayerTracer>,
     /// The compute tracer, or why this device does not support it.
     trace: Option<Result<Trace, String>>,
 }
@@ -28,13 +33,17 @@ impl VisibilityBackends {
     /// The backends of a scene on the device.
     pub(crate) fn new(gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident) -> Self {
         let rasteriser = Rasteriser::new(gpu, resident);
-        Self { scene: Arc::clone(scene), rasteriser, packets: None, trace: None }
+        let layers = LayerTracer::new(scene, resident);
+        Self { scene: Arc::clone(scene), rasteriser, packets: None, layers, trace: None }
     }
 
     /// Moves instances to their current transforms.
     pub(crate) fn pose(&mut self, resident: &Resident) {
         if let Some(packets) = &mut self.packets {
             packets.pose(&self.scene, &resident.instances);
+        }
+        if let Some(layers) = &mut self.layers {
+            layers.pose(&self.scene, resident);
         }
     }
 
@@ -96,6 +105,34 @@ impl VisibilityBackends {
     /// The packet tracer. Call [`Self::prepare_packets`] first.
     pub(crate) fn packets(&self) -> Result<&PacketTracer, RenderError> {
         self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
+    }
+
+    /// Whether a ray of sight may cross transparent surfaces.
+    pub(crate) fn has_layers(&self) -> bool {
+        self.layers.is_some()
+    }
+
+    /// The layers of a tile's rays.
+    pub(crate) fn layers_of_tile(&mut self, resident: &Resident, eye: DVec3, rays: &Rays) -> Vec<RayLayers> {
+        self.prepare_packets(resident);
+        match (&self.layers, &self.packets) {
+            (Some(layers), Some(packets)) => layers.of_tile(packets, eye, rays),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The layers of the rays of a list of pixels, by their place in its compact image.
+    pub(crate) fn layers_of_list(
+        &mut self,
+        resident: &Resident,
+        eye: DVec3,
+        list: &PixelList,
+    ) -> Vec<RayLayers> {
+        self.prepare_packets(resident);
+        let (Some(layers), Some(packets)) = (&self.layers, &self.packets) else { return Vec::new() };
+        let mut rays = layers.of_list(packets, eye, &list.tile.rays(), &list.sub_samples());
+        rays.iter_mut().for_each(|ray| ray.at = list.address(ray.at));
+        rays
     }
 
     /// Fills a tile's visibility buffer.
@@ -177,7 +214,7 @@ impl VisibilityBackends {
 }
 
 /// Uploads a visibility buffer from the CPU before the next submission.
-fn write_ids(gpu: &Gpu, targets: &Targets, size: [u32; 2], ids: &[[u32; 2]]) {
+pub(crate) fn write_ids(gpu: &Gpu, targets: &Targets, size: [u32; 2], ids: &[[u32; 2]]) {
     let [width, height] = size;
     let layout =
         wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width * 8), rows_per_image: None };

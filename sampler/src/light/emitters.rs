@@ -109,8 +109,8 @@ impl Near {
         let weight = cosine * facing / (squared * squared);
         // NaN fails.
         let arrives = cosine > 0.0 && facing > 0.0 && weight.is_finite();
-        match arrives && texel.sees(about, to_light, ALMOST) {
-            true => emitter.radiance * weight,
+        match arrives {
+            true => emitter.radiance * weight * texel.sees(about, to_light, ALMOST),
             false => Vec3::ZERO,
         }
     }

@@ -29,7 +29,7 @@ use std::time::Instant;
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::effects::SHARED_STAGE;
 use argus_scene::texture::{MipChain, mip_chains};
-use argus_scene::{LightEffects, Lighting, RenderError, Scene, Stage};
+use argus_scene::{AlphaMode, LightEffects, Lighting, Material, RenderError, Scene, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -281,7 +281,8 @@ fn too_large() -> RenderError {
 
 /// The textures that [`emitters_at`] reads.
 fn emission_textures(scene: &Scene, effects: LightEffects) -> Vec<MipChain> {
-    let textured = scene.materials.iter().any(|m| m.emissive_texture.is_some() && m.emissive != Vec3::ZERO);
+    let is_read = |m: &Material| m.emissive_texture.is_some() || m.alpha == AlphaMode::Blend;
+    let textured = scene.materials.iter().any(|m| m.emissive != Vec3::ZERO && is_read(m));
     if effects.emitters && textured { mip_chains(scene) } else { Vec::new() }
 }
 

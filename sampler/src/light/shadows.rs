@@ -56,9 +56,8 @@ impl ShadowRays<'_> {
         let is_soft = soft && light.is_extended();
         let begin = Instant::now();
         let discs: Vec<DVec2> = disc_points(POINTS).iter().map(|point| point.as_dvec2()).collect();
-        let of_all = |texel: &Texel| {
-            discs.iter().filter(|&&disc| self.sees(texel, disc)).count() as f32 / POINTS as f32
-        };
+        let of_all =
+            |texel: &Texel| discs.iter().map(|&disc| self.sees(texel, disc)).sum::<f32>() / POINTS as f32;
         let first = |index: usize| {
             let texel = &texels.all[index];
             if lit[index] == Vec3::ZERO {
@@ -68,7 +67,7 @@ impl ShadowRays<'_> {
                 return of_all(texel);
             }
             let disc = if is_soft { discs[texels.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
-            f32::from(u8::from(self.sees(texel, disc)))
+            self.sees(texel, disc)
         };
         let count = texels.all.len();
         let first: Vec<f32> = (0..count).into_par_iter().with_min_len(256).map(first).collect();
@@ -86,8 +85,8 @@ impl ShadowRays<'_> {
         shares
     }
 
-    /// Whether a texel sees a point of the light's disc.
-    fn sees(&self, texel: &Texel, disc: DVec2) -> bool {
+    /// The share of a point of the light's disc that a texel sees.
+    fn sees(&self, texel: &Texel, disc: DVec2) -> f32 {
         let ray = shadow_ray(self.light, self.eye + texel.start.as_dvec3(), disc);
         texel.sees(self.about, ray.direction.as_vec3(), ray.most as f32)
     }

@@ -145,9 +145,7 @@ pub(super) fn seen_share(
             let direction = above(texel.normal, disc);
             let radiance = sky_radiance(sky, direction);
             sums.whole += radiance;
-            if texel.sees(about, direction, f32::MAX) {
-                sums.seen += radiance;
-            }
+            sums.seen += radiance * texel.sees(about, direction, f32::MAX);
         };
         match &alone {
             Some(all) => all.iter().for_each(|&disc| cast(disc)),

@@ -98,10 +98,13 @@ impl Texels {
 }
 
 impl Texel {
-    /// Whether nothing blocks a ray, up to `most` times its direction.
+    /// The share of light that arrives along a ray, up to `most` times its direction.
     #[inline]
-    pub(super) fn sees(&self, about: &LightRaysAbout<'_>, direction: Vec3, most: f32) -> bool {
-        (self.is_lifted || direction.dot(self.side) > 0.0) && !about.is_blocked(self.start, direction, most)
+    pub(super) fn sees(&self, about: &LightRaysAbout<'_>, direction: Vec3, most: f32) -> f32 {
+        match self.is_lifted || direction.dot(self.side) > 0.0 {
+            true => about.passed(self.start, direction, most),
+            false => 0.0,
+        }
     }
 
     /// Whether another texel shows the same surface, so that the two see the same light.

@@ -232,8 +232,34 @@ impl LightRaysAbout<'_> {
         self.is_blocked_by::<Plain>(origin, direction, most)
     }
 
+    /// The share of light that passes a ray at 0 < t < `most`, in units of the direction. `origin` is relative to the eye. Rays
+    /// pass through transparent parts of cut-outs, and in part through transparent surfaces. 1 for a ray that is not finite
+    /// or has no direction.
+    pub(crate) fn passed(&self, origin: Vec3, direction: Vec3, most: f32) -> f32 {
+        if !self.rays.cutouts.has_transparent {
+            return f32::from(u8::from(!self.is_blocked(origin, direction, most)));
+        }
+        if !is_ray(origin, direction, most) {
+            return 1.0;
+        }
+        #[cfg(target_arch = "x86_64")]
+        {
+            use crate::packets::lanes::avx2::Avx2;
+
+            #[target_feature(enable = "avx2")]
+            fn with_avx2(about: &LightRaysAbout<'_>, origin: Vec3, direction: Vec3, most: f32) -> f32 {
+                about.passed_by::<Avx2>(origin, direction, most)
+            }
+            if self.rays.has_avx2 {
+                // SAFETY: the processor has what the function is compiled for.
+                return unsafe { with_avx2(self, origin, direction, most) };
+            }
+        }
+        self.passed_by::<Plain>(origin, direction, most)
+    }
+
     /// The nearest hit at 0 < t < `most`, in units of the direction. `origin` is relative to the eye. Rays pass through
-    /// transparent parts of cut-outs. `None` for a ray that is not finite or has no direction.
+    /// transparent parts of cut-outs, and meet transparent surfaces as often as their alpha says. `None` for a ray that is not finite or has no direction.
     pub(crate) fn nearest(&self, origin: Vec3, direction: Vec3, most: f32) -> Option<RayHit> {
         if !is_ray(origin, direction, most) {
             return None;
@@ -267,15 +293,28 @@ impl LightRaysAbout<'_> {
 
     #[inline(always)]
     fn is_blocked_by<L: Lanes>(&self, origin: Vec3, direction: Vec3, most: f32) -> bool {
-        let mut objects = AnyObject { about: self, origin, direction, lanes: std::marker::PhantomData::<L> };
+        let lanes = std::marker::PhantomData::<L>;
+        self.any_by(&mut AnyObject { about: self, origin, direction, passed: None, lanes }, most)
+    }
+
+    #[inline(always)]
+    fn passed_by<L: Lanes>(&self, origin: Vec3, direction: Vec3, most: f32) -> f32 {
+        let lanes = std::marker::PhantomData::<L>;
+        let mut objects = AnyObject { about: self, origin, direction, passed: Some(1.0), lanes };
+        if self.any_by(&mut objects, most) { 0.0 } else { objects.passed.unwrap_or(1.0) }
+    }
+
+    /// Whether a ray is blocked.
+    #[inline(always)]
+    fn any_by<L: Lanes>(&self, objects: &mut AnyObject<'_, L>, most: f32) -> bool {
         if self.objects.len() == 1 {
             return objects.visit(0, most) < 0.0;
         }
         if self.objects.is_empty() {
             return false;
         }
-        let slabs = Slabs::<L>::new(origin, direction, self.around);
-        walk::<L, false>(&self.top, self.rays.top_root, &slabs, most, &mut objects) < 0.0
+        let slabs = Slabs::<L>::new(objects.origin, objects.direction, self.around);
+        walk::<L, false>(&self.top, self.rays.top_root, &slabs, most, objects) < 0.0
     }
 
     #[inline(always)]
@@ -331,6 +370,8 @@ struct AnyObject<'a, L> {
     about: &'a LightRaysAbout<'a>,
     origin: Vec3,
     direction: Vec3,
+    /// The share of light that passes transparent surfaces; `None` if they are met or not.
+    passed: Option<f32>,
     lanes: std::marker::PhantomData<L>,
 }
 
@@ -342,8 +383,11 @@ impl<L: Lanes> Leaves for AnyObject<'_, L> {
         };
         let LightRays { trees, cutouts, .. } = self.about.rays;
         let instance = object.instance;
-        let mut triangles = AnyTriangle { trees, cutouts, ray, instance, lanes: self.lanes };
-        walk::<L, false>(&trees.nodes, object.root.reference, &slabs, limit, &mut triangles)
+        let mut triangles =
+            AnyTriangle { trees, cutouts, ray, instance, passed: self.passed, lanes: self.lanes };
+        let limit = walk::<L, false>(&trees.nodes, object.root.reference, &slabs, limit, &mut triangles);
+        self.passed = triangles.passed;
+        limit
     }
 }
 
@@ -353,6 +397,7 @@ struct AnyTriangle<'a, L> {
     cutouts: &'a Cutouts,
     ray: Shear,
     instance: u32,
+    passed: Option<f32>,
     lanes: std::marker::PhantomData<L>,
 }
 
@@ -366,7 +411,14 @@ impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
         }
         let ids = &self.trees.ids[leaf as usize];
         let weights = Weights::new(met.area.to_array(), [met.parts[0].to_array(), met.parts[1].to_array()]);
-        if weights.any_stops(met.hit, block, ids, self.instance, self.cutouts) { -1.0 } else { limit }
+        let is_stopped = match &mut self.passed {
+            None => weights.any_stops(met.hit, block, ids, self.instance, self.cutouts),
+            Some(passed) => {
+                *passed *= weights.passed(met.hit, block, ids, self.instance, self.cutouts);
+                *passed == 0.0
+            }
+        };
+        if is_stopped { -1.0 } else { limit }
     }
 }
 
@@ -442,6 +494,18 @@ impl Weights {
     fn of(&self, lane: usize, block: &Block) -> [f32; 2] {
         let weights = [self.parts[0][lane] / self.area[lane], self.parts[1][lane] / self.area[lane]];
         if block.mirrored >> lane & 1 == 1 { [weights[1], weights[0]] } else { weights }
+    }
+
+    /// The share of light that passes hit triangles, all of which have alpha.
+    #[inline(never)]
+    fn passed(&self, hit: u32, block: &Block, ids: &Ids, instance: u32, cutouts: &Cutouts) -> f32 {
+        let lanes = (0..LANES).filter(|lane| hit >> lane & 1 == 1);
+        lanes
+            .map(|lane| {
+                let [beta, gamma] = self.of(lane, block);
+                1.0 - cutouts.coverage(resolved(ids[lane], instance), beta, gamma)
+            })
+            .product()
     }
 
     /// Whether a hit triangle is opaque there.

@@ -1,16 +1,21 @@
-//! Alpha tests on the CPU, as in `scene/src/texture.rs`: level 0, bilinear.
+//! Alpha on the CPU, as in `scene/src/texture.rs`: level 0, bilinear.
 
 use std::sync::Arc;
 
 use argus_scene::texture::{MipChain, transform_uv};
+use argus_scene::transparency::{is_met, transparent_meshes};
 use argus_scene::{Scene, TextureRef};
 use glam::{Vec2, Vec4};
 
-/// Textures and coordinates for alpha tests.
+/// Textures and coordinates for alpha.
 pub(crate) struct Cutouts {
     scene: Arc<Scene>,
-    /// One entry a texture that is the base colour of a cut-out.
+    /// One entry a texture that is the base colour of a cut-out or a blended surface.
     textures: Vec<Option<MipChain>>,
+    /// Whether some surface hides only a part of what is behind it.
+    pub(crate) has_transparent: bool,
+    /// The share of what is behind it that a surface must hide for packets to meet it: all, or anything.
+    pub(super) least: f32,
 }
 
 impl Cutouts {
@@ -22,14 +27,24 @@ impl Cutouts {
                 *slot = Some(MipChain::first_level(texture));
             }
         }
-        Self { scene: Arc::clone(scene), textures }
+        let has_transparent = transparent_meshes(scene).contains(&true);
+        Self { scene: Arc::clone(scene), textures, has_transparent, least: 1.0 }
     }
 
-    /// Whether a ray passes through a triangle, by instance and index, at the weights of its second and third corner.
-    pub(crate) fn let_through(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> bool {
+    /// Whether a ray that brings one surface passes through a triangle, by instance and index, at the weights of its second
+    /// and third corner.
+    pub(crate) fn let_through(&self, ids: [u32; 2], beta: f32, gamma: f32) -> bool {
+        !is_met(self.coverage(ids, beta, gamma), ids, [beta, gamma])
+    }
+
+    /// The share of what is behind a triangle that it hides, by instance and index, at the weights of its second and third
+    /// corner.
+    pub(crate) fn coverage(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> f32 {
         let mesh = &self.scene.meshes[self.scene.instances[instance as usize].mesh as usize];
         let material = &self.scene.materials[mesh.material as usize];
-        let Some(cutoff) = material.alpha_cutoff() else { return false };
+        if material.alpha_cutoff().is_none() {
+            return 1.0;
+        }
         let first = 3 * primitive as usize;
         let corners = [0, 1, 2].map(|i| mesh.indices[first + i] as usize);
         let weights = [1.0 - beta - gamma, beta, gamma];
@@ -46,8 +61,7 @@ impl Cutouts {
             };
             alpha *= texture.alpha(transform_uv(&reference, uv));
         }
-        // NaN passes, as in visibility.wgsl.
-        !(alpha >= cutoff)
+        material.coverage(alpha)
     }
 
     fn texture(&self, reference: Option<TextureRef>) -> Option<(TextureRef, &MipChain)> {

@@ -71,6 +71,13 @@ impl PacketTracer {
         Self { hierarchy, cutouts: Arc::new(Cutouts::new(scene)), near }
     }
 
+    /// The same, where packets meet surfaces that hide any part of what is behind them, too.
+    pub(crate) fn meeting_any(scene: &Arc<Scene>, placements: &[Placement], near: f32) -> Self {
+        let mut cutouts = Cutouts::new(scene);
+        cutouts.least = f32::MIN_POSITIVE;
+        Self { cutouts: Arc::new(cutouts), ..Self::new(scene, placements, near) }
+    }
+
     /// The hierarchy.
     pub(crate) fn hierarchy(&self) -> &Hierarchy {
         &self.hierarchy

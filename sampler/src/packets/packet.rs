@@ -281,7 +281,8 @@ impl<L: Lanes, const V: usize> Packet<L, V> {
     }
 }
 
-/// Which rays that hit a cut-out pass through it, by the volumes at its edges.
+/// Which rays that hit a cut-out or a blended surface see through it, by the volumes at its edges. What a transparent surface
+/// hides in part is found apart: `layers.rs`.
 #[inline(never)]
 fn seen_through(
     rays: u32,
@@ -298,7 +299,7 @@ fn seen_through(
         if triangle.flags & flags::MIRRORED != 0 {
             (beta, gamma) = (gamma, beta);
         }
-        through |= u32::from(cutouts.let_through([ids[0] - 1, ids[1]], beta, gamma)) << lane;
+        through |= u32::from(cutouts.coverage([ids[0] - 1, ids[1]], beta, gamma) < cutouts.least) << lane;
     }
     through
 }

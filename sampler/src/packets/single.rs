@@ -35,8 +35,30 @@ const SLACK: f64 = 1.0 + 1e-12;
 
 impl PacketTracer {
     /// The nearest hit at 0 < t < `most`. Rays pass through transparent parts of cut-outs and through the back of
-    /// single-sided triangles. `None` for a ray that is not finite or has no direction.
+    /// single-sided triangles, and meet transparent surfaces as often as their alpha says. `None` for a ray that is not
+    /// finite or has no direction.
     pub(crate) fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Hit> {
+        self.first(origin, direction, most, |hit| {
+            let [beta, gamma] = hit.weights.map(|weight| weight as f32);
+            !self.cutouts.let_through([hit.instance, hit.primitive], beta, gamma)
+        })
+    }
+
+    /// The share of what is behind a hit that it hides.
+    pub(crate) fn coverage(&self, hit: &Hit) -> f32 {
+        let [beta, gamma] = hit.weights.map(|weight| weight as f32);
+        self.cutouts.coverage([hit.instance, hit.primitive], beta, gamma)
+    }
+
+    /// The nearest hit like [`Self::nearest`], where `stops` says which hits of triangles with alpha count. It is asked for
+    /// each such triangle before the nearest hit so far, in no order.
+    pub(crate) fn first(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        most: f64,
+        mut stops: impl FnMut(&Hit) -> bool,
+    ) -> Option<Hit> {
         if !(origin.is_finite() && direction.is_finite() && direction != DVec3::ZERO) {
             return None;
         }
@@ -48,7 +70,7 @@ impl PacketTracer {
             let (origin, direction) = (m * (origin - placed.origin), m * direction);
             let ray = Ray { origin, direction, inverse: safe_inverse(direction) };
             let root = self.hierarchy.objects[placed.object as usize].root;
-            if let Some(hit) = self.nearest_in(&ray, root, placed.instance, limit) {
+            if let Some(hit) = self.first_in(&ray, root, placed.instance, limit, &mut stops) {
                 nearest = Some(hit);
             }
             nearest.map_or(most, |hit| hit.t)
@@ -56,7 +78,14 @@ impl PacketTracer {
         nearest
     }
 
-    fn nearest_in(&self, ray: &Ray, root: u32, instance: u32, most: f64) -> Option<Hit> {
+    fn first_in(
+        &self,
+        ray: &Ray,
+        root: u32,
+        instance: u32,
+        most: f64,
+        stops: &mut impl FnMut(&Hit) -> bool,
+    ) -> Option<Hit> {
         let nodes = &self.hierarchy.nodes;
         let (mut nearest, mut limit) = (None, most);
         // Deep enough for four billion triangles in a tree three times as deep as a balanced one.
@@ -69,7 +98,7 @@ impl PacketTracer {
             if node.count > 0 {
                 let range = node.first as usize..(node.first + node.count) as usize;
                 for triangle in &self.hierarchy.triangles[range] {
-                    if let Some(hit) = self.meet(ray, triangle, instance, limit) {
+                    if let Some(hit) = meet(ray, triangle, instance, limit, stops) {
                         limit = hit.t;
                         nearest = Some(hit);
                     }
@@ -111,38 +140,39 @@ impl PacketTracer {
             }
         }
     }
+}
 
-    /// Möller and Trumbore's test ("Fast, Minimum Storage Ray/Triangle Intersection", 1997), in f64.
-    fn meet(&self, ray: &Ray, triangle: &Triangle, instance: u32, most: f64) -> Option<Hit> {
-        let [a, b, c] = [triangle.a, triangle.b, triangle.c].map(|p| Vec3::from_array(p).as_dvec3());
-        let (e1, e2, from_a) = (b - a, c - a, ray.origin - a);
-        let p = ray.direction.cross(e2);
-        let determinant = e1.dot(p);
-        let one_sided = triangle.flags & flags::ONE_SIDED != 0;
-        if determinant == 0.0 || (one_sided && determinant < 0.0) {
-            return None;
-        }
-        let inverse = determinant.recip();
-        let beta = from_a.dot(p) * inverse;
-        let q = from_a.cross(e1);
-        let gamma = ray.direction.dot(q) * inverse;
-        let t = e2.dot(q) * inverse;
-        // NaN fails.
-        if !(beta >= 0.0 && gamma >= 0.0 && beta + gamma <= 1.0 && t > 0.0 && t < most) {
-            return None;
-        }
-        let probe_bindings = triangle.flags & flags::MIRRORED != 0;
-        let weights = if probe_bindings { [gamma, beta] } else { [beta, gamma] };
-        let instance = if triangle.instance == OF_OBJECT { instance } else { triangle.instance };
-        let ids = [instance, triangle.primitive];
-        if triangle.flags & flags::CUTOUT != 0
-            && self.cutouts.let_through(ids, weights[0] as f32, weights[1] as f32)
-        {
-            return None;
-        }
-        // Corners of a mirrored triangle are stored exchanged, so that its front face matches the mesh's.
-        Some(Hit { instance, primitive: triangle.primitive, t, weights, front: determinant > 0.0 })
+/// Möller and Trumbore's test ("Fast, Minimum Storage Ray/Triangle Intersection", 1997), in f64.
+fn meet(
+    ray: &Ray,
+    triangle: &Triangle,
+    instance: u32,
+    most: f64,
+    stops: &mut impl FnMut(&Hit) -> bool,
+) -> Option<Hit> {
+    let [a, b, c] = [triangle.a, triangle.b, triangle.c].map(|p| Vec3::from_array(p).as_dvec3());
+    let (e1, e2, from_a) = (b - a, c - a, ray.origin - a);
+    let p = ray.direction.cross(e2);
+    let determinant = e1.dot(p);
+    let one_sided = triangle.flags & flags::ONE_SIDED != 0;
+    if determinant == 0.0 || (one_sided && determinant < 0.0) {
+        return None;
     }
+    let inverse = determinant.recip();
+    let beta = from_a.dot(p) * inverse;
+    let q = from_a.cross(e1);
+    let gamma = ray.direction.dot(q) * inverse;
+    let t = e2.dot(q) * inverse;
+    // NaN fails.
+    if !(beta >= 0.0 && gamma >= 0.0 && beta + gamma <= 1.0 && t > 0.0 && t < most) {
+        return None;
+    }
+    // Corners of a mirrored triangle are stored exchanged, so that its front face matches the mesh's.
+    let mirrored = triangle.flags & flags::MIRRORED != 0;
+    let weights = if mirrored { [gamma, beta] } else { [beta, gamma] };
+    let instance = if triangle.instance == OF_OBJECT { instance } else { triangle.instance };
+    let hit = Hit { instance, primitive: triangle.primitive, t, weights, front: determinant > 0.0 };
+    (triangle.flags & flags::CUTOUT == 0 || stops(&hit)).then_some(hit)
 }
 
 impl Ray {

@@ -3,6 +3,7 @@
 mod add_direct;
 mod add_reflections;
 mod adopt_maps;
+mod blend;
 mod blur_probes;
 mod choose_receivers;
 mod cull_vpls;
@@ -39,6 +40,7 @@ use crate::tile::Tile;
 pub(crate) use add_direct::AddDirect;
 pub(crate) use add_reflections::AddReflections;
 pub(crate) use adopt_maps::AdoptMaps;
+pub(crate) use blend::{Blend, Placed, Shaded};
 pub(crate) use blur_probes::{BlurProbes, ProbePlanes};
 pub(crate) use choose_receivers::{BlockUniform, ChooseReceivers, OF_BLOCK};
 pub(crate) use cull_vpls::CullVpls;

@@ -15,7 +15,7 @@ use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::{ProbeBindings, ProbePrograms, ProbeRenderer};
 use crate::reflected_light::ReflectedScene;
 use crate::resident::{GuideUse, Resident};
-use crate::tile::tiles;
+use crate::tile::{Tile, tiles};
 use crate::view_reflections::ViewReflections;
 use crate::{SamplerKnobs, timing};
 
@@ -165,10 +165,19 @@ impl GpuSampler {
             return;
         }
         let begin = Instant::now();
-        let tracer = self.visibility.prepare_packets(&self.resident);
-        // One ray a pixel.
-        let ids =
-            || tiles(faces, 1).iter().flat_map(|tile| tracer.trace(view.camera.eye, &tile.rays())).collect();
+        let (visibility, resident) = (&mut self.visibility, &self.resident);
+        visibility.prepare_packets(resident);
+        // One ray a pixel. Reflectors may be transparent.
+        let ids = || {
+            let of_tile = |tile: &Tile| {
+                let (eye, rays) = (view.camera.eye, tile.rays());
+                let layers = visibility.layers_of_tile(resident, eye, &rays);
+                let ids = visibility.prepare_packets(resident).trace(eye, &rays);
+                let layered = layers.iter().flat_map(|ray| ray.layers.iter().map(|layer| layer.surface.ids));
+                ids.into_iter().chain(layered.collect::<Vec<_>>())
+            };
+            tiles(faces, 1).iter().flat_map(of_tile).collect()
+        };
         scene.maps = views.see((&reflected.found_by, &self.scene), (view, scene.time_secs), ids);
         if scene.maps.is_some() {
             timing::add_since(&mut scene.stages, "reflection points", begin);

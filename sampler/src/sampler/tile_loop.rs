@@ -9,7 +9,8 @@ use argus_shaders::layout::sampler::Rays;
 use bytes::Bytes;
 use glam::DVec3;
 
-use super::probes::{ReflectFrom, SurfaceProgram, SurfacePrograms};
+use super::part_shading::{Layered, PartShading};
+use super::probes::ReflectFrom;
 use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightSharing};
@@ -81,7 +82,7 @@ impl Part {
         }
     }
 
-    fn context<'a>(
+    pub(super) fn context<'a>(
         &'a self,
         gpu: &'a Arc<Gpu>,
         resident: &'a Resident,
@@ -119,6 +120,8 @@ pub(super) enum Output<'a> {
 pub(super) struct RenderedPart {
     pub(super) submitted: Submitted,
     pixels: Option<PendingReadback>,
+    /// Ranges of pixels that show a transparent surface: index, metres.
+    ranges: Vec<(u32, f32)>,
 }
 
 impl GpuSampler {
@@ -182,7 +185,7 @@ impl GpuSampler {
             let mut finished = rendered.submitted.wait()?;
             timing::add(&mut scene.stages, std::mem::take(&mut finished.stages));
             if let (Some(part), Some(pixels)) = (done.next(), rendered.pixels) {
-                place(part, finished.take(pixels));
+                place(part, with_ranges(finished.take(pixels), &rendered.ranges));
             }
             Ok(())
         })
@@ -196,10 +199,9 @@ impl GpuSampler {
         output: Output<'_>,
         cancel: &Cancel,
     ) -> Result<RenderedPart, RenderError> {
+        let layers = self.layers_of(part, output, scene);
         let ReadyScene { eye, backend, stages, lighting, reflections, maps, .. } = scene;
         let defers = matches!(reflections, ReflectFrom::View(_));
-        let SurfaceProgram { shade, shade_sample, resolve, probe_bindings } =
-            self.surface_programs.of(*reflections);
         let (label, extras) = match output {
             Output::Texels(_) => {
                 let (gloss, reflectors) = (self.glossy, *reflections != ReflectFrom::Nothing);
@@ -225,32 +227,39 @@ impl GpuSampler {
                 LightSharing::Pixels
             }
         };
-        let mut pixels = None;
+        let mut shading = PartShading {
+            programs: &mut self.surface_programs,
+            lights: (&self.direct, &mut self.indirect),
+            lighting,
+            reflections: *reflections,
+            maps: maps.as_ref(),
+            blend: self.blend.as_ref(),
+            cancel,
+        };
+        let over = Layered { layers: &layers, scratch: &mut self.layer_scratch, extras };
+        let (mut pixels, mut ranges) = (None, Vec::new());
         match output {
             Output::Texels(planes) => {
                 let sharing = LightSharing::Texels { side: context.tile.side };
                 texels = context.tile.of_texels();
                 let context = context.of_texels(&texels);
-                shade_sample.record(&mut commands, &context, probe_bindings);
-                let lights = (&self.direct, &mut self.indirect);
-                (commands, arriving) = add_light(lights, commands, &context, (sharing, false), stages)?;
+                (commands, arriving) = shading.texels(commands, &context, sharing, stages)?;
+                commands =
+                    shading.blend(commands, (part, sharing), (&context, arriving.as_ref()), over, stages)?;
+                let resolve = self.surface_programs.of(*reflections).resolve;
                 resolve.record(&mut commands, &context, &self.knobs, planes, arriving.as_ref());
             }
             Output::Color => {
-                shade.record(&mut commands, &context, probe_bindings);
-                let SurfacePrograms { of_views, reflected, .. } = &mut self.surface_programs;
-                if let (true, Some(views), Some(reflected)) = (defers, of_views, reflected) {
-                    let from = (&reflected.found_by, maps.as_ref());
-                    let lit = ((&self.direct, &mut self.indirect), &*lighting);
-                    commands = views.add(commands, &context, from, lit, cancel, stages)?;
-                }
-                let lights = (&self.direct, &mut self.indirect);
-                (commands, _) = add_light(lights, commands, &context, (sharing, true), stages)?;
+                commands = shading.view(commands, &context, sharing, stages)?;
+                commands = shading.blend(commands, (part, sharing), (&context, None), over, stages)?;
                 pixels = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
             }
-            Output::Range => pixels = Some(self.resolve_view.record_range(&mut commands, &context)),
+            Output::Range => {
+                pixels = Some(self.resolve_view.record_range(&mut commands, &context));
+                ranges = layers.iter().filter_map(|ray| Some((ray.at, ray.shown()?.1 as f32))).collect();
+            }
         }
-        Ok(RenderedPart { submitted: commands.submit(), pixels })
+        Ok(RenderedPart { submitted: commands.submit(), pixels, ranges })
     }
 
     /// Runs other work between two parts of a job. Its time is none of the job's.
@@ -298,6 +307,20 @@ pub(crate) fn add_light(
         commands = light.add(commands, context, sharing, stages)?;
     }
     Ok((commands, arriving))
+}
+
+/// Bytes of ranges, an f32 a pixel, with some replaced.
+fn with_ranges(pixels: Bytes, ranges: &[(u32, f32)]) -> Bytes {
+    if ranges.is_empty() {
+        return pixels;
+    }
+    let mut pixels = Vec::from(pixels);
+    for &(at, range) in ranges {
+        if let Some(bytes) = pixels.as_chunks_mut::<4>().0.get_mut(at as usize) {
+            *bytes = range.to_le_bytes();
+        }
+    }
+    pixels.into()
 }
 
 /// Waits for submissions and adds the times of their stages.

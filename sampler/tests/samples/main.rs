@@ -17,4 +17,5 @@ mod rooms;
 mod sight;
 mod small_scene;
 mod texels;
+mod transparency;
 mod visibility;

@@ -14,6 +14,7 @@ pub(super) const MIRRORS: &[Mirror] = &[
     PlacedTree::MIRROR,
     ResolveSample::MIRROR,
     ResolveView::MIRROR,
+    Blend::MIRROR,
     Vpl::MIRROR,
     VplNode::MIRROR,
     Gathering::MIRROR,
@@ -199,6 +200,20 @@ mirror! {
         pub side: u32,
         /// Factor from radiance to display-linear.
         pub exposure: f32,
+    }
+}
+
+mirror! {
+    /// Uniform of `sampler/blend.wgsl`.
+    pub struct Blend {
+        /// Columns and rows of the layer's image.
+        pub size: [u32; 2],
+        /// Its first element in the image that it is blended over.
+        pub offset: [u32; 2],
+        /// Columns of that image.
+        pub stride: u32,
+        /// Fills the struct's size up.
+        pub _pad: u32,
     }
 }
 
