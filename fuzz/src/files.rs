@@ -14,6 +14,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("scene.obj", include_bytes!("../corpus/loaders/scene.obj").to_vec()),
         ("faces.obj", include_bytes!("../corpus/loaders/faces.obj").to_vec()),
         ("ascii.ply", include_bytes!("../corpus/loaders/ascii.ply").to_vec()),
+        ("faces-first.ply", include_bytes!("../corpus/loaders/faces-first.ply").to_vec()),
         ("binary.ply", binary_ply("little", f32::to_le_bytes, i32::to_le_bytes)),
         ("big-endian.ply", binary_ply("big", f32::to_be_bytes, i32::to_be_bytes)),
         ("scene.gltf", include_bytes!("../corpus/loaders/scene.gltf").to_vec()),
@@ -84,7 +85,9 @@ pub fn environments() -> Vec<Vec<u8>> {
         let _ = image.write_to(&mut Cursor::new(&mut bytes), format);
         bytes
     };
-    vec![file(ImageFormat::Hdr), file(ImageFormat::OpenExr)]
+    let mut exposed = b"#?RADIANCE\nEXPOSURE=2\nCOLORCORR=1 2 1\nPRIMARIES=1\n\n-Y 1 +X 2\n".to_vec();
+    exposed.extend([128; 8]);
+    vec![file(ImageFormat::Hdr), file(ImageFormat::OpenExr), exposed]
 }
 
 /// Reads an environment map. What it makes of any bytes must be finite.

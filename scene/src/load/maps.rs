@@ -21,6 +21,7 @@ const PARTLY: RangeInclusive<u8> = 16..=239;
 const FAIR_SHARE: (f64, f64) = (0.2, 2.0);
 
 /// Decoded images by the names of their files, and the textures made of them.
+#[derive(Default)]
 pub(super) struct Maps {
     images: BTreeMap<String, Pixels>,
     pub(super) textures: Vec<Texture>,
@@ -28,6 +29,10 @@ pub(super) struct Maps {
     made: HashMap<String, u32>,
     /// Bytes that may still be composed.
     left: u64,
+    /// What has been found out of textures' alpha.
+    alpha: HashMap<u32, AlphaMode>,
+    /// Whether images are masks in their alpha, by name.
+    alpha_masks: HashMap<String, bool>,
 }
 
 /// How a texture reads an image.
@@ -64,7 +69,7 @@ impl Maps {
         }
         let bytes: u64 = images.values().map(|pixels| pixels.rgba.len() as u64).sum();
         let left = bytes.saturating_mul(MOST_COMPOSED.0).saturating_add(MOST_COMPOSED.1);
-        Self { images, textures: Vec::new(), made: HashMap::new(), left }
+        Self { images, left, ..Self::default() }
     }
 
     /// An image by the name of its file, if it could be decoded.
@@ -115,22 +120,40 @@ impl Maps {
 
     /// The meaning of a texture's alpha: none if it is opaque, a cut-out if it is hardly anywhere partly transparent, else
     /// blending.
-    pub(super) fn alpha(&self, texture: u32) -> AlphaMode {
-        let (mut all, mut partly, mut solid, mut is_opaque) = (0u64, 0u64, 0u64, true);
-        for texel in self.textures[texture as usize].rgba.chunks_exact(4) {
-            all += 1;
-            is_opaque &= texel[3] == 255;
-            partly += u64::from(PARTLY.contains(&texel[3]));
-            solid += u64::from(texel[3] > *PARTLY.end());
-        }
-        let (of_all, of_solid) = (FAIR_SHARE.0 * all as f64, FAIR_SHARE.1 * solid as f64);
-        if is_opaque {
-            AlphaMode::Opaque
-        } else if partly as f64 > of_all.min(of_solid) {
-            AlphaMode::Blend
-        } else {
-            AlphaMode::Mask(0.5)
-        }
+    pub(super) fn alpha(&mut self, texture: u32) -> AlphaMode {
+        *self.alpha.entry(texture).or_insert_with(|| alpha_of(&self.textures[texture as usize].rgba))
+    }
+
+    /// Whether an image is a mask in its alpha: it varies, or nothing else does and it is not opaque.
+    pub(super) fn is_alpha_mask(&mut self, name: &str) -> bool {
+        let Some(pixels) = self.images.get(name) else { return false };
+        *self.alpha_masks.entry(name.to_owned()).or_insert_with(|| {
+            let first = &pixels.rgba[..4];
+            let (mut alpha_varies, mut color_varies) = (false, false);
+            for texel in pixels.rgba.chunks_exact(4) {
+                alpha_varies |= texel[3] != first[3];
+                color_varies |= texel[..3] != first[..3];
+            }
+            alpha_varies || (!color_varies && first[3] < 255)
+        })
+    }
+}
+
+fn alpha_of(rgba: &[u8]) -> AlphaMode {
+    let (mut all, mut partly, mut solid, mut is_opaque) = (0u64, 0u64, 0u64, true);
+    for texel in rgba.chunks_exact(4) {
+        all += 1;
+        is_opaque &= texel[3] == 255;
+        partly += u64::from(PARTLY.contains(&texel[3]));
+        solid += u64::from(texel[3] > *PARTLY.end());
+    }
+    let (of_all, of_solid) = (FAIR_SHARE.0 * all as f64, FAIR_SHARE.1 * solid as f64);
+    if is_opaque {
+        AlphaMode::Opaque
+    } else if partly as f64 > of_all.min(of_solid) {
+        AlphaMode::Blend
+    } else {
+        AlphaMode::Mask(0.5)
     }
 }
 

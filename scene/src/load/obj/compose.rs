@@ -53,19 +53,6 @@ impl Layer {
         (self.reference.base + self.reference.gain * value).clamp(0.0, 1.0)
     }
 
-    /// Whether a mask is in the image's alpha: it varies, or nothing else does and it is not opaque.
-    fn is_alpha_mask(&self) -> bool {
-        let rgba = &self.placed.pixels.rgba;
-        let mut texels = rgba.chunks_exact(4);
-        let Some(first) = texels.next() else { return false };
-        let (mut alpha_varies, mut color_varies) = (false, false);
-        for texel in texels {
-            alpha_varies |= texel[3] != first[3];
-            color_varies |= texel[..3] != first[..3];
-        }
-        alpha_varies || (!color_varies && first[3] < 255)
-    }
-
     /// Reads a scalar from a texel: the channel that the statement names, else luminance.
     fn scalar(&self, default: u8) -> impl Fn(Vec4) -> f32 + '_ {
         let channel = self.reference.channel.unwrap_or(default);
@@ -133,7 +120,7 @@ pub(super) fn color(
         }),
         (None, None) => None,
         (color, Some(mask)) => {
-            let opacity = mask.scalar(if mask.is_alpha_mask() { b'm' } else { b'l' });
+            let opacity = mask.scalar(if maps.is_alpha_mask(&mask.name) { b'm' } else { b'l' });
             let layers: Vec<&Layer> = color.into_iter().chain([mask]).collect();
             over(&layers, ("masked", true), maps, warnings, |uv| {
                 let color: Vec3 = color.map_or(Vec3::ONE, |layer| rgb(layer, layer.placed.at(uv)));

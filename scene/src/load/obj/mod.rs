@@ -80,11 +80,12 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
         let next = parts.materials.len() as u32;
         let material = match defined {
             Some(defined) => {
-                let mut material = surface::convert(defined, bundle, &mut maps, warnings);
-                if !group.has_uvs && !defined.phong.maps.is_empty() {
+                let material = if group.has_uvs || defined.phong.maps.is_empty() {
+                    surface::convert(defined, bundle, &mut maps, warnings)
+                } else {
                     warnings.add(format!("material {name:?}: its textures need coordinates: shown without"));
-                    material = surface::convert(&defined.without_maps(), bundle, &mut maps, warnings);
-                }
+                    surface::convert(&defined.without_maps(), bundle, &mut maps, warnings)
+                };
                 parts.materials.push(material);
                 next
             }

@@ -37,7 +37,10 @@ pub(super) fn decode(used: &[&Defined], bundle: &Bundle, warnings: &mut Warnings
     let mut missing = BTreeMap::new();
     let mut unshown: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for Defined { folder, phong } in used {
-        for (_, reference) in &phong.maps {
+        for (kind, reference) in &phong.maps {
+            if *kind == Map::Ambient && phong.map(Map::Diffuse).is_some() {
+                continue;
+            }
             match bundle.get(folder, &reference.file) {
                 Ok((name, bytes)) => drop(files.insert(name.to_owned(), bytes.clone())),
                 Err(reason) => drop(missing.insert(reference.file.clone(), reason)),
@@ -194,7 +197,7 @@ fn set_highlight(
 ///
 /// `d` is opacity. `Tr` is its complement, but some programs write it as opacity: where it alone says that nothing is seen,
 /// it is the latter.
-fn set_opacity(material: &mut Material, phong: &Phong, maps: &Maps) {
+fn set_opacity(material: &mut Material, phong: &Phong, maps: &mut Maps) {
     let transparency = factor(phong.transparency).filter(|t| *t < 1.0);
     let stated = factor(phong.dissolve).or(transparency.map(|t| 1.0 - t));
     let opacity = beside(stated, phong.map(Map::Dissolve).is_some(), 0.0).unwrap_or(1.0);

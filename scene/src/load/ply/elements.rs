@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use super::data::{Element, Values};
+use super::data::{Element, Property, Values};
 use crate::load::Warnings;
 use crate::tone::linear_from_srgb;
 
@@ -211,7 +211,12 @@ pub(super) fn vertices(element: &Element, values: &mut Values, to: &mut Vertices
 }
 
 pub(super) fn faces(element: &Element, values: &mut Values, to: &mut Faces) -> Result<(), String> {
-    let indices = element.find_list(&INDICES).ok_or("its faces have no list of vertex_indices")?;
+    let unnamed = || {
+        let is_list = |p: &Property| p.list.is_some() && !p.scalar.is_float();
+        element.properties.iter().position(is_list)
+    };
+    let indices = element.find_list(&INDICES).or_else(unnamed);
+    let indices = indices.ok_or("its faces have no list of vertex_indices")?;
     let corner_uvs = element.find_list(&CORNER_UVS);
     let normal = element.find_three([&["nx", "normal_x"], &["ny", "normal_y"], &["nz", "normal_z"]]);
     let color = ColorReader::of(element, &mut to.colors);

@@ -107,6 +107,7 @@ const STATEMENTS: &[(&str, Expect)] = &[
     ("Kd 0 0 0\nmap_Kd color.png", Shown(|s| material(s).base_color == Vec4::ONE)),
     ("Kd 0.5 1 1\nmap_Kd color.png", Shown(|s| material(s).base_color.x == 0.5)),
     ("map_Kd rgba.png", Shown(|s| material(s).alpha == AlphaMode::Mask(0.5))),
+    ("map_Kd color.png\nmap_Ka none.png", Shown(|s| color(s) == [[200, 100, 50, 255]])),
     ("map_Ka color.png", Shown(|s| color(s) == [[200, 100, 50, 255]])),
     (
         "map_Ks color.png\nNs 30",

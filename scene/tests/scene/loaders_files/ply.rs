@@ -310,3 +310,10 @@ fn a_lost_texture_leaves_a_grey_surface_and_a_number_out_of_range_is_told() {
         wild.warnings
     );
 }
+
+#[test]
+fn alpha_that_is_zero_everywhere_was_never_set() {
+    let scene = vertex("uchar red\nuchar green\nuchar blue\nuchar alpha", "255 0 0 0").load();
+    assert_eq!((scene.materials[0].alpha, scene.meshes[0].colors[0].w), (AlphaMode::Opaque, 1.0));
+    assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("alpha"), "{:?}", scene.warnings);
+}
