@@ -3,7 +3,8 @@
 //! An [`Object`] is a tree of triangles, a [`PlacedObject`] is an instance of one, and a top-level tree finds the placed
 //! objects that a ray may hit. Static meshes with one instance, or with cheap copies, are merged into one object in world
 //! axes relative to an origin of its own. The meshes of a building overlap, so a ray would otherwise enter most of them.
-//! Meshes that move, or have many instances, are objects of their own.
+//! Meshes that move or deform, or have many instances, are objects of their own. Those that deform get new trees with
+//! each pose.
 //!
 //! obvhs builds the trees (its "medium" build: PLOC, then reinsertion). Boxes of triangles contain the f32 corners exactly.
 //! Boxes of placed objects are f64 in world space. [`Hierarchy::top_about`] rounds them outwards to f32 relative to an eye,
@@ -134,19 +135,24 @@ pub(crate) struct Hierarchy {
     merged_object: Option<PlacedObject>,
     /// Object of each mesh that is not merged; `None` for a mesh without triangles.
     object_of_mesh: BTreeMap<u32, Option<u32>>,
+    /// Number of nodes, triangles and objects of meshes that keep their shapes. Those of others are behind them.
+    lasting: [usize; 3],
+    /// Counts changes of objects.
+    pub(crate) version: u64,
 }
 
 impl Hierarchy {
     /// Builds the hierarchy over the visible instances, on all threads of rayon.
     pub(crate) fn new(scene: &Scene, placements: &[Placement]) -> Self {
         let moving = moving_nodes(scene);
+        let deforming = scene.deforming_meshes();
         let mut copies = vec![0usize; scene.meshes.len()];
         placements.iter().for_each(|p| copies[p.mesh as usize] += 1);
         let merges = |p: &Placement| {
             let node = scene.instances[p.instance as usize].node;
             let moves = node.is_some_and(|node| moving.get(node as usize).copied().unwrap_or(false));
             let added = (copies[p.mesh as usize] - 1) * scene.meshes[p.mesh as usize].triangles();
-            !moves && added <= MAX_COPIED_TRIANGLES
+            !moves && !deforming[p.mesh as usize] && added <= MAX_COPIED_TRIANGLES
         };
         let merged: Vec<Placement> = placements.iter().copied().filter(|p| merges(p)).collect();
         let origin = middle(scene, &merged);
@@ -161,6 +167,8 @@ impl Hierarchy {
             merged: vec![false; scene.instances.len()],
             merged_object: None,
             object_of_mesh: BTreeMap::new(),
+            lasting: [0; 3],
+            version: 0,
         };
         merged.iter().for_each(|p| hierarchy.merged[p.instance as usize] = true);
         hierarchy.merged_object = hierarchy.push(Tree::new(all.concat())).map(|object| PlacedObject {
@@ -169,23 +177,41 @@ impl Hierarchy {
             object_from_world: DMat3::IDENTITY,
             origin,
         });
+        hierarchy.lasting = hierarchy.lengths();
         hierarchy.pose(scene, placements);
         hierarchy
     }
 
-    /// Moves the instances that are not merged, and rebuilds the top-level tree. `placements`: all visible instances.
+    /// Numbers of nodes, triangles and objects.
+    fn lengths(&self) -> [usize; 3] {
+        [self.nodes.len(), self.triangles.len(), self.objects.len()]
+    }
+
+    /// Moves the instances of a posed scene that are not merged, and rebuilds the top-level tree and the trees of meshes that
+    /// deform. `placements`: all visible instances.
     pub(crate) fn pose(&mut self, scene: &Scene, placements: &[Placement]) {
+        let deforming = scene.deforming_meshes();
+        let [nodes, triangles, objects] = self.lasting;
+        self.nodes.truncate(nodes);
+        self.triangles.truncate(triangles);
+        self.objects.truncate(objects);
+        self.object_of_mesh.retain(|&mesh, _| !deforming[mesh as usize]);
         let apart = || placements.iter().filter(|p| !self.merged[p.instance as usize]);
         // Meshes without a tree: all of them at first; later those that a scale of zero hid until now.
         let mut missing: BTreeMap<u32, &Placement> = apart().map(|p| (p.mesh, p)).collect();
         missing.retain(|mesh, _| !self.object_of_mesh.contains_key(mesh));
-        let missing: Vec<(u32, &Placement)> = missing.into_iter().collect();
+        let mut missing: Vec<(u32, &Placement)> = missing.into_iter().collect();
+        missing.sort_by_key(|&(mesh, _)| deforming[mesh as usize]);
+        self.version += u64::from(!missing.is_empty());
         let trees: Vec<(u32, Tree)> =
             missing.par_iter().map(|&(mesh, p)| (mesh, Tree::new(own_triangles(scene, p)))).collect();
         for (mesh, tree) in trees {
             // `None` for a mesh without triangles.
             let object = self.push(tree);
             self.object_of_mesh.insert(mesh, object);
+            if !deforming[mesh as usize] {
+                self.lasting = self.lengths();
+            }
         }
         let mut placed: Vec<PlacedObject> = self.merged_object.into_iter().collect();
         for p in placements.iter().filter(|p| !self.merged[p.instance as usize]) {

@@ -112,12 +112,12 @@ impl IndirectLight {
         true
     }
 
-    /// Moves instances. Marks the light as out of date.
-    pub(crate) fn place(&mut self, placements: &[Placement]) {
+    /// Moves instances of a posed scene. Marks the light as out of date.
+    pub(crate) fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]) {
         match self {
-            Self::Vpls(light) => light.place(placements),
+            Self::Vpls(light) => light.place(scene, placements),
             Self::Points(light) => light.forget_pose(),
-            Self::Paths(light) => light.place(placements),
+            Self::Paths(light) => light.place(scene, placements),
         }
     }
 

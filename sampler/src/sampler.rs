@@ -50,11 +50,12 @@ type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler, f64);
 
 /// Renders a scene from its triangles, on one device.
 ///
-/// The scene is uploaded once. A job uploads only what depends on its camera, and the transforms of instances if its
-/// epoch differs from the last job's. After a loss of the device every job fails with [`RenderError::DeviceLost`]; make
+/// The scene is uploaded once. A job uploads only what depends on its camera, and the transforms of instances and the
+/// vertices of meshes that deform if its epoch differs from the last job's. After a loss of the device every job fails with [`RenderError::DeviceLost`]; make
 /// another sampler on another [`Gpu`].
 pub struct GpuSampler {
     gpu: Arc<Gpu>,
+    /// With its meshes in their shapes at `posed_secs`.
     scene: Arc<Scene>,
     knobs: SamplerKnobs,
     glossy: bool,
@@ -349,11 +350,18 @@ impl GpuSampler {
             return Ok(Vec::new());
         }
         let begin = Instant::now();
+        let scene = self.scene.posed(time_secs);
+        if !Arc::ptr_eq(&scene, &self.scene) {
+            self.resident.reshape(&self.gpu, &scene);
+            self.scene = scene;
+            // Its trees are those of the shapes before.
+            self.surface_programs.reflected = None;
+        }
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
-        self.visibility.pose(&self.resident);
+        self.visibility.pose(&self.gpu, &self.scene, &self.resident);
         if let Some(indirect) = &mut self.indirect {
-            indirect.place(&self.resident.instances);
+            indirect.place(&self.scene, &self.resident.instances);
         }
         if let Some(direct) = &mut self.direct {
             direct.pose(&self.scene, self.visibility.prepare_packets(&self.resident), time_secs)?;

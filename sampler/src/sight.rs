@@ -60,7 +60,8 @@ impl PacketSight {
         drop(posed);
         let mut posed = self.posed.write().unwrap_or_else(PoisonError::into_inner);
         if posed.time_secs != time_secs {
-            posed.tracer.pose(&self.scene, &solid(&self.scene, time_secs));
+            let scene = self.scene.posed(time_secs);
+            posed.tracer.pose(&scene, &solid(&scene, time_secs));
             posed.time_secs = time_secs;
         }
         ask(&posed.tracer)

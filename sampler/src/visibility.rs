@@ -37,14 +37,19 @@ impl VisibilityBackends {
         Self { scene: Arc::clone(scene), rasteriser, packets: None, layers, trace: None }
     }
 
-    /// Moves instances to their current transforms.
-    pub(crate) fn pose(&mut self, resident: &Resident) {
-        if let Some(packets) = &mut self.packets {
-            packets.pose(&self.scene, &resident.instances);
-        }
+    /// Moves instances of a posed scene to their current transforms.
+    pub(crate) fn pose(&mut self, gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident) {
+        let reshaped = !Arc::ptr_eq(scene, &self.scene);
+        self.scene = Arc::clone(scene);
         if let Some(layers) = &mut self.layers {
-            layers.pose(&self.scene, resident);
+            layers.pose(scene, resident);
         }
+        let Some(packets) = &mut self.packets else { return };
+        packets.pose(scene, &resident.instances);
+        self.trace = match self.trace.take() {
+            Some(Ok(trace)) if reshaped => Some(trace.renewed(gpu, packets.hierarchy())),
+            trace => trace,
+        };
     }
 
     /// Milliseconds of each supported backend for a tile.

@@ -13,6 +13,7 @@
 pub mod animation;
 pub mod camera;
 mod closest;
+pub mod deformation;
 pub mod effects;
 pub mod emitters;
 pub mod environment;

@@ -21,7 +21,7 @@ const ENVIRONMENT: &str = "?environment=";
 ///
 /// # Errors
 /// One line with the scene and the reason: an invalid number, one outside [`TERRAIN_TRIANGLES`], [`MIRRORS`],
-/// [`ROOMS_WALL_MM`] or [`BALLS`], an unknown addition, no room for the balls, or the error of [`load_path`] or
+/// [`ROOMS_WALL_MM`] or [`BALLS`], an unknown addition, no room for the balls, no such animation, or the error of [`load_path`] or
 /// [`load_environment`].
 pub fn open(spec: &str) -> Result<Scene, LoadError> {
     let (alone, environment) = split_environment(spec);
@@ -46,51 +46,70 @@ pub fn split_environment(spec: &str) -> (&str, Option<&str>) {
 /// Opens a scene without an environment.
 fn open_alone(spec: &str) -> Result<Scene, LoadError> {
     // A wrong number is found before a large file is read.
-    added_balls(spec)?;
+    additions(spec)?;
     with_additions(open_base(base_of(spec))?, spec)
+}
+
+/// What a name adds to a scene.
+enum Addition<'a> {
+    /// So many mirroring balls.
+    Balls(u32),
+    /// The animation that plays before others.
+    Animation(&'a str),
 }
 
 /// A scene's name without its additions: `sponza.glb` of `sponza.glb+balls:50`.
 pub fn base_of(spec: &str) -> &str {
-    split(spec).0
+    let mut base = spec;
+    while let Some((shorter, _, _)) = split(base) {
+        base = shorter;
+    }
+    base
 }
 
 /// Adds what a name says to the scene that [`base_of`] the name stands for, and gives the scene that name. Other processes
 /// open a scene file wherever they have it, and then add the same.
 ///
 /// # Errors
-/// An invalid number of balls, or no room for them.
+/// An invalid number of balls, no room for them, or no such animation.
 pub fn with_additions(base: Scene, spec: &str) -> Result<Scene, LoadError> {
-    let scene = match added_balls(spec)? {
-        None => base,
-        Some(balls) => with_balls(base, balls).ok_or_else(|| {
-            LoadError::new(spec, format!("there is no room for {balls} balls among its triangles"))
-        })?,
-    };
+    let mut scene = base;
+    for addition in additions(spec)? {
+        scene = match addition {
+            Addition::Balls(balls) => with_balls(scene, balls).ok_or_else(|| {
+                LoadError::new(spec, format!("there is no room for {balls} balls among its triangles"))
+            })?,
+            Addition::Animation(name) => scene.play(name).map_err(|reason| LoadError::new(spec, reason))?,
+        };
+    }
     // `terrain` is named with its number of triangles.
     Ok(if is_procedural(spec) { scene } else { Scene { name: spec.to_owned(), ..scene } })
 }
 
-/// A scene's name without its additions, and the number of balls as it is written.
-fn split(spec: &str) -> (&str, Option<&str>) {
-    match spec.rsplit_once('+') {
-        Some((base, "balls")) => (base, Some("")),
-        Some((base, addition)) => match addition.strip_prefix("balls:") {
-            Some(balls) => (base, Some(balls)),
-            None => (spec, None),
-        },
-        None => (spec, None),
-    }
+/// A scene's name without its last addition, the addition's kind, and what is written after the kind's colon.
+fn split(spec: &str) -> Option<(&str, &str, &str)> {
+    let (base, addition) = spec.rsplit_once('+')?;
+    let (kind, value) = addition.split_once(':').unwrap_or((addition, ""));
+    ["balls", "animation"].contains(&kind).then_some((base, kind, value))
 }
 
-/// The number of balls that a name adds.
-fn added_balls(spec: &str) -> Result<Option<u32>, LoadError> {
-    match split(spec) {
-        (base, Some(_)) if split(base).1.is_some() => {
-            Err(LoadError::new(spec, "balls can be added once: write their number in one `+balls:N`"))
+/// What a name adds, in its order; each kind once.
+fn additions(spec: &str) -> Result<Vec<Addition<'_>>, LoadError> {
+    let (mut base, mut kinds, mut found) = (spec, Vec::new(), Vec::new());
+    while let Some((shorter, kind, value)) = split(base) {
+        if kinds.contains(&kind) {
+            let reason = format!("{kind} can be added once: write one `+{kind}:`");
+            return Err(LoadError::new(spec, reason));
         }
-        (_, balls) => balls.map(|balls| number(spec, Some(balls), 0, &BALLS, "added balls")).transpose(),
+        found.push(match kind {
+            "balls" => Addition::Balls(number(spec, Some(value), 0, &BALLS, "added balls")?),
+            _ => Addition::Animation(value),
+        });
+        kinds.push(kind);
+        base = shorter;
     }
+    found.reverse();
+    Ok(found)
 }
 
 /// Opens a scene without additions.
@@ -98,7 +117,8 @@ fn open_base(spec: &str) -> Result<Scene, LoadError> {
     if let Some((base, addition)) = spec.rsplit_once('+') {
         let is_file = |path: &str| Path::new(path).exists();
         if !is_file(spec) && (is_procedural(base) || is_file(base)) {
-            let reason = format!("`+{addition}` is no addition to a scene; known is +balls:N");
+            let reason =
+                format!("`+{addition}` is no addition to a scene; known are +balls:N and +animation:NAME");
             return Err(LoadError::new(spec, reason));
         }
     }
@@ -228,7 +248,10 @@ mod tests {
         }
         for spec in ["rooms+cubes:3", "terrain:2000+ball:3", "rooms+balls:3+fog"] {
             let error = open(spec).expect_err(spec).to_string();
-            assert!(error.contains("is no addition to a scene; known is +balls:N"), "{error}");
+            assert!(
+                error.contains("is no addition to a scene; known are +balls:N and +animation:NAME"),
+                "{error}"
+            );
         }
         let twice = open("rooms+balls:3+balls:4").unwrap_err().to_string();
         assert!(twice.contains("added once"), "{twice}");

@@ -7,6 +7,7 @@ use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 use serde::{Deserialize, Serialize};
 
 use crate::animation::{Animation, Node};
+use crate::deformation::Deformation;
 use crate::{Camera, Lighting, Material, Texture};
 
 /// BLAKE3 over the scene's whole bundle of files (or, for a generated scene, its name and version).
@@ -91,6 +92,8 @@ pub struct Mesh {
     pub indices: Vec<u32>,
     /// Index into [`Scene::materials`].
     pub material: u32,
+    /// How its vertices move, if they may; their shape here is that of time zero, or of [`Scene::posed`].
+    pub deformation: Option<Arc<Deformation>>,
 }
 
 impl Mesh {

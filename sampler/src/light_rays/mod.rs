@@ -60,6 +60,8 @@ pub(crate) struct RayHit {
 #[derive(Clone)]
 pub(crate) struct LightRays {
     trees: Trees,
+    /// The version of the hierarchy that the trees are of.
+    version: u64,
     faces: Faces,
     /// The top tree over [`Self::placed`]; its boxes are set by [`Self::about`].
     top: Vec<Node>,
@@ -90,6 +92,7 @@ impl LightRays {
     pub(crate) fn new(tracer: &PacketTracer, faces: Faces) -> Option<Self> {
         let mut rays = Self {
             trees: Trees::new(tracer.hierarchy(), faces)?,
+            version: tracer.hierarchy().version,
             faces,
             top: Vec::new(),
             top_root: UNUSED,
@@ -102,12 +105,13 @@ impl LightRays {
     }
 
     /// Takes over the pose of the packet tracer, which has been posed before. Only the top tree is rebuilt, unless meshes
-    /// are visible now that never were. Returns `None`, and must not be used any more, if a tree is too large or too deep.
+    /// are visible now that never were, or deform. Returns `None`, and must not be used any more, if a tree is too large or too deep.
     #[must_use]
     #[allow(dead_code, reason = "for the light of scenes that move")]
     pub(crate) fn pose(&mut self, tracer: &PacketTracer) -> Option<()> {
-        if tracer.hierarchy().objects.len() != self.trees.roots.len() {
+        if tracer.hierarchy().version != self.version {
             self.trees = Trees::new(tracer.hierarchy(), self.faces)?;
+            self.version = tracer.hierarchy().version;
         }
         self.place(tracer)
     }

@@ -70,6 +70,19 @@ impl Trace {
         })
     }
 
+    /// Uploads another hierarchy of the same scene, and keeps the pipelines.
+    ///
+    /// # Errors
+    /// Why this device cannot trace it.
+    pub(crate) fn renewed(self, gpu: &Gpu, hierarchy: &Hierarchy) -> Result<Self, String> {
+        let new = Self::new(gpu, hierarchy, self.near)?;
+        // The pipelines of opaque triangles are compiled for whether there are cut-outs.
+        match new.cutouts.is_some() == self.cutouts.is_some() {
+            true => Ok(Self { opaque: self.opaque, cutouts: self.cutouts, ..new }),
+            false => Ok(new),
+        }
+    }
+
     /// Fills the visibility buffer. Sky is 0.
     ///
     /// # Errors

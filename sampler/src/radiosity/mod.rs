@@ -149,8 +149,8 @@ impl Radiosity {
     }
 
     /// Moves instances. Marks the light as out of date.
-    pub(crate) fn place(&mut self, placements: &[Placement]) {
-        self.surfaces.place(placements);
+    pub(crate) fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]) {
+        self.surfaces.place(scene, placements);
         self.octree = None;
         self.lit = None;
     }

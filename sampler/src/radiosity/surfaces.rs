@@ -41,12 +41,13 @@ impl Surfaces {
     pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement]) -> Self {
         let mut surfaces =
             Self { scene: Arc::clone(scene), textures: mip_chains(scene), placements: Vec::new() };
-        surfaces.place(placements);
+        surfaces.place(scene, placements);
         surfaces
     }
 
-    /// Moves instances.
-    pub(crate) fn place(&mut self, placements: &[Placement]) {
+    /// Moves instances of a posed scene.
+    pub(crate) fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]) {
+        self.scene = Arc::clone(scene);
         self.placements = vec![None; self.scene.instances.len()];
         for placement in placements {
             self.placements[placement.instance as usize] = Some(*placement);

@@ -27,6 +27,8 @@ pub(super) struct Arena {
 pub(crate) struct MeshRun {
     pub(crate) first_index: u32,
     pub(crate) first_vertex: u32,
+    /// First record of its vertices' attributes.
+    pub(super) first_attribute: u32,
     /// Consecutive triangles. Empty for a mesh without instances.
     pub(crate) chunks: Vec<Chunk>,
     /// Box around all chunks.
@@ -52,7 +54,7 @@ impl Arena {
         (arena, runs)
     }
 
-    fn push(&mut self, mesh: &Mesh, used: bool) -> MeshRun {
+    pub(super) fn push(&mut self, mesh: &Mesh, used: bool) -> MeshRun {
         let has = |attribute: usize| used && attribute > 0 && attribute >= mesh.positions.len();
         let (uv, color, tangent) = (has(mesh.uvs.len()), has(mesh.colors.len()), has(mesh.tangents.len()));
         let records = u32::from(uv || color || tangent) + u32::from(tangent);
@@ -65,6 +67,7 @@ impl Arena {
         let mut run = MeshRun {
             first_index,
             first_vertex,
+            first_attribute: self.attributes.len() as u32,
             chunks: Vec::new(),
             whole: Chunk { first_triangle: 0, triangles: 0, middle: DVec3::ZERO, half: DVec3::ZERO },
         };

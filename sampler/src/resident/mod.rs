@@ -1,4 +1,4 @@
-//! The scene on the device. It is uploaded once; instances are moved for each epoch.
+//! The scene on the device. It is uploaded once; instances are moved, and meshes deformed, for each epoch.
 
 mod geometry;
 mod materials;
@@ -188,6 +188,23 @@ impl Resident {
         })
     }
 
+    /// Uploads the vertices of the meshes of a posed scene that deform.
+    pub(crate) fn reshape(&mut self, gpu: &Gpu, scene: &Scene) {
+        let deforming = scene.deforming_meshes();
+        for (at, mesh) in scene.meshes.iter().enumerate().filter(|(at, _)| deforming[*at]) {
+            let run = &mut self.runs[at];
+            let mut arena = geometry::Arena::default();
+            let shaped = arena.push(mesh, !run.chunks.is_empty());
+            let write = |to: &wgpu::Buffer, first: u32, records: &[[u32; 4]]| {
+                let offset = u64::from(first) * size_of::<[u32; 4]>() as u64;
+                gpu.queue.write_buffer(to, offset, bytemuck::cast_slice(records));
+            };
+            write(&self.vertices, run.first_vertex, &arena.vertices);
+            write(&self.attributes, run.first_attribute, &arena.attributes);
+            (run.chunks, run.whole) = (shaped.chunks, shaped.whole);
+        }
+    }
+
     /// Moves instances. Triangles, materials and textures stay.
     pub(crate) fn place(&mut self, scene: &Scene, instances: &[Instance]) {
         self.instances = placements(scene, instances, |mesh| is_filled(&self.runs[mesh]));
@@ -220,6 +237,9 @@ pub(crate) fn upload<T: NoUninit + Zeroable>(
     })
 }
 
+/// Inverse scale at which an instance counts as shrunk to nothing.
+const MOST_SHRUNK: f64 = 1e15;
+
 fn is_filled(run: &MeshRun) -> bool {
     !run.chunks.is_empty()
 }
@@ -240,7 +260,10 @@ fn placements(scene: &Scene, instances: &[Instance], is_filled: impl Fn(usize) -
             let world_from_mesh = instance.world_from_mesh.matrix3;
             let mesh_from_world = world_from_mesh.inverse();
             let origin = instance.world_from_mesh.transform_point3(mesh.origin);
-            let seen = mesh_from_world.is_finite() && origin.is_finite();
+            // What has shrunk to nothing is not seen: the squares of such an inverse overflow in f32.
+            let seen = mesh_from_world.is_finite()
+                && mesh_from_world.to_cols_array().iter().all(|x| x.abs() < MOST_SHRUNK)
+                && origin.is_finite();
             let cull = match (material.double_sided, world_from_mesh.determinant() < 0.0) {
                 (true, _) => Cull::None,
                 (false, false) => Cull::Back,

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use argus_scene::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Track};
+use argus_scene::deformation::{Deformation, Joint, MorphTarget, Shape, Skin};
 use argus_scene::reference::Tracer;
 use argus_scene::{
     Bounds, Camera, Light, MegaViews, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Sampling, Scene,
@@ -63,11 +64,54 @@ fn scene() -> Scene {
     scene
 }
 
+/// The scene with an egg whose foot stands still and whose top is drawn round the middle, while a target squeezes it.
+fn scene_that_deforms() -> Scene {
+    let mut scene = scene();
+    let mut egg = ball(1, 16);
+    let vertices = egg.positions.len();
+    let joint = |node, from: DVec3| Joint { node, joint_from_mesh: DAffine3::from_translation(-from) };
+    let rest = Shape {
+        origin: DVec3::ZERO,
+        positions: egg.positions.clone(),
+        normals: egg.normals.clone(),
+        tangents: egg.tangents.clone(),
+    };
+    let squeezed = egg.positions.iter().map(|p| Vec3::new(0.0, 0.0, -0.6 * p.z)).collect();
+    let share = |p: &Vec3| (p.y * 0.5 + 0.5).clamp(0.0, 1.0);
+    let target = MorphTarget { positions: squeezed, ..MorphTarget::default() };
+    egg.deformation = Some(Arc::new(Deformation {
+        rest,
+        node: 3,
+        targets: vec![target],
+        weights: vec![0.0],
+        skin: Some(Skin {
+            joints: Arc::new(vec![joint(3, DVec3::ZERO), joint(1, DVec3::new(0.0, 0.8, 0.0))]),
+            first: (0..=vertices as u32).map(|i| 2 * i).collect(),
+            influences: egg.positions.iter().flat_map(|p| [(0, 1.0 - share(p)), (1, share(p))]).collect(),
+        }),
+        flattens: false,
+        flat_normals: false,
+    }));
+    let foot = Parts { translation: DVec3::new(-2.0, 1.2, 1.0), ..Parts::default() };
+    scene.nodes.push(Node { name: String::new(), parent: None, rest: Rest::Parts(foot), lights: vec![] });
+    let squeeze = Channel {
+        node: 3,
+        times_secs: vec![0.0, 2.0, 4.0],
+        track: Track::Weights(vec![0.0, 1.0, 0.0]),
+        interpolation: Interpolation::Linear,
+    };
+    scene.animations[0].channels.push(squeeze);
+    place(&mut scene, egg, DAffine3::IDENTITY);
+    let posed = Arc::new(scene).posed(0.0);
+    Arc::unwrap_or_clone(posed)
+}
+
 /// The scene as it is at a time, with nothing left that moves.
 fn frozen(scene: &Scene, time_secs: f64) -> Arc<Scene> {
     let pose = scene.at(time_secs);
     let (instances, lighting) = (pose.instances, pose.lighting);
-    Arc::new(Scene { instances, lighting, animations: Vec::new(), ..scene.clone() })
+    let shaped = Arc::unwrap_or_clone(Arc::new(scene.clone()).posed(time_secs));
+    Arc::new(Scene { instances, lighting, animations: Vec::new(), ..shaped })
 }
 
 fn camera() -> Camera {
@@ -84,7 +128,16 @@ fn by_cpu(job: &ViewJob) -> ViewJob {
 
 #[test]
 fn every_epoch_shows_the_scene_as_the_reference_has_it_at_that_time() {
-    let scene = Arc::new(scene());
+    shows_each_epoch(scene());
+}
+
+#[test]
+fn every_epoch_shows_meshes_that_deform_as_the_reference_has_them_at_that_time() {
+    shows_each_epoch(scene_that_deforms());
+}
+
+fn shows_each_epoch(scene: Scene) {
+    let scene = Arc::new(scene);
     let mut sampler = sampler(&scene);
     let tracer = Tracer::new(scene.clone());
     let job = view_job(camera(), SIZE, 4);
@@ -109,7 +162,12 @@ fn every_epoch_shows_the_scene_as_the_reference_has_it_at_that_time() {
 
 #[test]
 fn an_epoch_comes_back_byte_for_byte_and_equals_a_scene_that_stands_still_there() {
-    let scene = Arc::new(scene());
+    comes_back(scene());
+    comes_back(scene_that_deforms());
+}
+
+fn comes_back(scene: Scene) {
+    let scene = Arc::new(scene);
     let mut moving = sampler(&scene);
     let job = at_epoch(&view_job(camera(), SIZE, 1), 5);
     let first = direct(&mut moving, &job);
@@ -127,7 +185,12 @@ fn an_epoch_comes_back_byte_for_byte_and_equals_a_scene_that_stands_still_there(
 
 #[test]
 fn samples_and_pixels_move_too() {
-    let scene = Arc::new(scene());
+    samples_move(scene());
+    samples_move(scene_that_deforms());
+}
+
+fn samples_move(scene: Scene) {
+    let scene = Arc::new(scene);
     let mut moving = sampler(&scene);
     let bounds = Bounds { min: DVec3::new(-4.0, 0.0, -4.0), max: DVec3::new(4.0, 3.0, 4.0) };
     let job_at = |scene: &Scene, epoch: u64| {
@@ -176,7 +239,7 @@ fn samples_and_pixels_move_too() {
 
 #[test]
 fn samples_from_an_octree_move_too() {
-    let scene = Arc::new(scene());
+    let scene = Arc::new(scene_that_deforms());
     let mut moving = sampler(&scene);
     let knobs = MegaViews { map_side: 128, levels: 7, block: 1 };
     let bytes_at = |sampler: &mut argus_sampler::GpuSampler, epoch, sampling| {

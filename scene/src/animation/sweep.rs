@@ -22,14 +22,16 @@ struct Anchor {
 }
 
 impl Scene {
-    /// The box around all vertices of placed triangles, at all times of an animated scene.
+    /// The box around all vertices of placed triangles, at all times of an animated scene. Vertices that joints move are
+    /// within the boxes that their joints sweep.
     pub fn bounds(&self) -> Bounds {
         let drivers = self.drivers();
         let mut anchors: Vec<Anchor> = Vec::with_capacity(self.nodes.len());
         for (index, node) in (0u32..).zip(&self.nodes) {
             let parent = node.parent.and_then(|parent| anchors.get(parent as usize).copied());
             let above = parent.unwrap_or(Anchor { node: None, anchor_from_node: DAffine3::IDENTITY });
-            anchors.push(match drivers.contains_key(&index) {
+            let moves = drivers.get(&index).is_some_and(|driven| driven[..3].iter().any(Option::is_some));
+            anchors.push(match moves {
                 true => Anchor { node: Some(index), anchor_from_node: DAffine3::IDENTITY },
                 false => {
                     let anchor_from_node = above.anchor_from_node * node.rest.parent_from_node();
@@ -40,21 +42,52 @@ impl Scene {
 
         let mut world = Bounds::EMPTY;
         let mut about: Vec<Bounds> = vec![Bounds::EMPTY; self.nodes.len()];
+        let mut extend = |anchor: Option<&Anchor>, in_world: &DAffine3, point: DVec3| match anchor {
+            Some(Anchor { node: Some(node), anchor_from_node }) => {
+                about[*node as usize].extend(anchor_from_node.transform_point3(point));
+            }
+            _ => world.extend(in_world.transform_point3(point)),
+        };
+        let deforming = self.deforming_meshes();
         for instance in &self.instances {
+            let (mesh, deforms) = (&self.meshes[instance.mesh as usize], deforming[instance.mesh as usize]);
             let anchor = instance.node.and_then(|node| anchors.get(node as usize));
-            let (bounds, transform) = match anchor {
-                Some(Anchor { node: Some(node), anchor_from_node }) => {
-                    (&mut about[*node as usize], *anchor_from_node)
+            let Some(deformation) = mesh.deformation.as_ref().filter(|_| deforms) else {
+                for position in &mesh.positions {
+                    extend(anchor, &instance.world_from_mesh, mesh.origin + position.as_dvec3());
                 }
-                _ => (&mut world, instance.world_from_mesh),
+                continue;
             };
-            let mesh = &self.meshes[instance.mesh as usize];
-            for position in &mesh.positions {
-                bounds.extend(transform.transform_point3(mesh.origin + position.as_dvec3()));
+            let driver = drivers.get(&deformation.node).and_then(|driven| driven[3]);
+            let hull = driver.and_then(|(_, channel)| channel.weights_hull());
+            let hull = hull.filter(|[least, _]| least.len() == deformation.targets.len());
+            let [least, most] =
+                hull.unwrap_or_else(|| [deformation.weights.clone(), deformation.weights.clone()]);
+            for vertex in 0..deformation.rest.positions.len() {
+                let reach = deformation.reach(vertex, &least, &most);
+                let Some(skin) = &deformation.skin else {
+                    corners(reach).for_each(|corner| extend(anchor, &instance.world_from_mesh, corner));
+                    continue;
+                };
+                // A vertex is a weighted mean of its places in the spaces of its joints.
+                let influences = skin.influences_of(vertex);
+                for (joint, _) in influences {
+                    let Some(joint) = skin.joints.get(usize::from(*joint)) else { continue };
+                    let anchor = anchors.get(joint.node as usize);
+                    let in_world = anchor.map_or(DAffine3::IDENTITY, |anchor| anchor.anchor_from_node);
+                    corners(reach).for_each(|corner| {
+                        extend(anchor, &in_world, joint.joint_from_mesh.transform_point3(corner));
+                    });
+                }
+                if influences.is_empty() {
+                    corners(reach).for_each(|corner| extend(None, &DAffine3::IDENTITY, corner));
+                }
             }
         }
         // Children come after their parents, so a node's box is complete when it is swept.
-        for (&node, driven) in drivers.iter().rev() {
+        for (&node, driven) in
+            drivers.iter().rev().filter(|(_, driven)| driven[..3].iter().any(Option::is_some))
+        {
             let Rest::Parts(rest) = self.nodes[node as usize].rest else { continue };
             let swept = sweep(about[node as usize], rest, driven);
             let parent = self.nodes[node as usize].parent.and_then(|p| anchors.get(p as usize).copied());
@@ -72,7 +105,7 @@ impl Scene {
 }
 
 /// The box that a box in a node sweeps in the node's parent.
-fn sweep(of: Bounds, rest: Parts, driven: &[Option<(&Animation, &Channel)>; 3]) -> Bounds {
+fn sweep(of: Bounds, rest: Parts, driven: &[Option<(&Animation, &Channel)>; 4]) -> Bounds {
     let channel = |property: usize| driven[property].map(|(_, channel)| channel);
     let at = |point: DVec3| Bounds { min: point, max: point };
     let scale = channel(2).and_then(hull).unwrap_or_else(|| at(rest.scale));

@@ -193,18 +193,24 @@ fn only_descendants_of_a_moved_node_move() {
 }
 
 #[test]
-fn of_two_animations_of_a_property_the_first_counts_with_its_own_length() {
+fn of_two_animations_of_a_property_the_first_plays_beside_those_of_others_with_their_own_lengths() {
     let rise = |times: &[f32]| {
         let values = times.iter().map(|&t| Vec3::new(1.0, 1.0 + t, 1.0)).collect();
         channel(times, Track::Scale(values), Interpolation::Linear)
     };
     let animations = vec![
         animation(vec![slide(&[0.0, 2.0], &[0.0, 2.0], Interpolation::Linear)]),
-        animation(vec![slide(&[0.0, 2.0], &[50.0, 60.0], Interpolation::Linear), rise(&[0.0, 3.0])]),
+        animation(vec![
+            slide(&[0.0, 2.0], &[50.0, 60.0], Interpolation::Linear),
+            turn(&[0.0], &[1.0], Interpolation::Step),
+        ]),
+        animation(vec![rise(&[0.0, 3.0])]),
     ];
     let scene = scene(vec![node(None)], animations);
     let pose = scene.at(5.0).instances[0].world_from_mesh;
     assert_eq!((pose.translation.x, pose.matrix3.y_axis.y), (1.0, 3.0));
+    let [(silent, other)] = scene.not_playing()[..] else { panic!() };
+    assert!(std::ptr::eq(silent, &scene.animations[1]) && std::ptr::eq(other, &scene.animations[0]));
 }
 
 #[test]

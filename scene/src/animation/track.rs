@@ -16,12 +16,13 @@ enum Place {
 }
 
 impl Channel {
-    /// Which of translation, rotation and scale it drives: 0, 1 or 2.
+    /// Which of translation, rotation, scale and weights it drives: 0 to 3.
     pub(super) fn property(&self) -> usize {
         match self.track {
             Track::Translation(_) => 0,
             Track::Rotation(_) => 1,
             Track::Scale(_) => 2,
+            Track::Weights(_) => 3,
         }
     }
 
@@ -30,8 +31,18 @@ impl Channel {
         let values = match &self.track {
             Track::Translation(values) | Track::Scale(values) => values.len(),
             Track::Rotation(values) => values.len(),
+            Track::Weights(_) => self.targets() * self.times_secs.len() * self.values_a_key(),
         };
-        !self.times_secs.is_empty() && values == self.times_secs.len() * self.values_a_key()
+        let whole = values == self.times_secs.len() * self.values_a_key();
+        let weights =
+            matches!(&self.track, Track::Weights(weights) if !weights.is_empty() && weights.len() == values);
+        !self.times_secs.is_empty() && (whole && self.property() < 3 || weights)
+    }
+
+    /// The number of targets whose weights it drives.
+    fn targets(&self) -> usize {
+        let Track::Weights(weights) = &self.track else { return 0 };
+        weights.len() / (self.times_secs.len() * self.values_a_key()).max(1)
     }
 
     fn values_a_key(&self) -> usize {
@@ -75,6 +86,58 @@ impl Channel {
             }
         };
         found.is_finite().then(|| unit(found))
+    }
+
+    /// The weights of all targets at a time in seconds from the animation's start. `None` for other channels, or if one is
+    /// not finite.
+    pub fn weights_at(&self, time_secs: f64) -> Option<Vec<f32>> {
+        let Track::Weights(values) = &self.track else { return None };
+        let (targets, place) = (self.targets(), self.place(time_secs));
+        let weight = |target: usize| {
+            let value = |at: usize| values.get(at * targets + target).map(|&w| f64::from(w));
+            let found = match (place, self.interpolation) {
+                (Place::At(key), Interpolation::CubicSpline) => value(3 * key + 1),
+                (Place::At(key) | Place::After(key, ..), Interpolation::Step) | (Place::At(key), _) => {
+                    value(key)
+                }
+                (Place::After(key, share, _), Interpolation::Linear) => {
+                    Some(value(key)? * (1.0 - share) + value(key + 1)? * share)
+                }
+                (Place::After(key, share, secs), Interpolation::CubicSpline) => {
+                    let [from, out, into, to] = [1, 2, 3, 4].map(|i| value(3 * key + i));
+                    Some(hermite([from?, out? * secs, into? * secs, to?], share))
+                }
+            };
+            found.map(|weight| weight as f32).filter(|weight| weight.is_finite())
+        };
+        (0..targets).map(weight).collect()
+    }
+
+    /// Smallest and largest weights of all targets. A Hermite curve lies within its Bézier points. `None` for other channels.
+    pub(super) fn weights_hull(&self) -> Option<[Vec<f32>; 2]> {
+        let Track::Weights(values) = &self.track else { return None };
+        let targets = self.targets();
+        let mut hull = [vec![f32::INFINITY; targets], vec![f32::NEG_INFINITY; targets]];
+        let mut extend = |target: usize, weight: f32| {
+            hull[0][target] = hull[0][target].min(weight);
+            hull[1][target] = hull[1][target].max(weight);
+        };
+        let width = self.values_a_key() * targets;
+        for (key, (values, &time)) in values.chunks_exact(width.max(1)).zip(&self.times_secs).enumerate() {
+            for target in 0..targets {
+                if self.interpolation != Interpolation::CubicSpline {
+                    extend(target, values[target]);
+                    continue;
+                }
+                let [into, value, out] = [0, 1, 2].map(|part| values[part * targets + target]);
+                let before = key.checked_sub(1).map_or(time, |key| self.times_secs[key]);
+                let after = self.times_secs.get(key + 1).copied().unwrap_or(time);
+                extend(target, value);
+                extend(target, value - into * (time - before) / 3.0);
+                extend(target, value + out * (after - time) / 3.0);
+            }
+        }
+        (!values.is_empty()).then_some(hull)
     }
 
     /// Finds the keys around a time. Before the first key it is the first, after the last the last. Of equal times

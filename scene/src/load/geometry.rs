@@ -36,11 +36,21 @@ impl RawMesh {
     /// Drops triangles that cannot be drawn and unreferenced vertices, and makes missing normals and, for a material
     /// with a normal map, missing tangents. `None` if no triangle is left.
     pub(super) fn finish(
-        mut self,
+        self,
         missing: MissingNormals,
         normal_map: Option<TextureRef>,
         warnings: &mut Warnings,
     ) -> Option<Mesh> {
+        Some(self.finish_with_sources(missing, normal_map, warnings)?.0)
+    }
+
+    /// As [`Self::finish`]. Also returns for each vertex of the mesh its index in the file.
+    pub(super) fn finish_with_sources(
+        mut self,
+        missing: MissingNormals,
+        normal_map: Option<TextureRef>,
+        warnings: &mut Warnings,
+    ) -> Option<(Mesh, Vec<u32>)> {
         self.drop_broken_triangles(warnings);
         if self.indices.is_empty() {
             return None;
@@ -60,7 +70,7 @@ impl RawMesh {
             }
         }
         self.keep_matching();
-        self.compact();
+        let mut sources = self.compact();
         let mut mesh = Mesh {
             name: self.name,
             origin: self.origin,
@@ -72,6 +82,7 @@ impl RawMesh {
             colors: self.colors,
             indices: self.indices,
             material: self.material,
+            deformation: None,
         };
         for uv in mesh.uvs.iter_mut().chain(&mut mesh.uvs2) {
             *uv = if uv.is_finite() { *uv } else { Vec2::ZERO };
@@ -81,11 +92,17 @@ impl RawMesh {
         }
         match (mesh.normals.is_empty(), missing) {
             (false, _) => normals::repair(&mut mesh),
-            (true, MissingNormals::Flat) => normals::make_flat(&mut mesh),
+            (true, MissingNormals::Flat) => {
+                pick(&mut sources, &mesh.indices);
+                normals::make_flat(&mut mesh);
+            }
             (true, MissingNormals::Smooth) => normals::make_smooth(&mut mesh),
         }
-        tangents::complete(&mut mesh, normal_map);
-        Some(mesh)
+        let copied = tangents::complete(&mut mesh, normal_map);
+        for vertex in copied {
+            sources.push(sources[vertex]);
+        }
+        Some((mesh, sources))
     }
 
     fn drop_broken_triangles(&mut self, warnings: &mut Warnings) {
@@ -137,7 +154,8 @@ impl RawMesh {
     }
 
     /// Drops vertices that no triangle uses, including NaN ones and those of other primitives that share the arrays.
-    fn compact(&mut self) {
+    /// Returns the previous index of each that is left.
+    fn compact(&mut self) -> Vec<u32> {
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let mut order = Vec::new();
         for index in &mut self.indices {
@@ -148,7 +166,7 @@ impl RawMesh {
             }
         }
         if order.len() == self.positions.len() {
-            return;
+            return (0..order.len() as u32).collect();
         }
         self.indices.iter_mut().for_each(|index| *index = new_index[*index as usize]);
         pick(&mut self.positions, &order);
@@ -157,6 +175,7 @@ impl RawMesh {
         pick(&mut self.uvs, &order);
         pick(&mut self.uvs2, &order);
         pick(&mut self.colors, &order);
+        order
     }
 }
 

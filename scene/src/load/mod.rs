@@ -22,7 +22,7 @@ use std::path::Path;
 
 use bytes::Bytes;
 
-use crate::animation::{Animation, Node, Pose};
+use crate::animation::{Animation, Node};
 use crate::scene::{Instance, NamedCamera, RigKind};
 use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
 
@@ -169,8 +169,8 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
         warnings: Vec::new(),
     };
     // The file's transforms are those at rest, which may not be any moment of an animation.
-    let Pose { instances, lighting } = scene.at(0.0);
-    (scene.instances, scene.lighting) = (instances, lighting);
+    scene.begin();
+    scene.not_playing_warning().iter().for_each(|line| warnings.add(line));
     scene.rig = rig_of(&scene);
     scene.warnings = warnings.into_lines();
     Ok(scene)

@@ -7,21 +7,20 @@ use crate::texture::transform_duv;
 use crate::{Mesh, TextureRef};
 
 /// Keeps, makes or removes tangents: a mesh has them if it has a normal map and the texture coordinates of its set. They
-/// are made for the map as its transform places it.
-pub(super) fn complete(mesh: &mut Mesh, normal_map: Option<TextureRef>) {
+/// are made for the map as its transform places it. Returns the vertices whose copies were appended, in order.
+pub(super) fn complete(mesh: &mut Mesh, normal_map: Option<TextureRef>) -> Vec<usize> {
     let Some(map) = normal_map.filter(|map| !mesh.uvs_of(map.uv_set).is_empty()) else {
         mesh.tangents = Vec::new();
-        return;
+        return Vec::new();
     };
-    if mesh.tangents.is_empty() {
-        make(mesh, map);
-    }
+    let copied = if mesh.tangents.is_empty() { make(mesh, map) } else { Vec::new() };
     for (tangent, normal) in mesh.tangents.iter_mut().zip(&mesh.normals) {
         let sign = if tangent.w < 0.0 { -1.0 } else { 1.0 };
         let along = tangent.truncate();
         let unit = if along.is_finite() { along.try_normalize() } else { None };
         *tangent = unit.unwrap_or_else(|| normal.any_orthonormal_vector()).extend(sign);
     }
+    copied
 }
 
 /// A mesh with one tangent per corner.
@@ -67,8 +66,9 @@ impl Geometry for Corners<'_> {
     }
 }
 
-/// Makes tangents. A vertex whose triangles disagree, as along the seam of a mirrored texture, is split.
-fn make(mesh: &mut Mesh, map: TextureRef) {
+/// Makes tangents. A vertex whose triangles disagree, as along the seam of a mirrored texture, is split. Returns the
+/// vertices that were copied.
+fn make(mesh: &mut Mesh, map: TextureRef) -> Vec<usize> {
     let mut corners = Corners { mesh, map, tangents: vec![Vec4::ZERO; mesh.indices.len()] };
     if generate_tangents(&mut corners).is_err() {
         corners.tangents.fill(Vec4::ZERO);
@@ -79,6 +79,7 @@ fn make(mesh: &mut Mesh, map: TextureRef) {
     let mut given = vec![false; count];
     // The next copy of each vertex, including copies: a chain ended by u32::MAX.
     let mut next = vec![u32::MAX; count];
+    let mut copied = Vec::new();
     for (corner, tangent) in by_corner.into_iter().enumerate() {
         let mut at = mesh.indices[corner] as usize;
         loop {
@@ -93,6 +94,7 @@ fn make(mesh: &mut Mesh, map: TextureRef) {
             if next[at] == u32::MAX {
                 next[at] = mesh.positions.len() as u32;
                 duplicate(mesh, at);
+                copied.push(at);
                 given.push(false);
                 next.push(u32::MAX);
             }
@@ -100,6 +102,7 @@ fn make(mesh: &mut Mesh, map: TextureRef) {
         }
         mesh.indices[corner] = at as u32;
     }
+    copied
 }
 
 /// Whether two tangents are equal within 2° and have the same handedness.

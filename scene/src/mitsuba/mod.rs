@@ -89,6 +89,8 @@ pub struct Exported {
 /// A file cannot be written, or a material names a texture that the scene lacks.
 pub fn write(scene: &Scene, settings: &Settings, folder: &Path) -> io::Result<Exported> {
     fs::create_dir_all(folder)?;
+    let reshaped = scene.reshaped(settings.time_secs);
+    let scene = reshaped.as_ref().unwrap_or(scene);
     let pose = scene.at(settings.time_secs);
     let space = space(scene, &settings.camera);
     let mut bitmaps = Bitmaps::new(scene, folder);

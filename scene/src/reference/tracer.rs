@@ -41,7 +41,7 @@ pub struct Tracer {
     pub(super) pose: Pose,
     pub(super) textures: Arc<Vec<MipChain>>,
     /// One per mesh; a mesh without instances has no triangles.
-    meshes: Arc<Vec<MeshTree>>,
+    meshes: Arc<Vec<Arc<MeshTree>>>,
     /// Box of each mesh's triangles, mesh space relative to its origin.
     boxes: Arc<Vec<Bounds>>,
     /// Placed instances in the order of `top`.
@@ -157,7 +157,7 @@ impl Tracer {
         let mut used = vec![false; scene.meshes.len()];
         scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
         let built = scene.meshes.par_iter().zip(&used).map(|(mesh, &used)| MeshTree::new(mesh, used));
-        let (meshes, boxes): (Vec<MeshTree>, Vec<Bounds>) = built.unzip();
+        let (meshes, boxes): (Vec<Arc<MeshTree>>, Vec<Bounds>) = built.unzip();
         let pose = scene.at(0.0);
         let (placed, top) = place(&scene, &pose, &boxes);
         let (meshes, boxes, textures) = (Arc::new(meshes), Arc::new(boxes), Arc::new(textures));
@@ -189,20 +189,23 @@ impl Tracer {
         both
     }
 
-    /// The same scene at another time in seconds. Unmoved parts are shared, so the cost follows the number of instances.
+    /// The same scene at another time in seconds. Unmoved parts are shared, so the cost follows the number of instances and
+    /// the triangles of meshes that deform.
     pub fn at(&self, time_secs: f64) -> Self {
-        let pose = self.scene.at(time_secs);
-        let (placed, top) = place(&self.scene, &pose, &self.boxes);
-        let content_hash = match pose == self.pose {
+        let scene = self.scene.posed(time_secs);
+        let pose = scene.at(time_secs);
+        let (meshes, boxes) = self.shapes_of(&scene);
+        let (placed, top) = place(&scene, &pose, &boxes);
+        let content_hash = match pose == self.pose && Arc::ptr_eq(&scene, &self.scene) {
             true => self.content_hash.clone(),
             false => OnceLock::new(),
         };
         Self {
-            scene: self.scene.clone(),
+            scene,
             pose,
             textures: self.textures.clone(),
-            meshes: self.meshes.clone(),
-            boxes: self.boxes.clone(),
+            meshes,
+            boxes,
             placed,
             top,
             content_hash,
@@ -210,6 +213,18 @@ impl Tracer {
             lit: None,
         }
         .lit_as(self)
+    }
+
+    /// The trees and boxes of a posed scene's meshes: new ones of those that deform.
+    fn shapes_of(&self, scene: &Arc<Scene>) -> (Arc<Vec<Arc<MeshTree>>>, Arc<Vec<Bounds>>) {
+        if Arc::ptr_eq(scene, &self.scene) {
+            return (self.meshes.clone(), self.boxes.clone());
+        }
+        let mut shapes = (Vec::clone(&self.meshes), Vec::clone(&self.boxes));
+        for (at, _) in scene.deforming_meshes().iter().enumerate().filter(|(_, deforms)| **deforms) {
+            (shapes.0[at], shapes.1[at]) = MeshTree::new(&scene.meshes[at], true);
+        }
+        (Arc::new(shapes.0), Arc::new(shapes.1))
     }
 
     /// The traced scene.
@@ -459,7 +474,7 @@ const TRIANGLES_A_LEAF: u32 = 8;
 
 impl MeshTree {
     /// The triangles that can be seen, and their box; none if not `used`.
-    fn new(mesh: &Mesh, used: bool) -> (Self, Bounds) {
+    fn new(mesh: &Mesh, used: bool) -> (Arc<Self>, Bounds) {
         let count = if used { mesh.triangles() as u32 } else { 0 };
         let mut all = Bounds::EMPTY;
         let (mut boxes, mut corners, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
@@ -482,7 +497,7 @@ impl MeshTree {
         let tree = BoxTree::new(&boxes, TRIANGLES_A_LEAF);
         let corners = tree.order().iter().map(|&i| corners[i as usize]).collect();
         let triangles = tree.order().iter().map(|&i| triangles[i as usize]).collect();
-        (Self { tree, corners, triangles }, all)
+        (Arc::new(Self { tree, corners, triangles }), all)
     }
 }
 

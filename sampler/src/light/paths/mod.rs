@@ -93,10 +93,10 @@ impl PathLight {
         self.full.set_knobs(knobs);
     }
 
-    /// Moves instances. Marks all as out of date.
-    pub(crate) fn place(&mut self, placements: &[Placement]) {
+    /// Moves instances of a posed scene. Marks all as out of date.
+    pub(crate) fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]) {
         self.preparation = None;
-        Arc::make_mut(&mut self.surfaces).place(placements);
+        Arc::make_mut(&mut self.surfaces).place(scene, placements);
         self.coarse.forget_pose();
         self.full.forget_pose();
     }

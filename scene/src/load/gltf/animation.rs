@@ -1,4 +1,4 @@
-//! Animations of nodes.
+//! Animations of nodes, and of the weights of their morph targets.
 
 use glam::{Quat, Vec3};
 use gltf::json;
@@ -52,7 +52,8 @@ fn channel(
 ) -> Result<Option<Channel>, String> {
     get(&reader.root.nodes, json.target.node, "node")?;
     let Some(node) = hierarchy.index_of[json.target.node.value()] else { return Ok(None) };
-    if matches!(hierarchy.nodes[node as usize].rest, Rest::Matrix(_)) {
+    let of_weights = json.target.path == Checked::Valid(Property::MorphTargetWeights);
+    if !of_weights && matches!(hierarchy.nodes[node as usize].rest, Rest::Matrix(_)) {
         return Err("its node is placed by a matrix, which no channel may move".to_owned());
     }
     let sampler = get(&animation.samplers, json.sampler, "sampler")?;
@@ -81,15 +82,20 @@ fn channel(
             Track::Rotation(values.into_iter().map(unit).collect())
         }
         Checked::Valid(Property::MorphTargetWeights) => {
-            return Err("morph targets are not supported".to_owned());
+            let weights = reader.floats::<1>(sampler.output, &[Type::Scalar])?;
+            Track::Weights(weights.into_iter().map(|[weight]| weight).collect())
         }
         Checked::Invalid => return Err("unknown property".to_owned()),
     };
     let (count, finite) = match &track {
         Track::Translation(v) | Track::Scale(v) => (v.len(), v.iter().all(|v| v.is_finite())),
         Track::Rotation(q) => (q.len(), q.iter().all(|q| q.is_finite())),
+        Track::Weights(w) => (w.len(), w.iter().all(|w| w.is_finite())),
     };
     let per_key = if interpolation == Interpolation::CubicSpline { 3 } else { 1 };
+    // Weights are of all targets of the mesh.
+    let targets = if of_weights { count / times_secs.len().saturating_mul(per_key).max(1) } else { 1 };
+    let per_key = per_key * targets.max(1);
     if times_secs.is_empty() || Some(count) != times_secs.len().checked_mul(per_key) {
         return Err(format!("{} keys but {count} values", times_secs.len()));
     }

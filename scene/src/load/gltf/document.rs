@@ -42,6 +42,8 @@ pub(super) struct Document {
     /// The binary chunk.
     pub(super) blob: Option<Bytes>,
     pub(super) compressed: Compressed,
+    /// Whether a morph target moves more than positions, normals and tangents.
+    pub(super) other_targets: bool,
 }
 
 impl Document {
@@ -51,9 +53,10 @@ impl Document {
         let mut value: Value = serde_json::from_slice(&text).map_err(not_json)?;
         normalise(&mut value);
         check_version(&value)?;
+        let other_targets = has_other_targets(&value);
         let compressed = Compressed::take(&mut value);
         let root = serde_json::from_value(value).map_err(|error| format!("is not glTF 2.0: {error}"))?;
-        Ok(Self { root, blob, compressed })
+        Ok(Self { root, blob, compressed, other_targets })
     }
 
     /// Rejects a document that requires an unknown extension.
@@ -70,6 +73,17 @@ impl Document {
         let used = self.root.extensions_used.iter().map(String::as_str);
         used.filter(|extension| !KNOWN_EXTENSIONS.contains(extension)).collect()
     }
+}
+
+/// Whether a morph target has an attribute that the `gltf` crate drops.
+fn has_other_targets(document: &Value) -> bool {
+    fn list<'a>(value: &'a Value, key: &str) -> impl Iterator<Item = &'a Value> {
+        value.get(key).and_then(Value::as_array).into_iter().flatten()
+    }
+    let targets =
+        list(document, "meshes").flat_map(|mesh| list(mesh, "primitives")).flat_map(|p| list(p, "targets"));
+    let mut kinds = targets.filter_map(Value::as_object).flat_map(|target| target.keys());
+    kinds.any(|kind| kind.starts_with("TEXCOORD_") || kind.starts_with("COLOR_"))
 }
 
 fn check_version(document: &Value) -> Result<(), String> {
@@ -122,12 +136,17 @@ fn split_glb(bytes: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
 }
 
 /// Prepares valid JSON for the `gltf` crate: whole numbers written as fractions (`5126.0`) become whole, a scene may
-/// lack its nodes, a texture's image is the one that its extension names, and channels without a node and application
-/// data (`extras`) are removed.
+/// lack its nodes and a skin its joints, a texture's image is the one that its extension names, and channels without a
+/// node and application data (`extras`) are removed.
 fn normalise(document: &mut Value) {
     if let Some(scenes) = document.get_mut("scenes").and_then(Value::as_array_mut) {
         for scene in scenes.iter_mut().filter_map(Value::as_object_mut) {
             scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+        }
+    }
+    if let Some(skins) = document.get_mut("skins").and_then(Value::as_array_mut) {
+        for skin in skins.iter_mut().filter_map(Value::as_object_mut) {
+            skin.entry("joints").or_insert_with(|| Value::Array(Vec::new()));
         }
     }
     if let Some(animations) = document.get_mut("animations").and_then(Value::as_array_mut) {

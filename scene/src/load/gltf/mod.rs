@@ -11,6 +11,7 @@ mod document;
 mod material;
 mod nodes;
 mod primitive;
+mod skin;
 
 use std::collections::BTreeSet;
 
@@ -89,16 +90,20 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     for extension in document.ignored_extensions() {
         warnings.add(format!("the extension {extension} is not supported: the scene is shown without it"));
     }
+    if document.other_targets {
+        warnings
+            .add("texture coordinates and colours of morph targets are not supported: they stay as they are");
+    }
     let root = &document.root;
     let mut budget = Budget::for_bundle(bundle);
     let reader = accessor::Reader::new(&document, bundle, budget.left);
 
     let mut hierarchy = nodes::Hierarchy::new(root, &mut budget, warnings)?;
     let (materials, textures) = material::read(&reader, bundle, warnings);
-    let mut parts = Parts { materials, ..Parts::default() };
+    let animations = animation::read(&reader, &hierarchy, &mut budget, warnings)?;
+    let mut parts = Parts { materials, animations, ..Parts::default() };
     primitive::place(&reader, &hierarchy, &mut parts, &mut budget, warnings)?;
     parts.textures = textures.decode(&mut parts.materials, warnings);
-    parts.animations = animation::read(&reader, &hierarchy, &mut budget, warnings)?;
     parts.lights = nodes::lights(root, &mut hierarchy, warnings);
     parts.cameras = nodes::cameras(root, &hierarchy, &parts.animations, warnings);
     parts.nodes = hierarchy.nodes;

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use glam::{Vec2, Vec3, Vec4};
+use glam::{DAffine3, Vec2, Vec3, Vec4};
 use gltf::json;
 use json::accessor::Type;
 use json::mesh::{Mode, Semantic};
@@ -11,7 +11,9 @@ use rayon::prelude::*;
 
 use super::accessor::Reader;
 use super::nodes::Hierarchy;
+use super::skin::{self, Moved, Skins};
 use super::{Budget, get, material, name};
+use crate::deformation::flattening;
 use crate::load::geometry::{MissingNormals, RawMesh};
 use crate::load::{Parts, Warnings};
 use crate::scene::Instance;
@@ -20,6 +22,15 @@ use crate::{Material, Mesh};
 /// Largest number of bytes that a vertex and an index take while a primitive is read.
 const VERTEX_BYTES: u64 = 2 * 68;
 const INDEX_BYTES: u64 = 4 + 68;
+
+/// A primitive to be read, for all nodes that place it alike, or for one that moves its vertices.
+struct Wanted {
+    /// Index of the mesh in the document.
+    mesh: usize,
+    /// Index of the primitive in the mesh.
+    k: usize,
+    moved: Option<Moved>,
+}
 
 /// Reads every drawn primitive into `parts.meshes` and places it in `parts.instances`.
 pub(super) fn place(
@@ -30,26 +41,45 @@ pub(super) fn place(
     warnings: &mut Warnings,
 ) -> Result<(), String> {
     let root = reader.root;
-    // For each drawn mesh of the document, the range of its primitives in `wanted`.
-    let mut primitives_of: HashMap<usize, std::ops::Range<usize>> = HashMap::new();
-    let mut wanted: Vec<(usize, usize)> = Vec::new();
+    // For each drawn mesh of the document, and each node that moves its vertices, the range of its primitives in `wanted`.
+    let mut primitives_of: HashMap<(usize, Option<u32>), std::ops::Range<usize>> = HashMap::new();
+    let mut wanted: Vec<Wanted> = Vec::new();
     let mut placed = Vec::new();
-    for (node, &at) in hierarchy.in_document.iter().enumerate() {
+    let flattening = flattening(&hierarchy.nodes, &parts.animations);
+    let mut skins = Skins::new(reader, hierarchy);
+    for (node, &at) in (0u32..).zip(&hierarchy.in_document) {
         let Some(index) = root.nodes[at].mesh else { continue };
         let mesh = get(&root.meshes, index, "mesh")?;
-        if root.nodes[at].skin.is_some() {
-            warnings.add(format!("node {at}: skins are not supported: drawn in its mesh's own pose"));
-        }
-        let range = primitives_of.entry(index.value()).or_insert_with(|| {
+        let joints = match root.nodes[at].skin {
+            Some(skin) => skins.joints(skin, budget, warnings)?,
+            None => None,
+        };
+        let flattens = flattening[node as usize];
+        let has_targets = mesh.primitives.iter().any(|p| p.targets.as_ref().is_some_and(|t| !t.is_empty()));
+        let weights = root.nodes[at].weights.clone();
+        let moves = joints.is_some() || has_targets || flattens;
+        let moved = moves.then_some(Moved { node, joints, flattens, weights });
+        let range = primitives_of.entry((index.value(), moves.then_some(node))).or_insert_with(|| {
             let first = wanted.len();
-            wanted.extend((0..mesh.primitives.len()).map(|k| (index.value(), k)));
+            wanted.extend((0..mesh.primitives.len()).map(|k| {
+                let primitive = &mesh.primitives[k];
+                let is_skinned = primitive.attributes.contains_key(&Checked::Valid(Semantic::Joints(0)));
+                let mut moved = moved.clone();
+                if let Some(Moved { joints: joints @ Some(_), .. }) = &mut moved
+                    && !is_skinned
+                {
+                    *joints = None;
+                    warnings.add(format!("node {at}: a primitive has no joints: its node places it"));
+                }
+                Wanted { mesh: index.value(), k, moved }
+            }));
             first..wanted.len()
         });
         budget.take(range.len(), 256)?;
-        placed.push((node as u32, range.clone()));
+        placed.push((node, range.clone()));
     }
-    for &(mesh, k) in &wanted {
-        let primitive = &root.meshes[mesh].primitives[k];
+    for Wanted { mesh, k, moved } in &wanted {
+        let primitive = &root.meshes[*mesh].primitives[*k];
         let vertices = match primitive.attributes.get(&Checked::Valid(Semantic::Positions)) {
             Some(&index) => reader.count(index)?,
             None => 0,
@@ -59,17 +89,30 @@ pub(super) fn place(
         // A strip or a fan has almost three times as many corners as indices.
         let corners = if primitive.mode == Checked::Valid(Mode::Triangles) { 1 } else { 3 };
         budget.take(indices, corners * INDEX_BYTES)?;
+        if let Some(moved) = moved {
+            // Without normals each corner has a vertex.
+            skin::reserve(primitive, moved, vertices.max(indices.saturating_mul(corners as usize)), budget)?;
+        }
     }
     let default_material = default_material(root, &wanted, parts);
     let materials = &parts.materials;
     let read: Vec<(Result<Option<Mesh>, String>, Warnings)> = wanted
         .par_iter()
-        .map(|&(mesh, k)| {
+        .map(|Wanted { mesh, k, moved }| {
             let mut warnings = Warnings::default();
-            let primitive = &root.meshes[mesh].primitives[k];
+            let json = &root.meshes[*mesh];
+            let primitive = &json.primitives[*k];
             let material = primitive.material.map_or(default_material, |m| m.value() as u32);
-            let mesh_name = name(&root.meshes[mesh].name);
-            let read = read(reader, primitive, mesh_name, material, materials, &mut warnings);
+            let read = read(reader, primitive, name(&json.name), material, materials, &mut warnings);
+            let read = read.and_then(|found| {
+                let Some((mut mesh, sources)) = found else { return Ok(None) };
+                if let Some(moved) = moved {
+                    let parts = (&mut mesh, &sources[..]);
+                    skin::deform(reader, primitive, moved, &json.weights, parts, &mut warnings)?;
+                    skin::keep_front(&mut mesh, hierarchy);
+                }
+                Ok(Some(mesh))
+            });
             (read.map_err(|reason| format!("mesh {mesh}, primitive {k}: {reason}")), warnings)
         })
         .collect();
@@ -82,30 +125,35 @@ pub(super) fn place(
         }));
     }
     for (node, range) in placed {
-        let world_from_mesh = hierarchy.world_from_node[node as usize];
-        if !world_from_mesh.is_finite() {
-            warnings.add(format!(
-                "node {}: its place in the world is not finite: left out",
-                hierarchy.in_document[node as usize]
-            ));
-            continue;
+        for &mesh in index_of[range].iter().flatten() {
+            let deformation = parts.meshes[mesh as usize].deformation.as_ref();
+            // Its joints place a skinned mesh, and its node does not (glTF 2.0, section 3.7.3.3).
+            let skinned = deformation.is_some_and(|deformation| deformation.skin.is_some());
+            let (node, world_from_mesh) = match skinned {
+                true => (None, DAffine3::IDENTITY),
+                false => (Some(node), hierarchy.world_from_node[node as usize]),
+            };
+            if world_from_mesh.is_finite() {
+                parts.instances.push(Instance { mesh, node, world_from_mesh });
+            } else {
+                let at = node.map_or(0, |node| hierarchy.in_document[node as usize]);
+                warnings.add(format!("node {at}: its place in the world is not finite: left out"));
+            }
         }
-        let meshes = index_of[range].iter().flatten();
-        parts.instances.extend(meshes.map(|&mesh| Instance { mesh, node: Some(node), world_from_mesh }));
     }
     Ok(())
 }
 
 /// The index of the default material, which is added if a primitive names none.
-fn default_material(root: &json::Root, wanted: &[(usize, usize)], parts: &mut Parts) -> u32 {
+fn default_material(root: &json::Root, wanted: &[Wanted], parts: &mut Parts) -> u32 {
     let index = parts.materials.len() as u32;
-    if wanted.iter().any(|&(mesh, k)| root.meshes[mesh].primitives[k].material.is_none()) {
+    if wanted.iter().any(|wanted| root.meshes[wanted.mesh].primitives[wanted.k].material.is_none()) {
         parts.materials.push(Material::default());
     }
     index
 }
 
-/// Reads one primitive; `None` if it has no triangles.
+/// Reads one primitive, and for each vertex its index in the file; `None` if it has no triangles.
 fn read(
     reader: &Reader,
     primitive: &json::mesh::Primitive,
@@ -113,7 +161,7 @@ fn read(
     material: u32,
     materials: &[Material],
     warnings: &mut Warnings,
-) -> Result<Option<Mesh>, String> {
+) -> Result<Option<(Mesh, Vec<u32>)>, String> {
     let attribute = |semantic| primitive.attributes.get(&Checked::Valid(semantic)).copied();
     let Checked::Valid(mode) = primitive.mode else { return Err("unknown mode".to_owned()) };
     if matches!(mode, Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
@@ -124,9 +172,6 @@ fn read(
         warnings.add(format!("mesh {name:?}: a primitive without positions is not drawn"));
         return Ok(None);
     };
-    if primitive.targets.is_some() {
-        warnings.add(format!("mesh {name:?}: morph targets are not supported: drawn without"));
-    }
     let surface =
         materials.get(material as usize).ok_or_else(|| format!("material {material} does not exist"))?;
     let mut raw = RawMesh { name, material, ..RawMesh::default() };
@@ -152,7 +197,7 @@ fn read(
         raw.colors =
             reader.floats::<4>(index, &[Type::Vec3, Type::Vec4])?.into_iter().map(Vec4::from).collect();
     }
-    Ok(raw.finish(MissingNormals::Flat, surface.normal_texture, warnings))
+    Ok(raw.finish_with_sources(MissingNormals::Flat, surface.normal_texture, warnings))
 }
 
 fn any_texture(m: &Material) -> Option<crate::TextureRef> {

@@ -4,6 +4,7 @@ mod compressed;
 mod geometry;
 mod materials;
 mod nodes;
+mod poses;
 
 use std::collections::BTreeMap;
 
