@@ -68,7 +68,7 @@ Examples:
   argus config                                the settings in effect, and where they come from
 
 A scene is a file (.glb, .gltf, .obj, .ply) or the built-in `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or
-`rooms[:WALL_MM]`, and `+balls:N` after it for mirroring balls.
+`rooms[:WALL_MM]`, and `+balls:N` after it for mirroring balls, or `+animation:NAME` for what plays.
 Exit codes: 0 done, 1 failed, 2 bad arguments.";
 
 #[derive(Subcommand)]
