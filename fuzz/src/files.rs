@@ -7,6 +7,7 @@ use argus_scene::Light;
 use argus_scene::load::{decode_environment, load_bundle};
 use bytes::Bytes;
 use image::{ImageFormat, RgbImage};
+use meshoptimizer_rs::codec;
 
 /// Valid files, by name.
 pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
@@ -26,12 +27,71 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("checker.jpg", image(ImageFormat::Jpeg)),
         ("checker.bmp", image(ImageFormat::Bmp)),
         ("checker.tga", image(ImageFormat::Tga)),
+        ("checker.webp", image(ImageFormat::WebP)),
+        ("checker.gif", image(ImageFormat::Gif)),
+        ("checker.tiff", image(ImageFormat::Tiff)),
+        ("lossy.webp", include_bytes!("../corpus/loaders/quadrants-lossy.webp").to_vec()),
+        ("cmyk.jpg", include_bytes!("../corpus/loaders/quadrants-cmyk.jpg").to_vec()),
+        ("progressive.jpg", include_bytes!("../corpus/loaders/quadrants-progressive.jpg").to_vec()),
+        ("palette.png", include_bytes!("../corpus/loaders/quadrants-palette.png").to_vec()),
+        ("etc1s.ktx2", include_bytes!("../corpus/loaders/quadrants-etc1s.ktx2").to_vec()),
+        ("etc1s-alpha.ktx2", include_bytes!("../corpus/loaders/quadrants-etc1s-alpha.ktx2").to_vec()),
+        ("uastc.ktx2", include_bytes!("../corpus/loaders/quadrants-uastc.ktx2").to_vec()),
+        ("astc.ktx2", include_bytes!("../corpus/loaders/quadrants-astc.ktx2").to_vec()),
+        // The buffer of a document: see `document`.
+        ("cube.drc", include_bytes!("../corpus/loaders/cube.drc").to_vec()),
+        ("packed.bin", packed().concat()),
     ]
+}
+
+/// A square by meshopt: four positions of 12 bytes, and six indices.
+fn packed() -> [Vec<u8>; 2] {
+    let workspace = &mut meshoptimizer_rs::Workspace::default();
+    let corners = [[0.0_f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+    let corners: Vec<u8> = corners.as_flattened().iter().flat_map(|value| value.to_le_bytes()).collect();
+    let encoding = codec::VertexEncoding::DEFAULT;
+    // What cannot be encoded is not valid input: the test of the corpus finds it.
+    let vertices = codec::encode_vertex_buffer(&corners, 4, 12, encoding, workspace);
+    let indices = codec::encode_index_buffer(&[0, 1, 2, 0, 2, 3], codec::IndexEncoding::DEFAULT, workspace);
+    [vertices, indices].map(Result::unwrap_or_default)
+}
+
+/// A document whose buffer is the file `name` of `bytes` bytes, compressed by Draco or by meshopt.
+fn document(name: &str, bytes: usize) -> String {
+    let (views, primitive) = if name.ends_with(".drc") {
+        let draco =
+            r#"{"KHR_draco_mesh_compression":{"bufferView":0,"attributes":{"POSITION":2,"NORMAL":1}}}"#;
+        (
+            format!(r#"{{"buffer":0,"byteLength":{bytes}}}"#),
+            format!(r#""attributes":{{"POSITION":2,"NORMAL":3}},"indices":4,"extensions":{draco}"#),
+        )
+    } else {
+        let vertices = bytes.min(packed()[0].len());
+        let view = |at: usize, bytes: usize, stride: usize, count: usize, mode: &str| {
+            format!(
+                r#"{{"buffer":1,"byteLength":{},"extensions":{{"EXT_meshopt_compression":{{"buffer":0,
+"byteOffset":{at},"byteLength":{bytes},"byteStride":{stride},"count":{count},"mode":"{mode}"}}}}}}"#,
+                stride * count
+            )
+        };
+        let positions = view(0, vertices, 12, 4, "ATTRIBUTES");
+        let indices = view(vertices, bytes - vertices, 2, 6, "TRIANGLES");
+        (format!("{positions},{indices}"), r#""attributes":{"POSITION":0},"indices":1"#.to_owned())
+    };
+    format!(
+        r#"{{"asset":{{"version":"2.0"}},"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+"meshes":[{{"primitives":[{{{primitive}}}]}}],"bufferViews":[{views}],
+"buffers":[{{"uri":"{name}","byteLength":{bytes}}},{{"byteLength":99}}],
+"accessors":[{{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"}},
+{{"bufferView":1,"componentType":5123,"count":6,"type":"SCALAR"}},
+{{"componentType":5126,"count":24,"type":"VEC3"}},{{"componentType":5126,"count":24,"type":"VEC3"}},
+{{"componentType":5123,"count":36,"type":"SCALAR"}}]}}"#
+    )
 }
 
 /// Whether a scene refers to a file as an image.
 fn is_image(name: &str) -> bool {
-    [".png", ".jpg", ".bmp", ".tga"].iter().any(|end| name.ends_with(end))
+    [".png", ".jpg", ".bmp", ".tga", ".webp", ".gif", ".tiff", ".ktx2"].iter().any(|end| name.ends_with(end))
 }
 
 /// A small image in a format.
@@ -54,7 +114,17 @@ pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
         let materials = include_str!("../corpus/loaders/scene.mtl").replace("checker.png", name);
         files.insert("scene.mtl".to_owned(), materials.into());
     }
-    let main = if name.ends_with(".mtl") || is_image(name) { "scene.obj" } else { name };
+    let is_buffer = name.ends_with(".drc") || name.ends_with(".bin");
+    if is_buffer {
+        files.insert("packed.gltf".to_owned(), document(name, files[name].len()).into());
+    }
+    let main = if is_buffer {
+        "packed.gltf"
+    } else if name.ends_with(".mtl") || is_image(name) {
+        "scene.obj"
+    } else {
+        name
+    };
     let scene = load_bundle(main, &files).map_err(|error| error.to_string())?;
     for mesh in &scene.meshes {
         let vertices = mesh.positions.len();

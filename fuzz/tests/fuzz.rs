@@ -248,5 +248,16 @@ fn environments() {
 
 #[test]
 fn textures() {
-    loader(&["checker.png", "checker.jpg", "checker.bmp", "checker.tga"]);
+    loader(&["checker.png", "checker.jpg", "checker.bmp", "checker.tga", "checker.gif", "checker.tiff"]);
+    loader(&["palette.png", "cmyk.jpg", "progressive.jpg", "checker.webp", "lossy.webp"]);
+}
+
+#[test]
+fn ktx2_textures() {
+    loader(&["etc1s.ktx2", "etc1s-alpha.ktx2", "uastc.ktx2", "astc.ktx2"]);
+}
+
+#[test]
+fn compressed_meshes() {
+    loader(&["cube.drc", "packed.bin"]);
 }

@@ -21,8 +21,8 @@
 //! odd sides lose nothing. Colours of cut-outs are weighted by alpha, and fully transparent texels take the colour of the
 //! coarser level: an artist's colour under alpha 0 never bleeds into an edge as a dark fringe.
 
-use std::sync::Arc;
-use std::sync::LazyLock;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use glam::{Vec2, Vec4};
 
@@ -95,17 +95,22 @@ pub fn mip_chains(scene: &Scene) -> Vec<MipChain> {
             *slot = AlphaUse::Cutout;
         }
     }
-    let jobs: Vec<_> = scene.textures.iter().zip(uses).collect();
-    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-    let share = jobs.len().div_ceil(threads).max(1);
-    std::thread::scope(|scope| {
-        let build = |part: &[(&Texture, AlphaUse)]| -> Vec<MipChain> {
-            part.iter().map(|&(texture, alpha)| MipChain::new(texture, alpha)).collect()
-        };
-        let handles: Vec<_> = jobs.chunks(share).map(|part| scope.spawn(move || build(part))).collect();
+    // The largest first, each by the next free thread.
+    let mut jobs: Vec<usize> = (0..uses.len()).collect();
+    jobs.sort_by_key(|&index| std::cmp::Reverse(scene.textures[index].rgba.len()));
+    let next = AtomicUsize::new(0);
+    let build = || -> Vec<(usize, MipChain)> {
+        let indices = std::iter::from_fn(|| jobs.get(next.fetch_add(1, Ordering::Relaxed)).copied());
+        indices.map(|index| (index, MipChain::new(&scene.textures[index], uses[index]))).collect()
+    };
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(jobs.len());
+    let mut chains: Vec<(usize, MipChain)> = std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..threads).map(|_| scope.spawn(build)).collect();
         let joined = handles.into_iter().map(|handle| handle.join());
         joined.flat_map(|part| part.unwrap_or_else(|panic| std::panic::resume_unwind(panic))).collect()
-    })
+    });
+    chains.sort_by_key(|&(index, _)| index);
+    chains.into_iter().map(|(_, chain)| chain).collect()
 }
 
 impl MipChain {
@@ -114,10 +119,19 @@ impl MipChain {
     pub fn new(texture: &Texture, alpha: AlphaUse) -> Self {
         let mut levels = Self::first_level(texture).levels;
         let size = [levels[0].width, levels[0].height];
-        let mut image = Linear::decode(&levels[0], texture.srgb);
+        let mut image: Option<Linear> = None;
         for l in 1..level_count(size) {
-            image = image.halved(level_size(size, l), alpha);
-            levels.push(image.encode(texture.srgb));
+            let next = match &image {
+                Some(image) => halved(image.size, |i| image.texels[i], level_size(size, l), alpha),
+                None => {
+                    // Decoded as it is read: the largest level would take four times its bytes.
+                    let color = if texture.srgb { &SRGB.linear } else { &UNIT };
+                    let texels = levels[0].rgba.as_chunks::<4>().0;
+                    halved(size, |i| decode(texels[i], color), level_size(size, l), alpha)
+                }
+            };
+            levels.push(next.encode(texture.srgb));
+            image = Some(next);
         }
         if alpha == AlphaUse::Cutout {
             fill_transparent(&mut levels);
@@ -228,38 +242,6 @@ struct Linear {
 }
 
 impl Linear {
-    fn decode(level: &Level, srgb: bool) -> Self {
-        let color = if srgb { &SRGB.linear } else { &UNIT };
-        let texel = |t: &[u8]| {
-            let [r, g, b] = [t[0], t[1], t[2]].map(|byte| color[usize::from(byte)]);
-            Vec4::new(r, g, b, UNIT[usize::from(t[3])])
-        };
-        Self { size: [level.width, level.height], texels: level.rgba.chunks_exact(4).map(texel).collect() }
-    }
-
-    /// Averages by area onto `size`, of which no side is longer.
-    fn halved(&self, size: [u32; 2], alpha: AlphaUse) -> Self {
-        let [columns, rows] = [0, 1].map(|axis| box_weights(self.size[axis], size[axis]));
-        let width = self.size[0] as usize;
-        let mut texels = Vec::with_capacity(columns.len() * rows.len());
-        for (y0, row_weights) in &rows {
-            for (x0, column_weights) in &columns {
-                let (mut plain, mut weighted) = (Vec4::ZERO, Vec4::ZERO);
-                for (y, wy) in row_weights.iter().enumerate() {
-                    for (x, wx) in column_weights.iter().enumerate() {
-                        let texel = self.texels[(y0 + y) * width + x0 + x];
-                        plain += texel * (wx * wy);
-                        weighted += texel * (wx * wy * texel.w);
-                    }
-                }
-                let color =
-                    if alpha == AlphaUse::Cutout && plain.w > 0.0 { weighted / plain.w } else { plain };
-                texels.push(color.truncate().extend(plain.w));
-            }
-        }
-        Self { size, texels }
-    }
-
     fn encode(&self, srgb: bool) -> Level {
         let unit = |x: f32| (x * 255.0 + 0.5) as u8;
         let color = |x: f32| if srgb { SRGB.encode(x) } else { unit(x) };
@@ -267,6 +249,43 @@ impl Linear {
         let rgba = self.texels.iter().flat_map(texel).collect();
         Level { width: self.size[0], height: self.size[1], rgba }
     }
+}
+
+/// A texel in linear light; `color` decodes a byte of its colour.
+fn decode(texel: [u8; 4], color: &[f32; 256]) -> Vec4 {
+    let [r, g, b] = [texel[0], texel[1], texel[2]].map(|byte| color[usize::from(byte)]);
+    Vec4::new(r, g, b, UNIT[usize::from(texel[3])])
+}
+
+/// Averages by area from an image of size `from` onto `size`, of which no side is longer.
+fn halved(from: [u32; 2], texel: impl Fn(usize) -> Vec4, size: [u32; 2], alpha: AlphaUse) -> Linear {
+    let [columns, rows] = [0, 1].map(|axis| box_weights(from[axis], size[axis]));
+    let width = from[0] as usize;
+    let mut texels = Vec::with_capacity(columns.len() * rows.len());
+    let mut average = |x0: usize, y0: usize, column_weights: &[f32], row_weights: &[f32]| {
+        let (mut plain, mut weighted) = (Vec4::ZERO, Vec4::ZERO);
+        for (y, wy) in row_weights.iter().enumerate() {
+            for (x, wx) in column_weights.iter().enumerate() {
+                let texel = texel((y0 + y) * width + x0 + x);
+                plain += texel * (wx * wy);
+                weighted += texel * (wx * wy * texel.w);
+            }
+        }
+        let color = if alpha == AlphaUse::Cutout && plain.w > 0.0 { weighted / plain.w } else { plain };
+        texels.push(color.truncate().extend(plain.w));
+    };
+    let even = from[0] == 2 * size[0] && from[1] == 2 * size[1];
+    for (y0, row_weights) in &rows {
+        for (x0, column_weights) in &columns {
+            if even {
+                // Of a known number, so that the loops are unrolled.
+                average(*x0, *y0, &[0.5; 2], &[0.5; 2]);
+            } else {
+                average(*x0, *y0, column_weights, row_weights);
+            }
+        }
+    }
+    Linear { size, texels }
 }
 
 /// For each of `to` texels of a side: the index of the first of the `from` texels under it, and the weights of those.

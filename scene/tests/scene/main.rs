@@ -10,3 +10,5 @@ mod reference_images;
 mod reference_light;
 mod reference_ranges;
 mod sight;
+mod zz_fuzz;
+mod zz_times;

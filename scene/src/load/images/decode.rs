@@ -62,7 +62,8 @@ impl<'a> ImageFile<'a> {
         } else {
             let format = format(name, bytes)?;
             let reader = ImageReader::with_format(Cursor::new(bytes), format);
-            let (width, height) = reader.into_dimensions().map_err(|error| error.to_string())?;
+            let dimensions = guarded(|| reader.into_dimensions().map_err(|error| error.to_string()));
+            let (width, height) = dimensions?;
             (Kind::Image(format), Size { width, height })
         };
         let Size { width, height } = size;
@@ -91,10 +92,10 @@ impl<'a> ImageFile<'a> {
     /// # Errors
     /// The decoder's reason.
     pub(super) fn decode(&self) -> Result<Pixels, String> {
-        let rgba = match &self.kind {
-            Kind::Ktx2(file) => file.decode()?,
-            Kind::Image(format) => self.image(*format)?,
-        };
+        let rgba = guarded(|| match &self.kind {
+            Kind::Ktx2(file) => file.decode(),
+            Kind::Image(format) => self.image(*format),
+        })?;
         Ok(Pixels { size: self.size, rgba: Arc::from(rgba) })
     }
 
@@ -115,6 +116,12 @@ impl<'a> ImageFile<'a> {
         let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
         Ok(image.into_rgba8().into_raw())
     }
+}
+
+/// Runs a decoder of another crate. They index by what they read: `png` 0.18.1 panics at a palette of one byte.
+fn guarded<T>(decode: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode));
+    caught.unwrap_or_else(|_| Err("is broken in a way that its decoder does not check".to_owned()))
 }
 
 /// The format by the first bytes. A TGA file has no signature.
