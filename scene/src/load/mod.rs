@@ -1,7 +1,7 @@
 //! Scene files: glTF 2.0, OBJ + MTL and PLY become a [`Scene`].
 //!
 //! Files are untrusted. Any content gives a scene or a [`LoadError`] of one line. Memory is bounded by the bundle's size
-//! rather than by the counts that it claims. A bad texture costs that texture and a warning.
+//! rather than by the counts that it claims, but for 256 MiB of even textures. A bad texture costs that texture and a warning.
 
 mod bundle;
 mod environment;

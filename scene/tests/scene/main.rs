@@ -10,5 +10,3 @@ mod reference_images;
 mod reference_light;
 mod reference_ranges;
 mod sight;
-mod zz_fuzz;
-mod zz_times;

@@ -15,7 +15,7 @@ const MOST_BYTES_A_BYTE: u64 = 1100;
 /// BasisLZ, and one bit a texel in PNG: 4096² texels of RGBA.
 const MOST_EXCESS: u64 = 64 << 20;
 /// Formats that are read, for messages.
-const KNOWN: &str = "PNG, JPEG, WebP, KTX2, BMP, TGA, GIF, TIFF, DDS";
+const KNOWN: &str = "PNG, JPEG, WebP, KTX2, BMP, TGA, GIF, DDS";
 
 /// Texels of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -126,9 +126,9 @@ fn guarded<T>(decode: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
 
 /// The format by the first bytes. A TGA file has no signature.
 fn format(name: &str, bytes: &[u8]) -> Result<ImageFormat, String> {
-    use ImageFormat::{Bmp, Dds, Gif, Jpeg, Png, Tga, Tiff, WebP};
+    use ImageFormat::{Bmp, Dds, Gif, Jpeg, Png, Tga, WebP};
     match image::guess_format(bytes) {
-        Ok(format @ (Png | Jpeg | WebP | Bmp | Gif | Tiff | Dds)) => Ok(format),
+        Ok(format @ (Png | Jpeg | WebP | Bmp | Gif | Dds)) => Ok(format),
         Ok(format) => Err(format!("{format:?} images are not supported ({KNOWN} are)")),
         Err(_) if matches!(ImageFormat::from_path(name), Ok(Tga)) => Ok(Tga),
         Err(_) => Err(format!("is no image format known here ({KNOWN})")),
