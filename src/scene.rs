@@ -38,7 +38,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "LIST", default_value = "auto", value_parser = args::effects, requires = "plan")]
     effects: Effects,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
-    /// default_camera, animations, bounds {min, max} (null if the scene is empty), rig, effects, warnings. With --plan: name, hash,
+    /// default_camera, animations, bounds {min, max} (null if the scene is empty), extent (what viewers look at), rig, effects,
+    /// warnings. With --plan: name, hash,
     /// light_effects, indirect, exposure, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms,
     /// saved_ms. With --mitsuba: shapes, triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
@@ -82,6 +83,8 @@ struct Report<'a> {
     default_camera: Camera,
     animations: usize,
     bounds: Corners,
+    /// The box of what viewers look at.
+    extent: Corners,
     rig: RigKind,
     effects: Vec<Effect>,
     warnings: &'a [String],
@@ -116,6 +119,7 @@ impl<'a> Report<'a> {
             default_camera: scene.default_camera(),
             animations: scene.animations.len(),
             bounds: Corners::of(scene.bounds()),
+            extent: Corners::of(scene.extent()),
             rig: scene.rig,
             effects: scene.effects(),
             warnings: &scene.warnings,
@@ -164,6 +168,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     match (report.bounds.min, report.bounds.max) {
         (Some(min), Some(max)) => println!("  bounds      {} to {} m", point(min), point(max)),
         _ => println!("  bounds      empty"),
+    }
+    if let (Some(min), Some(max)) = (report.extent.min, report.extent.max) {
+        println!("  extent      {} to {} m, what viewers look at", point(min), point(max));
     }
     println!("  materials   {}, textures {}", report.materials, report.textures);
     println!("  lights      {}, animations {}", report.lights, report.animations);

@@ -26,6 +26,7 @@ fn set() -> Arc<SampleSetInfo> {
     Arc::new(SampleSetInfo {
         scene: SceneHash([1; 32]),
         bounds,
+        extent: bounds,
         rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
         version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,

@@ -95,6 +95,7 @@ fn set() -> SampleSetInfo {
     SampleSetInfo {
         scene: HASH,
         bounds,
+        extent: bounds,
         rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [12, 8] },
         version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,

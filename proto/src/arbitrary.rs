@@ -141,11 +141,20 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
     let effects = (0..16u32).prop_map(|bits| LightEffects::from_bits(bits).unwrap_or_default());
     let specification =
         (visibility, sampling(), sub_samples(), effects, indirect(), prop::option::of(reflection_probes()));
-    (scene_hash(), bounds(), rig(), any::<u64>(), scene_state(), 0.0..=86400.0, lighting(), specification)
+    (
+        scene_hash(),
+        [bounds(), bounds()],
+        rig(),
+        any::<u64>(),
+        scene_state(),
+        0.0..=86400.0,
+        lighting(),
+        specification,
+    )
         .prop_map(
             |(
                 scene,
-                bounds,
+                [bounds, extent],
                 rig,
                 number,
                 state,
@@ -159,6 +168,7 @@ pub(crate) fn set_info() -> impl Strategy<Value = SampleSetInfo> {
                 SampleSetInfo {
                     scene,
                     bounds,
+                    extent,
                     rig,
                     version: Version { number, state },
                     epoch_secs,

@@ -19,6 +19,7 @@ pub mod emitters;
 pub mod environment;
 pub mod error;
 pub mod exposure;
+pub mod extent;
 mod faces;
 pub mod frame;
 pub mod history;

@@ -179,7 +179,7 @@ impl ReflectionProbeSet {
         knobs.validate()?;
         let eye = match knobs.source {
             ProbeSource::Octree { .. } | ProbeSource::Rays => None,
-            ProbeSource::Points { .. } => ProbeEye::of(rig, &scene.bounds()),
+            ProbeSource::Points { .. } => ProbeEye::of(rig, &scene.extent()),
         };
         let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32, eye };
         if maps.count == 0 {

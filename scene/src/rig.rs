@@ -30,7 +30,7 @@ pub enum Rig {
     /// The cluster paper's rig (section 4, figure 3): the ground is divided into tiles, and four cameras above the
     /// corners of each look at its centre. Index: 4·tile + corner.
     TileCorners {
-        /// Box around the scene; tiles divide its x and z.
+        /// The scene's extent; tiles divide its x and z.
         bounds: Bounds,
         /// Tiles along x and z.
         tiles: [u32; 2],
@@ -39,9 +39,11 @@ pub enum Rig {
         /// Texels of a sample: width, height.
         size: [u32; 2],
     },
-    /// Omni cameras on a lattice; a viewpoint is served by the corners of its cell. Refinements are the points of
-    /// lattices with half the spacing, a quarter, and so on. The index packs a point's three coordinates, 20 bits
-    /// each, and its level.
+    /// Omni cameras on a lattice; a viewpoint is served by the corners of its cell. Further levels are the points of
+    /// lattices with half the spacing, a quarter, and so on. A viewer who sees only what is near is served by a finer
+    /// level, and one who sees only what is far by every second point, every fourth, and so on ([`Rig::own_level`]).
+    /// Refinements are levels finer than a viewer's own. The index packs a point's three coordinates, 20 bits each, and
+    /// its level.
     Cell {
         /// Position of lattice coordinate (0, 0, 0).
         origin: DVec3,
@@ -70,17 +72,31 @@ pub struct RigKnobs {
 /// Least number of cameras around a viewpoint that are tested for their visibility of a view.
 const CANDIDATES: usize = 16;
 
-/// The finest level of refinements: 1 to this. A lattice's spacing falls to a sixteenth.
+/// Number of levels of refinements. The spacing falls to a sixteenth of that of a viewer's own level.
 pub const MAX_LEVEL: u32 = 4;
 
+/// The finest level that may serve viewers as their own; refinements of it fit into an index.
+const FINEST_OWN: u32 = lattice::FINEST - MAX_LEVEL;
+
+/// The number of doublings of the spacing of level 0 that may serve viewers as their own.
+const COARSEST_OWN: i32 = 12;
+
+/// Least distance of what a viewer sees, in spacings of the lattice that serves it. Views of Sponza and of a scene of its
+/// proportions, from which the default spacing was chosen, have 3 on average.
+const LEAST_RANGE: f64 = 1.5;
+
+/// Greatest such distance. Viewers who see a scene's extent as a whole, from outside, have up to 37.
+const MOST_RANGE: f64 = 48.0;
+
 impl Rig {
-    /// The rig for a scene: the paper's 400×300 cameras over one tile, or cells a sixteenth of the scene's width.
+    /// The rig for a scene: the paper's 400×300 cameras over one tile, or cells a sixteenth of the extent of what
+    /// viewers look at.
     ///
     /// # Errors
     /// A setting that is out of range, by name.
     pub fn for_scene(scene: &Scene, knobs: &RigKnobs) -> Result<Self, InvalidField> {
-        let bounds = scene.bounds();
-        let extent = bounds.size().max_element().max(1e-6);
+        let bounds = scene.extent();
+        let size = bounds.size().max_element().max(1e-6);
         let rig = match knobs.kind.unwrap_or(scene.rig) {
             RigKind::TileCorners => Self::TileCorners {
                 bounds,
@@ -90,7 +106,7 @@ impl Rig {
             },
             RigKind::Cell => Self::Cell {
                 origin: bounds.center(),
-                spacing: knobs.spacing.unwrap_or(extent / 16.0),
+                spacing: knobs.spacing.unwrap_or(size / 16.0),
                 face: knobs.face.unwrap_or(512),
             },
         };
@@ -163,18 +179,43 @@ impl Rig {
         count: usize,
         Among { refined, sight }: Among<'_>,
     ) -> Vec<u64> {
+        let level = self.own_level(camera, sight);
+        self.nearest_at(level, camera, count, Among { refined, sight })
+    }
+
+    /// The level of the cameras that serve a viewer, by the median distance of what it sees: 0, or the nearest level whose
+    /// spacing suits that distance. So a viewer beside small things in a wide scene has cameras near these, and one far
+    /// from everything shares cameras with many others. At level −n, every 2ⁿ-th point of the lattice serves. 0 without ray
+    /// queries.
+    pub fn own_level(&self, camera: &Camera, sight: Option<&dyn Sight>) -> i32 {
+        let (Self::Cell { spacing, .. }, Some(sight)) = (*self, sight) else { return 0 };
+        let Some(range) = greedy::median_range(sight, camera) else { return 0 };
+        // These saturate; NaN is 0.
+        let halvings = (LEAST_RANGE * spacing / range).log2().ceil().max(0.0) as i32;
+        let doublings = (range / (MOST_RANGE * spacing)).log2().ceil().max(0.0) as i32;
+        halvings.min(FINEST_OWN as i32) - doublings.min(COARSEST_OWN)
+    }
+
+    /// The cameras of [`Rig::nearest_among`] for a viewer with this own level.
+    pub fn nearest_at(
+        &self,
+        level: i32,
+        camera: &Camera,
+        count: usize,
+        Among { refined, sight }: Among<'_>,
+    ) -> Vec<u64> {
         let Some(sight) = sight.filter(|_| matches!(self, Self::Cell { .. })) else {
-            return self.ranked(camera, 2, refined).into_iter().take(count).collect();
+            return self.ranked(camera, (level, 2), refined).into_iter().take(count).collect();
         };
         // A cell's neighbours may see surfaces that its own corners do not.
-        let ranked =
-            self.ranked(camera, 4, refined).into_iter().take(CANDIDATES.max(count.saturating_mul(2)));
+        let ranked = self.ranked(camera, (level, 4), refined);
+        let ranked = ranked.into_iter().take(CANDIDATES.max(count.saturating_mul(2)));
         let place = |index| self.lattice_point(index).map(|at| (index, at));
         sight.best(camera, &ranked.filter_map(place).collect::<Vec<_>>(), count)
     }
 
-    /// The lattice cameras around a viewpoint, `edge` to a side, and refinements, nearest first.
-    fn ranked(&self, camera: &Camera, edge: i32, refined: &[u64]) -> Vec<u64> {
+    /// The cameras of a level of the lattice around a viewpoint, `edge` to a side, and refinements, nearest first.
+    fn ranked(&self, camera: &Camera, (level, edge): (i32, i32), refined: &[u64]) -> Vec<u64> {
         let mut ranked: Vec<(f64, u64)> = match *self {
             Self::TileCorners { .. } => {
                 let number = self.tile_looked_at(camera);
@@ -190,8 +231,9 @@ impl Rig {
                 own.chain(of_tile).filter_map(eye_of).collect()
             }
             Self::Cell { .. } => {
-                let base = self.lattice_coordinates(camera.eye, 0).floor().as_ivec3();
-                let own = lattice::block(base - (edge - 2) / 2, edge);
+                let (level, stride) = (level.max(0) as u32, 1 << (-level).clamp(0, COARSEST_OWN));
+                let at = self.lattice_coordinates(camera.eye, level) / f64::from(stride);
+                let own = lattice::block((level, stride), at.floor().as_ivec3() - (edge - 2) / 2, edge);
                 let distance = |index| {
                     self.lattice_point(index).map(|center| ((center - camera.eye).length_squared(), index))
                 };
@@ -203,13 +245,13 @@ impl Rig {
         ranked.into_iter().map(|(_, index)| index).collect()
     }
 
-    /// The refinement of a level, 1 to [`MAX_LEVEL`], that fills the most holes of a viewpoint: the closest that sees the
+    /// The refinement of a level from 1, in a rig of tiles to [`MAX_LEVEL`], that fills the most holes of a viewpoint: the closest that sees the
     /// viewpoint, or the closest if none does. A lattice point of a coarser level has that level's index. `None` if a
     /// tile's camera would stand within the scene's bounds.
     pub fn refinement(&self, camera: &Camera, level: u32, sight: Option<&dyn Sight>) -> Option<u64> {
-        let level = level.clamp(1, MAX_LEVEL);
         match *self {
             Self::TileCorners { bounds, .. } => {
+                let level = level.clamp(1, MAX_LEVEL);
                 let number = self.tile_looked_at(camera);
                 let tile = self.tile(number);
                 let slot = tile.nearest_slot(camera.eye, level);
@@ -218,6 +260,7 @@ impl Rig {
                 outside.then_some(4 * self.tile_count() + number * tile::REFINED + slot)
             }
             Self::Cell { .. } => {
+                let level = level.clamp(1, lattice::FINEST);
                 let eye = self.lattice_coordinates(camera.eye, level);
                 let mut around = lattice::neighbours(eye.round().as_ivec3());
                 around.sort_by(|a, b| {

@@ -196,6 +196,8 @@ pub struct SampleSetInfo {
     pub scene: SceneHash,
     /// Box around everything in the scene: no surface is outside it.
     pub bounds: Bounds,
+    /// Box of the surfaces that viewers look at: [`Scene::extent`].
+    pub extent: Bounds,
     /// The placement rule.
     pub rig: Rig,
     /// Version of the samples, and the state of the scene that it shows.

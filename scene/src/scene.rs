@@ -62,6 +62,16 @@ impl Bounds {
         if self.is_empty() { DVec3::ZERO } else { self.max - self.min }
     }
 
+    /// The smallest box that holds both.
+    pub fn union(&self, other: &Self) -> Self {
+        Self { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// What is in both; empty if they do not meet.
+    pub fn intersection(&self, other: &Self) -> Self {
+        Self { min: self.min.max(other.min), max: self.max.min(other.max) }
+    }
+
     /// Whether `point` lies inside or on its surface.
     pub fn contains(&self, point: DVec3) -> bool {
         point.cmpge(self.min).all() && point.cmple(self.max).all()
@@ -219,13 +229,13 @@ impl Scene {
     }
 
     /// A viewpoint that shows the scene. The first recommended one that has an image; else, if the scene surrounds its middle, one from
-    /// within, along its longer side; else one from outside its bounds.
+    /// within, along its longer side; else one from outside its extent.
     pub fn default_camera(&self) -> Camera {
         if let Some(named) = self.cameras.iter().find(|named| named.camera.validate().is_ok()) {
             return named.camera;
         }
-        let bounds = self.bounds();
-        let (center, size) = (bounds.center(), bounds.size());
+        let extent = self.extent();
+        let (center, size) = (extent.center(), extent.size());
         if self.surrounds(center) {
             let along = if size.x >= size.z { DVec3::X * size.x } else { DVec3::Z * size.z };
             return Camera { fov_deg: 60.0, ..Camera::look_at(center - along * 0.3, center) };

@@ -56,6 +56,7 @@ impl Stage {
         let info = Arc::new(SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
+            extent: scene.extent(),
             rig: Rig::for_scene(&scene, &RigKnobs::default())?,
             version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,

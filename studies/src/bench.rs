@@ -80,6 +80,7 @@ impl Bench {
         let info = Arc::new(SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
+            extent: scene.extent(),
             rig: Rig::for_scene(&scene, rig)?,
             version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,

@@ -112,7 +112,7 @@ impl Answers {
     /// `count` random views that stand in the open and show something. With a `Cell` rig they are drawn from `places`
     /// cells, since each new cell costs as many samples as it has corners.
     pub fn views(&self, count: usize, places: usize, seed: u64) -> Vec<Camera> {
-        let (bounds, rig) = (self.bench.info.bounds, self.bench.info.rig);
+        let (bounds, rig) = (self.bench.info.extent, self.bench.info.rig);
         let kind = match rig {
             Rig::TileCorners { .. } => RigKind::TileCorners,
             Rig::Cell { .. } => RigKind::Cell,
@@ -142,7 +142,7 @@ impl Answers {
 
     /// Whether more than half of a view shows surfaces, all of them front faces and none very close.
     fn shows_something(&self, camera: &Camera) -> bool {
-        let extent = self.bench.info.bounds.size().max_element();
+        let extent = self.bench.info.extent.size().max_element();
         let mut seen = 0;
         for i in 0..PROBES * PROBES {
             let pixel = DVec2::new(f64::from(i % PROBES), f64::from(i / PROBES)) + 0.5;
@@ -283,7 +283,7 @@ impl Answers {
                 answers.push(Answer { setting, error: error(&frame, &reference)?, ms, observed });
             }
             let rig = (&self.bench.info.rig, self.bench.sight());
-            let situation = Situation::new(camera, size[1], rig, &self.bench.info.bounds);
+            let situation = Situation::new(camera, size[1], rig, &self.bench.info.extent);
             trials.push(Trial { situation, pixels: u64::from(size[0]) * u64::from(size[1]), answers });
             progress.inc(1);
         }

@@ -135,6 +135,7 @@ impl Bench {
         let info = SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
+            extent: scene.extent(),
             rig,
             version: Version::of_epoch(0, 0),
             epoch_secs: 0.0,

@@ -50,6 +50,7 @@ pub fn prepare(config: &Config, source: &dyn SceneSource) -> Result<Prepared, Se
     let mut set = SampleSetInfo {
         scene: scene.hash,
         bounds: scene.bounds(),
+        extent: scene.extent(),
         rig,
         version: Version::default(),
         epoch_secs: match moves {

@@ -45,7 +45,7 @@ impl ViewsService {
         let description = Description {
             scene_name: scene.name.clone(),
             scene_hash: scene.hash,
-            bounds: set.bounds,
+            bounds: set.extent,
             triangles: scene.triangles() as u64,
             effects: scene.effects(),
             effect_plan,

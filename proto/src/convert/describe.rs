@@ -17,7 +17,7 @@ pub struct Description {
     pub scene_name: String,
     /// Hash of the scene.
     pub scene_hash: SceneHash,
-    /// Box around everything in it.
+    /// Box of the surfaces that viewers look at. What is far away or far larger reaches out of it.
     pub bounds: Bounds,
     /// Triangles, instances counted.
     pub triangles: u64,

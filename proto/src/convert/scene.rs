@@ -229,6 +229,7 @@ impl From<&SampleSetInfo> for v1::SampleSetInfo {
         Self {
             scene_hash: scene_hash_bytes(info.scene),
             bounds: Some(info.bounds.into()),
+            extent: Some(info.extent.into()),
             rig: Some((&info.rig).into()),
             version: Some(info.version.into()),
             epoch_secs: info.epoch_secs,
@@ -255,6 +256,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "set.scene_hash")?,
             bounds: required::<v1::Bounds>(wire.bounds, "set.bounds").and_then(Bounds::try_from)?,
+            extent: required::<v1::Bounds>(wire.extent, "set.extent").and_then(Bounds::try_from)?,
             rig,
             version: required(wire.version, "set.version")?.try_into()?,
             epoch_secs: epoch_secs(wire.epoch_secs, "set.epoch_secs")?,

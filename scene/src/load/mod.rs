@@ -186,10 +186,17 @@ fn has_lamps(parts: &Parts) -> bool {
     parts.instances.iter().any(is_lamp)
 }
 
+/// Share of a height field's area that may lie beyond its extent: its cameras do not show it.
+const MOST_BEYOND: f64 = 0.01;
+
 /// The rig for a scene. A scene without cameras that is eight times as long and wide as it is high counts as a height
-/// field seen from above; any other scene is walked through.
+/// field seen from above, unless surfaces reach out of its extent; any other scene is walked through.
 fn rig_of(scene: &Scene) -> RigKind {
-    let size = scene.bounds().size();
+    if !scene.cameras.is_empty() {
+        return RigKind::Cell;
+    }
+    let extent = scene.extent();
+    let size = extent.size();
     let flat = size.y * 8.0 < size.x.min(size.z);
-    if flat && scene.cameras.is_empty() { RigKind::TileCorners } else { RigKind::Cell }
+    if flat && scene.area_beyond(&extent) < MOST_BEYOND { RigKind::TileCorners } else { RigKind::Cell }
 }

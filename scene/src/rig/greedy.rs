@@ -77,6 +77,18 @@ pub(super) fn best(
     best
 }
 
+/// Median distance of the surfaces that a viewer sees at time zero, metres; `None` if it sees none.
+pub(super) fn median_range(sight: &(impl Sight + ?Sized), camera: &Camera) -> Option<f64> {
+    let range = |target: &Target| match target {
+        Target::Surface(point) => Some(point.distance(camera.eye)),
+        Target::Sky(_) => None,
+    };
+    let mut ranges: Vec<f64> =
+        sight.targets(camera.eye, &directions(camera), 0.0).iter().filter_map(range).collect();
+    ranges.sort_unstable_by(f64::total_cmp);
+    ranges.get(ranges.len() / 2).copied()
+}
+
 /// Directions of the grid's rays.
 fn directions(camera: &Camera) -> Vec<DVec3> {
     let [width, height] = SIZE;

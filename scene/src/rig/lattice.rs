@@ -2,19 +2,20 @@
 
 use glam::IVec3;
 
-use super::MAX_LEVEL;
-
 /// Coordinates are stored with this offset, in 20 bits each; the level follows them.
 const BIAS: i32 = 1 << 19;
 const MASK: u64 = (1 << 20) - 1;
 
-/// Largest coordinate: the neighbours' neighbours still fit.
-pub(super) const LIMIT: f64 = (BIAS - 4) as f64;
+/// The finest level: four bits are left for it, and one of their values for indices that are no point's.
+pub(super) const FINEST: u32 = 14;
+
+/// Largest coordinate: the neighbours' neighbours still fit, also those of every 2¹²-th point.
+pub(super) const LIMIT: f64 = (BIAS - (4 << 12)) as f64;
 
 /// A point of a lattice. A point of two levels belongs to the coarser one, so that every point has one index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Point {
-    /// 0 to [`MAX_LEVEL`].
+    /// 0 to [`FINEST`].
     pub(super) level: u32,
     /// In units of the level's spacing, each within ±2¹⁹.
     pub(super) at: IVec3,
@@ -52,14 +53,14 @@ impl Point {
     pub(super) fn from_index(index: u64) -> Option<Self> {
         let unpack = |shift: u32| ((index >> shift) & MASK) as i32 - BIAS;
         let point = Self { level: (index >> 60) as u32, at: IVec3::new(unpack(0), unpack(20), unpack(40)) };
-        (point.level <= MAX_LEVEL && point.coarsest() == point).then_some(point)
+        (point.level <= FINEST && point.coarsest() == point).then_some(point)
     }
 }
 
-/// The points of level 0 in the block of `edge` points on each side that begins at `first`.
-pub(super) fn block(first: IVec3, edge: i32) -> Vec<u64> {
+/// The points of a level in the block of `edge` points on each side that begins at `first`, in units of `stride` points.
+pub(super) fn block((level, stride): (u32, i32), first: IVec3, edge: i32) -> Vec<u64> {
     let offset = |i: i32| IVec3::new(i % edge, i / edge % edge, i / (edge * edge));
-    (0..edge.pow(3)).map(|i| Point { level: 0, at: first + offset(i) }.index()).collect()
+    (0..edge.pow(3)).map(|i| Point { level, at: (first + offset(i)) * stride }.coarsest().index()).collect()
 }
 
 /// Coordinates around some, themselves among them.
@@ -76,7 +77,7 @@ mod tests {
     proptest! {
         #[test]
         fn an_index_gives_back_its_point_and_a_point_has_one_index(
-            level in 0..=MAX_LEVEL,
+            level in 0..=FINEST,
             at in prop::array::uniform3(-BIAS..BIAS),
         ) {
             let point = Point { level, at: IVec3::from(at) }.coarsest();
@@ -87,7 +88,7 @@ mod tests {
 
         #[test]
         fn all_points_of_a_block_have_the_same_block(
-            level in 0..=MAX_LEVEL,
+            level in 0..=FINEST,
             at in prop::array::uniform3(-100..100),
             edge in prop::sample::select(vec![1, 2, 4]),
         ) {

@@ -97,6 +97,32 @@ fn a_rig_chooses_cameras_that_see_the_view() {
 }
 
 #[test]
+fn cameras_are_as_close_together_as_what_a_viewer_sees_is_near() {
+    let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 100.0, face: 8 };
+    let sight = sight(walls(&[0.0], true));
+    let levels =
+        [(2e5, -6), (5000.0, -1), (4700.0, 0), (160.0, 0), (80.0, 1), (9.0, 5), (0.5, 9), (1e-6, 10)];
+    for (range, level) in levels {
+        let viewer = Camera::look_at(DVec3::new(0.1, 0.2, range), DVec3::new(0.1, 0.2, 0.0));
+        // A wall as wide as the view.
+        let viewer = Camera { fov_deg: if range > 5.0 { 1e-3 } else { 50.0 }, ..viewer };
+        assert_eq!(rig.own_level(&viewer, Some(&sight)), level, "{range} m");
+        assert_eq!(rig.own_level(&viewer, None), 0);
+        let four = rig.nearest_among(&viewer, 4, Among { refined: &[], sight: Some(&sight) });
+        let spacing = 100.0 * 0.5_f64.powi(level);
+        for index in four {
+            assert!(rig.level(index).unwrap() <= level.max(0) as u32);
+            let apart = rig.camera(index).unwrap().center() - viewer.eye;
+            assert!(apart.abs().max_element() <= 2.0 * spacing, "{range} m: {apart}");
+        }
+        let finer = level.max(0) as u32 + 1;
+        assert!(rig.level(rig.refinement(&viewer, finer, Some(&sight)).unwrap()).unwrap() <= finer);
+    }
+    let away = Camera::look_at(DVec3::Z, DVec3::Z * 9.0);
+    assert_eq!(rig.own_level(&away, Some(&sight)), 0, "only the sky is in sight");
+}
+
+#[test]
 fn the_choice_is_the_same_far_from_the_origin() {
     let far = DVec3::splat(1e6);
     let mut moved = walls(&[0.2], true);

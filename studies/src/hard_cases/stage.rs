@@ -151,6 +151,7 @@ impl Stages {
         let info = Arc::new(SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
+            extent: scene.extent(),
             rig,
             version: Version::of_epoch(self.version, 0),
             epoch_secs: 0.0,

@@ -44,6 +44,7 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
     SampleSetInfo {
         scene: SceneHash([1; 32]),
         bounds,
+        extent: bounds,
         rig,
         version: Version::of_epoch(0, 0),
         epoch_secs: if moves { 1e-3 } else { 0.0 },

@@ -14,6 +14,8 @@ pub(in crate::core) const MOST_SAMPLES: usize = 8;
 struct Choice {
     camera: Camera,
     refined: Vec<u64>,
+    /// The level of the rig's cameras that serve it.
+    level: i32,
     best: Vec<u64>,
 }
 
@@ -38,20 +40,33 @@ impl Cameras {
         self.sight.as_deref()
     }
 
+    /// The level of the rig's cameras that serve a viewpoint.
+    pub(super) fn own_level(&self, rig: &Rig, camera: &Camera) -> i32 {
+        self.last_level(camera).unwrap_or_else(|| rig.own_level(camera, self.sight()))
+    }
+
+    /// The level of the last choice, if that was for this viewpoint.
+    fn last_level(&self, camera: &Camera) -> Option<i32> {
+        self.last.borrow().as_ref().filter(|last| last.camera == *camera).map(|last| last.level)
+    }
+
     /// The best cameras for a viewpoint, of the rig and of these refinements, best first.
     pub(super) fn best(&self, rig: &Rig, camera: &Camera, count: usize, refined: &[u64]) -> Vec<u64> {
-        let choose = |count| rig.nearest_among(camera, count, Among { refined, sight: self.sight() });
+        let choose =
+            |level, count| rig.nearest_at(level, camera, count, Among { refined, sight: self.sight() });
         if self.sight.is_none() || count > MOST_SAMPLES {
-            return choose(count);
+            return choose(self.own_level(rig, camera), count);
         }
+        let last_level = self.last_level(camera);
         let mut last = self.last.borrow_mut();
         let is_same = |last: &&mut Choice| last.camera == *camera && last.refined == refined;
         let best = match last.as_mut().filter(is_same) {
             Some(last) => &last.best,
             // The best few are the first of the best many.
             None => {
-                let best = choose(MOST_SAMPLES);
-                &last.insert(Choice { camera: *camera, refined: refined.to_vec(), best }).best
+                let level = last_level.unwrap_or_else(|| rig.own_level(camera, self.sight()));
+                let best = choose(level, MOST_SAMPLES);
+                &last.insert(Choice { camera: *camera, refined: refined.to_vec(), level, best }).best
             }
         };
         best.iter().take(count).copied().collect()

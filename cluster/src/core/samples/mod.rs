@@ -165,10 +165,15 @@ impl Samples {
         worker.assigned().prefetch.iter().any(|source| source.addresses.is_empty() && lacks(source))
     }
 
-    /// Whether a plan could be made without a sample. Refinements are used if they are held, and are rendered when no
-    /// view waits. In a moving scene they come with each version like all samples.
-    pub(super) fn is_dispensable(&self, id: SampleId) -> bool {
-        self.set.epoch_secs == 0.0 && self.set.rig.level(id.camera) > Some(0)
+    /// The level of the rig's cameras that serve a viewpoint.
+    pub(super) fn own_level(&self, camera: &Camera) -> i32 {
+        self.cameras.own_level(&self.set.rig, camera)
+    }
+
+    /// Whether a plan for a viewer with this own level could be made without a sample. Refinements are used if they are held,
+    /// and are rendered when no view waits. In a moving scene they come with each version like all samples.
+    pub(super) fn is_dispensable(&self, id: SampleId, own_level: i32) -> bool {
+        self.set.epoch_secs == 0.0 && self.set.rig.level(id.camera) > Some(own_level.max(0) as u32)
     }
 
     /// What each worker would lose by another role.

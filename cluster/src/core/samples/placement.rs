@@ -132,11 +132,12 @@ impl Placement {
         if !(uncovered as f64 > BEARABLE * pixels as f64) {
             return;
         }
-        for level in 1..=MAX_LEVEL {
+        let own = rig.own_level(camera, sight).max(0) as u32;
+        for level in own + 1..=own + MAX_LEVEL {
             let Some(index) = rig.refinement(camera, level, sight) else { return };
             // The view used it, or the rig's own camera in its place, and still has holes: a finer refinement is
             // needed.
-            if used.contains(&index) || rig.level(index) == Some(0) {
+            if used.contains(&index) || rig.level(index) <= Some(own) {
                 continue;
             }
             let site = self.sites.entry(index).or_default();

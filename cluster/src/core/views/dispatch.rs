@@ -203,5 +203,5 @@ impl Views {
 
 /// Whether a view can be planned without a sample.
 fn is_dispensable(view: &Pending, id: SampleId, cluster: Cluster<'_>) -> bool {
-    !view.pinned && cluster.samples.is_dispensable(id)
+    !view.pinned && cluster.samples.is_dispensable(id, view.own_level)
 }

@@ -66,13 +66,16 @@ impl Views {
         let deadline = deadline.unwrap_or(longest).min(longest);
         let pixels = u64::from(view.width) * u64::from(view.height);
         self.admission.enter(&client, pixels.saturating_mul(sub_pixels(&plan)), &self.config, now);
+        let open = OpenView::of(view, survey, last);
+        let chooses = open.is_none() && view.pin.is_none() && matches!(plan, Plan::Warp(_));
         let pending = Pending {
+            own_level: if chooses { cluster.samples.own_level(&view.camera) } else { 0 },
             client,
             camera: view.camera,
             pixels,
             version: version_of(view, cluster),
             plan,
-            open: OpenView::of(view, survey, last),
+            open,
             pinned: view.pin.is_some(),
             expected,
             target_search,

@@ -22,6 +22,8 @@ pub(super) struct Pending {
     pub(super) version: Version,
     /// The plan; if the way is open, the latest one.
     pub(super) plan: Plan,
+    /// The level of the rig's cameras that serve it. Samples of finer levels are refinements, which it can do without.
+    pub(super) own_level: i32,
     /// What the planner needs to know, if the request leaves the way open.
     pub(super) open: Option<Box<OpenView>>,
     /// The prediction for its frame.

@@ -37,7 +37,7 @@ impl Views {
         };
         let set = cluster.samples.set();
         let rig = (&set.rig, cluster.samples.sight());
-        let situation = Situation::new(&view.camera, view.height, rig, &set.bounds);
+        let situation = Situation::new(&view.camera, view.height, rig, &set.extent);
         let pixels = u64::from(view.width) * u64::from(view.height);
         let chosen = QualityTarget::of(&view.plan).and_then(|target| {
             let candidates = model.candidates(&view.plan, &situation, pixels, &self.pace);

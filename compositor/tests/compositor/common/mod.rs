@@ -290,6 +290,7 @@ pub(crate) fn sample_set(
     let info = SampleSetInfo {
         scene: SceneHash([7; 32]),
         bounds: subject.bounds(),
+        extent: subject.bounds(),
         rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         version: Version::of_epoch(0, 3),
         epoch_secs: 0.1,

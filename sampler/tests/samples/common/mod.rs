@@ -73,6 +73,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
     let info = SampleSetInfo {
         scene: scene.hash,
         bounds: scene.bounds(),
+        extent: scene.extent(),
         rig,
         version: Version::of_epoch(0, 0),
         epoch_secs: 0.0,
