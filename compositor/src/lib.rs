@@ -16,9 +16,10 @@
 //! The meaning of a frame's pixels, in addition to [`argus_scene::Output`]:
 //! - a pixel is *sky* (source 0, mask 0, no range) if its ray misses the scene's bounds, or if samples see past every
 //!   point of it;
-//! - a pixel is *unresolved* (source 0, mask 255, no range) if no sample saw its surface. Its colour is a guess: the
-//!   farthest nearby texel of the first sample that looks there, because background continues behind a foreground edge; sky
-//!   if no sample looks there;
+//! - a pixel is *unresolved* (source 0, mask 255, no range) if no sample saw its surface at its range: `is_seen` in
+//!   `shaders/shared/fetch.wgsl` has the rule. Its colour is a guess. Where a sample has the surface in texels that are too
+//!   coarse for the view, it is theirs; else the farthest nearby texel of the first sample that looks there, because
+//!   background continues behind a foreground edge; sky if no sample looks there;
 //! - with supersampling, colour is the mean in linear radiance. Range, mask and source are those of the middle sub-pixel
 //!   (for an even number, the one below and right of the middle).
 //!

@@ -54,6 +54,13 @@ pub(crate) struct PreparedView {
 /// `shaders/shared/fetch.wgsl`.
 const LEVEL_TEXELS: f64 = 0.707;
 
+/// A pixel is unresolved if its texel covers more pixels than this to a side and lies at a surface's edge. The edge is known to
+/// half a texel.
+const COARSE_EDGE: f32 = 4.0;
+
+/// A pixel is unresolved if its texel covers more pixels than this to a side.
+const COARSE: f32 = 16.0;
+
 /// Cells of a splat that seeds a search are this many times larger than those of the splat search.
 const SEED_CELL_FACTOR: u32 = 4;
 
@@ -189,7 +196,11 @@ impl PreparedView {
     pub(crate) fn uniform(&self, piece: &Piece, first: &ChunkOffsets) -> ViewUniform {
         let [corner, right, down] = self.geometry.directions().map(|d| d.as_vec3().to_array());
         let held = self.samples.first();
-        let bounds = held.map(|held| bounds_about(&held.info.bounds, self.geometry.eye)).unwrap_or_default();
+        let eye = self.geometry.eye;
+        let bounds = held.map(|held| bounds_about(&held.info.bounds, eye)).unwrap_or_default();
+        let extent = held.map(|held| bounds_about(&held.info.extent, eye)).unwrap_or_default();
+        // In sub-pixels.
+        let [coarse_edge, coarse] = [COARSE_EDGE, COARSE].map(|pixels| pixels * self.side as f32);
         let cells = self.cells_of(piece.part);
         let mut samples = [ViewSample::zeroed(); MAX_SAMPLES];
         for ((slot, held), mask) in samples.iter_mut().zip(&self.samples).zip(&self.masks) {
@@ -217,13 +228,17 @@ impl PreparedView {
             piece: first.piece,
             footprint: self.footprint(),
             piece_size: piece.fine_size(),
+            extent_min: extent[0],
+            coarse_edge,
+            extent_max: extent[1],
+            coarse,
             lighting: held.map_or(Zeroable::zeroed(), |held| lighting_uniform(&held.info.lighting)),
             probes: self
                 .probes
                 .as_ref()
                 .map_or(Zeroable::zeroed(), |(_, probes)| probes.uniform(self.geometry.eye)),
             samples,
-            _pad: [0.0; 40],
+            _pad: [0.0; 32],
         }
     }
 

@@ -13,7 +13,7 @@ import package::shared::fetch::{
 };
 import package::shared::unsettled::{Segment, place_of, segment_of};
 import package::shared::march::march;
-import package::shared::pixel::{CERTAIN, OTHER_SAMPLE, Pixel, sky_pixel, surface_pixel, unresolved_pixel};
+import package::shared::pixel::{CERTAIN, OTHER_SAMPLE, Pixel, UNRESOLVED, sky_pixel, surface_pixel, unresolved_pixel};
 import package::shared::targets::store_pixel;
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
@@ -68,7 +68,8 @@ fn cell_at(place: vec2u) -> i32 {
 
 fn pixel_of(found: Found, place: vec2u) -> Pixel {
     var pixel = surface_pixel(found.fetch, found.source, direction_at(place));
-    pixel.source += select(0u, OTHER_SAMPLE, found.source != depth_of(depths[cell_at(place)]).source);
+    let is_other = found.source != depth_of(depths[cell_at(place)]).source && pixel.source != UNRESOLVED;
+    pixel.source += select(0u, OTHER_SAMPLE, is_other);
     return pixel;
 }
 

@@ -7,7 +7,7 @@ import package::shared::fetch::{
 };
 import package::shared::fixed_point::{limits_of, settle, settle_in_any};
 import package::shared::march::march;
-import package::shared::pixel::{OTHER_SAMPLE, Pixel, surface_pixel};
+import package::shared::pixel::{OTHER_SAMPLE, Pixel, UNRESOLVED, surface_pixel};
 import package::shared::ray_end::{RayEnd, pixel_at_end};
 
 @group(0) @binding(9) var<storage, read> depths: array<u32>;
@@ -29,7 +29,7 @@ fn pixel_elsewhere(d: vec3f, span: vec2f, start: f32, source: u32) -> Pixel {
     }
     if other.found && span.x < span.y {
         var pixel = surface_pixel(other.fetch, other.source, d);
-        pixel.source += select(0u, OTHER_SAMPLE, other.source != source);
+        pixel.source += select(0u, OTHER_SAMPLE, other.source != source && pixel.source != UNRESOLVED);
         return pixel;
     }
     return pixel_at_end(d, span, end);

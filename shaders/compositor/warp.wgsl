@@ -11,7 +11,7 @@ import package::shared::fetch::{
 };
 import package::shared::finite::finite_or_zero;
 import package::shared::pixel::{
-    CERTAIN, HIGHLIGHT, UNSETTLED, Pixel, confidence_of, confident, encoded, glossy, linear, within_face,
+    CERTAIN, HIGHLIGHT, UNRESOLVED, UNSETTLED, Pixel, confidence_of, confident, encoded, glossy, linear, within_face,
 };
 import package::shared::shading::sky_radiance;
 
@@ -56,8 +56,11 @@ fn pixel(at: vec2f) -> Pixel {
     confidence = select(confidence, CERTAIN >> 1u, clear);
     let settled = depth.q > 0.0 && fetched.agreement >= SETTLED;
     let lit = select(depth.source + 1u, HIGHLIGHT, glossy && shown.a > 0.0);
-    let source = select(select(UNSETTLED, lit, settled), 0u, clear);
+    // Further samples are seldom finer, because the first of the plan are the best.
+    let seen = select(UNRESOLVED, lit, fetched.fine);
+    let source = select(select(UNSETTLED, seen, settled), 0u, clear);
+    confidence = select(confidence, 0u, source == UNRESOLVED);
     let surface = d / max(fetched.q, 1e-30);
-    let range = select(length(surface), 0.0, clear);
+    let range = select(length(surface), 0.0, clear || source == UNRESOLVED);
     return Pixel(color, source, confidence, range, surface, fetched.uv, fetched.layer, true);
 }

@@ -56,11 +56,17 @@ struct ViewUniform {
     footprint: f32,
     // Columns and rows of the piece's pixels.
     piece_size: vec2u,
+    extent_min: vec3f,
+    // Pixels along the edge of a texel that is too coarse where surfaces end.
+    coarse_edge: f32,
+    extent_max: vec3f,
+    // Pixels along the edge of a texel that is too coarse anywhere.
+    coarse: f32,
     lighting: Lighting,
     // Reflection probes relative to the eye.
     probes: ProbeUniform,
     // Padded so that the struct is a multiple of 256 bytes, the alignment of uniforms.
-    @size(672) samples: array<ViewSample, 8>,
+    @size(640) samples: array<ViewSample, 8>,
 }
 
 // Samples are cubes; otherwise pinhole images. An override, because the software driver runs both sides of a branch on a
@@ -96,6 +102,12 @@ const SETTLED: f32 = 0.5;
 // Smallest share that counts. Less is rounding.
 const MIN_AGREEMENT: f32 = 0.02;
 
+// Texels between two points of a plane from which one is extrapolated to the other.
+const MOST_APART: f32 = 2.0;
+
+// Steps of the fixed-point iteration that are taken at once.
+const MOST_STEPS: f32 = 8.0;
+
 // A point of a view ray looked up in one sample.
 struct Fetch {
     // Texture coordinates at which a bilinear fetch reads only agreeing texels. Without agreement, those of the farthest
@@ -114,11 +126,21 @@ struct Fetch {
     residual: f32,
     // Whether the point is inside the image.
     inside: bool,
+    // Whether the sample's texels are fine enough for the pixel: see `is_seen`.
+    fine: bool,
+}
+
+// Whether a sample saw the pixel's surface at the pixel's range: the one rule by which pixels are resolved.
+// - The texel nearest to the pixel has the pixel's range, within the view's tolerance.
+// - The texel covers at most `coarse` pixels to a side, and at most `coarse_edge` where not all four texels around the
+//   pixel have its range: there the surface's edge is known to a texel only, and what is smaller may be missing.
+fn is_seen(fetched: Fetch) -> bool {
+    return fetched.agreement >= SETTLED && fetched.fine;
 }
 
 // The fetch before any sample is looked up, for inverse depth q.
 fn nothing_at(q: f32) -> Fetch {
-    return Fetch(vec2f(0.0), 0u, 0.0, q, 0.0, 0.0, 1.0, false);
+    return Fetch(vec2f(0.0), 0u, 0.0, q, 0.0, 0.0, 1.0, false, false);
 }
 
 fn pinhole_of(s: ViewSample) -> Pinhole {
@@ -141,8 +163,10 @@ fn has_face(s: ViewSample, face: u32) -> bool {
 
 // Looks up in a sample the point at inverse depth q (1/metres, along the view's axis) in direction d.
 //
-// If all four texels agree, one step of fixed-point iteration refines the depth: to the depth at which the sample's ray
-// meets their surface. Splatted depths need it, because they belong to a point up to half a cell beside the pixel.
+// If all four texels agree, the depth is refined: to the depth at which the view's ray meets the plane through them.
+// Splatted depths need it, because they belong to a point up to half a cell beside the pixel. One step of fixed-point
+// iteration and one of the secant method find it; the former alone is off by some per cent where the surface is seen at a
+// grazing angle.
 fn fetch_from(s: ViewSample, d: vec3f, q: f32) -> Fetch {
     let ray = d + s.eye_from_center * q;
     let seen = seen_by_sample(s, ray);
@@ -166,17 +190,34 @@ fn fetch_from(s: ViewSample, d: vec3f, q: f32) -> Fetch {
     // Half a level finer than the pixel, because a bilinear fetch averages by itself and blur is an error too (terrain,
     // 800x600 texels for 200x150 pixels: FLIP 0.0384 without the factor, 0.0374 with a whole level).
     let level = log2(max(0.707 * view.footprint * expected / max(q, 1e-30), 1.0));
+    // Pixels along the edge of a texel, both facing the surface.
+    let pixels = q / max(view.footprint * expected, 1e-30);
+    let fine = pixels <= select(view.coarse_edge, view.coarse, agreement > 0.999);
     if agreement > 0.999 {
         let depth = dot(view.forward, ray * (unit / dot(shares, four)) - s.eye_from_center);
         // At grazing angles the step is unreliable, so it is limited.
         let closer = clamp(1.0 / max(depth, 1e-30), 0.9 * q, 1.1 * q);
-        let again = seen_by_sample(s, d + s.eye_from_center * closer);
+        let ray_again = d + s.eye_from_center * closer;
+        let again = seen_by_sample(s, ray_again);
+        // The plane's inverse range there: it is nearly affine over the image.
+        let g = again.uv * size - 0.5 - base;
+        let shares_again = vec4f((1.0 - g.x) * g.y, g.x * g.y, g.x * (1.0 - g.y), (1.0 - g.x) * (1.0 - g.y));
+        let first = dot(shares, four) - expected;
+        let second = dot(shares_again, four) - closer * inverseSqrt(max(dot(ray_again, ray_again), 1e-30));
+        // The root of the line through both residuals, in steps of the iteration. Texels farther away say nothing of the plane,
+        // and in another face of a cube they are elsewhere in the image.
+        let near = all(abs(g - f) < vec2f(MOST_APART)) && abs(first - second) > 1e-6 * expected;
+        let steps = select(1.0, clamp(first / (first - second), 0.0, MOST_STEPS), near);
+        let faces = vec2f(3.0, 2.0);
+        let extrapolated = mix(seen.uv, again.uv, steps);
+        let leaves_face = omni && any(floor(extrapolated * faces) != floor(again.uv * faces));
+        let there = select(extrapolated, again.uv, leaves_face);
         // Past the border of a face that is not used there is nothing to fetch.
-        let uv = select(seen.uv, again.uv, again.inside || !omni);
-        return Fetch(uv, s.layer, level, closer, agreement, past, residual, true);
+        let uv = select(seen.uv, there, again.inside || !omni);
+        return Fetch(uv, s.layer, level, clamp(mix(q, closer, steps), 0.9 * q, 1.1 * q), agreement, past, residual, true, fine);
     }
     let offset = select(farthest_offset(four), agreeing_offset(weights, agreement), agreement > 0.0);
-    return Fetch((base + 0.5 + offset) / size, s.layer, level, q, agreement, past, residual, seen.inside);
+    return Fetch((base + 0.5 + offset) / size, s.layer, level, q, agreement, past, residual, seen.inside, fine);
 }
 
 // Offset, in texels from the first of four, at which a bilinear fetch reads only texels with a weight (in the order of
@@ -205,10 +246,11 @@ fn farthest_offset(four: vec4f) -> vec2f {
 }
 
 // Whether `next` is the better of two fetches for one pixel; `so_far` is from an earlier sample in the plan's list. The
-// list is ordered by distance, and the nearest camera's texels are distorted least, so a settled fetch is kept. Without
-// agreement the first sample that looks there is kept.
+// list is ordered by distance, and the nearest camera's texels are distorted least, so a settled fetch is kept unless its
+// texels are too coarse. Without agreement the first sample that looks there is kept.
 fn is_better(next: Fetch, so_far: Fetch) -> bool {
-    return (next.inside && !so_far.inside) || (next.agreement > so_far.agreement && so_far.agreement < SETTLED);
+    let agrees_more = next.agreement > so_far.agreement && so_far.agreement < SETTLED;
+    return (next.inside && !so_far.inside) || agrees_more || (is_seen(next) && !is_seen(so_far));
 }
 
 // Tests of points on a view ray against a sample, one bit a point.
@@ -243,17 +285,34 @@ fn test_points(s: ViewSample, d: vec3f, start: f32, step: f32) -> PointTests {
     return all;
 }
 
-// Whether some sample sees past each of eight points of the ray within the scene's bounds.
+// Whether some sample sees past each of eight points of the ray within the scene's extent, and past each of eight within
+// its bounds where these are larger: surfaces within the extent would be missed between points as far apart.
 fn ray_is_sky(d: vec3f) -> bool {
-    let all = (1u << POINTS) - 1u;
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
+    let near = crossing_of_extent(span, d);
+    var clear = samples_see_past(d, near);
+    // A loop in place of a branch: the software driver runs both sides of a branch.
+    for (var k = 0u; k < runtime_bound(1u) && clear && any(near != span); k++) {
+        clear = samples_see_past(d, span);
+    }
+    return clear;
+}
+
+// Whether some sample sees past each of eight points between two depths. True if there is nothing between.
+fn samples_see_past(d: vec3f, span: vec2f) -> bool {
+    let all = (1u << POINTS) - 1u;
     let step = (span.y - span.x) / f32(POINTS);
-    // A ray that misses the bounds shows the sky.
     var clear = select(0u, all, span.x >= span.y);
     for (var i = 0u; i < runtime_bound(view.sample_count) && clear != all; i++) {
         clear |= test_points(view.samples[i], d, span.x, step).clear;
     }
     return clear == all;
+}
+
+// The part of a ray between two depths that lies within the scene's extent; empty (first >= second) if none does.
+fn crossing_of_extent(span: vec2f, d: vec3f) -> vec2f {
+    let near = crossing_of_bounds(view.extent_min, view.extent_max, d);
+    return vec2f(max(near.x, span.x), min(near.y, span.y));
 }
 
 // Depths at which a ray enters and leaves the scene's bounds; the entry is at least 0. entry >= exit if it misses them.

@@ -1,7 +1,8 @@
-// The linear search of the cluster paper (section 4.2): a view ray is followed in equal steps through the scene's bounds
-// until it is behind the surface of every camera that looks there. The last step is then subdivided.
+// The linear search of the cluster paper (section 4.2): a view ray is followed in equal steps through the scene's extent
+// until it is behind the surface of every camera that looks there. The last step is then subdivided. What lies before the
+// extent and behind it, within the scene's bounds, is followed in as many steps each.
 
-import package::shared::fetch::{PointTests, POINTS, runtime_bound, test_points, view};
+import package::shared::fetch::{PointTests, POINTS, crossing_of_extent, runtime_bound, test_points, view};
 import package::shared::ray_end::RayEnd;
 
 // Parts of the last step. 64 steps then place a surface to within 1/512 of the bounds, and the fetch refines it.
@@ -17,8 +18,23 @@ fn test_points_in_all(d: vec3f, start: f32, step: f32) -> PointTests {
     return all;
 }
 
-// Follows the ray in direction d between two depths, in `steps` steps.
+// Follows the ray in direction d between the depths at which it crosses the scene's bounds.
 fn march(d: vec3f, span: vec2f, steps: u32) -> RayEnd {
+    let crossing = crossing_of_extent(span, d);
+    let crosses = crossing.x < crossing.y;
+    let near = select(span, crossing, crosses);
+    var end = RayEnd(span.x, false, true);
+    for (var part = 0u; part < runtime_bound(3u) && !end.found; part++) {
+        // Before the extent, within it, and behind it.
+        let before = select(near, vec2f(span.x, near.x), part == 0u);
+        let next = march_part(d, select(before, vec2f(near.y, span.y), part == 2u), steps);
+        end = RayEnd(next.t, next.found, end.clear && next.clear);
+    }
+    return end;
+}
+
+// Follows the ray in direction d between two depths, in `steps` steps.
+fn march_part(d: vec3f, span: vec2f, steps: u32) -> RayEnd {
     let step = (span.y - span.x) / f32(steps);
     var outside = span.x;
     var found = false;

@@ -86,7 +86,8 @@ fn within_face(uv: vec2f, level: f32) -> vec2f {
     return (face + clamp(uv * faces - face, half_texel, 1.0 - half_texel)) / faces;
 }
 
-// The pixel in direction d (depth 1) whose surface is in sample `index`.
+// The pixel in direction d (depth 1) whose surface is in sample `index`; unresolved if the sample's texels are too coarse for
+// it. It then has the texels' colour.
 fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     let uv = within_face(fetched.uv, fetched.level);
     let texel = textureSampleLevel(radiance, bilinear, uv, fetched.layer, fetched.level).rgb;
@@ -95,8 +96,10 @@ fn surface_pixel(fetched: Fetch, index: u32, d: vec3f) -> Pixel {
     if confident {
         confidence = confidence_of(fetched, index, d);
     }
-    let range = length(position);
-    return Pixel(finite_or_zero(texel), index + 1u, confidence, range, position, fetched.uv, fetched.layer, false);
+    let range = select(0.0, length(position), fetched.fine);
+    let source = select(UNRESOLVED, index + 1u, fetched.fine);
+    confidence = select(0u, confidence, fetched.fine);
+    return Pixel(finite_or_zero(texel), source, confidence, range, position, fetched.uv, fetched.layer, false);
 }
 
 // An unresolved pixel. Its colour is the farthest nearby texel of the first sample that looks there: background continues

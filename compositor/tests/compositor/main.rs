@@ -4,6 +4,7 @@ mod common;
 
 mod batches;
 mod confidence;
+mod extent;
 mod faces;
 mod reprojection;
 mod search_backends;

@@ -334,12 +334,12 @@ fn what_is_behind_an_edge_is_said_to_be_unresolved() {
 
 #[test]
 fn a_wall_is_not_seen_through_from_nearer_than_its_samples() {
-    // An arm's length from a ball that one camera saw from afar: its texels lie some twenty pixels apart in the view. The other
+    // An arm's length from a ball that one camera saw from afar: its texels lie some ten pixels apart in the view. The other
     // camera saw the ball's far side and the ground there, whose texels are as large as pixels.
     let ball = Analytic { spheres: vec![(DVec3::new(0.0, 3.0, 0.0), 3.0)], ..Analytic::garden() };
     let cameras = [
-        perspective(DVec3::new(0.0, 4.0, -16.0), DVec3::new(0.0, 3.0, 0.0), 70.0, 200, 150),
-        perspective(DVec3::new(0.0, 9.0, 8.0), DVec3::new(0.0, 2.0, 0.0), 70.0, 200, 150),
+        perspective(DVec3::new(0.0, 4.0, -16.0), DVec3::new(0.0, 3.0, 0.0), 70.0, 400, 300),
+        perspective(DVec3::new(0.0, 9.0, 8.0), DVec3::new(0.0, 2.0, 0.0), 70.0, 400, 300),
     ];
     let set = sample_set(&ball, &cameras, false, 1);
     let mut compositor = compositor(&set);

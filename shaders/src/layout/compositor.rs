@@ -86,6 +86,14 @@ mirror! {
         pub footprint: f32,
         /// Columns and rows of the piece's pixels.
         pub piece_size: [u32; 2],
+        /// The scene's extent relative to the eye.
+        pub extent_min: [f32; 3],
+        /// Pixels along the edge of a texel that is too coarse where surfaces end.
+        pub coarse_edge: f32,
+        /// The scene's extent relative to the eye.
+        pub extent_max: [f32; 3],
+        /// Pixels along the edge of a texel that is too coarse anywhere.
+        pub coarse: f32,
         /// Sky, exposure and number of lights.
         pub lighting: Lighting,
         /// Reflection probes relative to the eye.
@@ -93,7 +101,7 @@ mirror! {
         /// The plan's samples, in its order.
         pub samples: [ViewSample; MAX_SAMPLES],
         /// Pads to 1024 bytes, a multiple of the alignment of uniforms.
-        pub _pad: [f32; 40],
+        pub _pad: [f32; 32],
     }
 }
 
