@@ -89,13 +89,18 @@ impl Leaves {
         let mut bounds = Bounds::EMPTY;
         let finite = |triangle: &[DVec3; 3]| triangle.iter().all(|corner| corner.is_finite());
         surfaces.triangles().filter(finite).flatten().for_each(|corner| bounds.extend(corner));
-        let (center, size) = match bounds.is_empty() {
-            true => (DVec3::ZERO, Vec3::ZERO),
-            false => (bounds.center(), bounds.size().as_vec3()),
+        let extent = surfaces.scene().extent().intersection(&bounds);
+        let (center, size, beyond) = match extent.is_empty() {
+            true => (DVec3::ZERO, Vec3::ZERO, 0.0),
+            false => {
+                let (center, half) = (extent.center(), 0.5 * extent.size().max_element());
+                let farthest = (bounds.max - center).max(center - bounds.min).max_element();
+                (center, extent.size().as_vec3(), (farthest - half).max(0.0) as f32)
+            }
         };
         let mut leaves = Self {
             center,
-            grid: Grid::around(size, level),
+            grid: Grid::around(size, beyond, level),
             table: Table::new(&[]),
             keys: Vec::new(),
             first: Vec::new(),
@@ -204,7 +209,8 @@ impl Leaves {
                 _ => facings.push(Facing::new(part, normal)),
             }
         }
-        let least = LEAST_AREA * self.grid.cell * self.grid.cell;
+        let size = parts.first().map_or(0.0, |part| self.grid.size(Grid::cell(part.key)));
+        let least = LEAST_AREA * size * size;
         let usable = facings.iter().filter(|facing| facing.area > least);
         usable.filter_map(|facing| self.sides_of_facing(surfaces, facing)).flatten().collect()
     }
@@ -231,7 +237,7 @@ impl Leaves {
     /// Points that are spread by area.
     fn points_of(&self, facing: &Facing) -> Vec<Point> {
         let first = facing.parts[0];
-        let low = self.grid.low + Grid::cell(first.key).as_vec3() * self.grid.cell;
+        let [low, high] = self.grid.corners(Grid::cell(first.key));
         let shift = hash(first.key ^ first.triangle.rotate_left(16));
         let mut part_of_point = facing.parts.iter();
         let (mut part, mut up_to) = (first, 0.0);
@@ -244,8 +250,7 @@ impl Leaves {
                 (part, up_to, polygon) = (*next, up_to + next.area, None);
             }
             let corners = self.triangles[part.triangle as usize];
-            let polygon =
-                polygon.get_or_insert_with(|| Polygon::triangle(corners).in_box(low, low + self.grid.cell));
+            let polygon = polygon.get_or_insert_with(|| Polygon::triangle(corners).in_box(low, high));
             let square = (r2(ray as u32 + 1) + shift).fract().as_vec2();
             let weights = polygon.point(square).and_then(|position| weights(corners, position));
             points.push(Point { triangle: part.triangle, weights: weights.unwrap_or([1.0 / 3.0; 2]) });
@@ -316,7 +321,8 @@ impl Leaves {
     /// The leaf side at a position of a triangle.
     fn at(&self, position: Vec3, normal: Vec3, is_front: bool) -> Option<u32> {
         const LIKELY: f32 = 0.5;
-        let here = self.best_in(self.grid.at(position), normal, is_front);
+        let cell = self.grid.at(position);
+        let here = self.best_in(cell, normal, is_front);
         if let Some((side, cosine)) = here
             && cosine > LIKELY
         {
@@ -326,7 +332,7 @@ impl Leaves {
         let mut best = here;
         for corner in 0..8 {
             let sign = |axis: i32| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
-            let nudge = Vec3::new(sign(0), sign(1), sign(2)) * (0.4 * self.grid.cell);
+            let nudge = Vec3::new(sign(0), sign(1), sign(2)) * (0.4 * self.grid.size(cell));
             let there = self.best_in(self.grid.at(position + nudge), normal, is_front);
             if there.is_some_and(|(_, cosine)| best.is_none_or(|(_, most)| cosine > most)) {
                 best = there;
@@ -359,20 +365,26 @@ impl Leaves {
                 *found = leaf.unwrap_or(u32::MAX);
             }
             let around = around.into_iter().filter(|leaf| *leaf != u32::MAX);
-            self.sides_in(leaf as u32).map(move |side| self.mean_around(side, around.clone(), values))
+            let most_off = SAME_PLANE * self.grid.size(cell);
+            self.sides_in(leaf as u32)
+                .map(move |side| self.mean_around((side, most_off), around.clone(), values))
         };
         (0..self.keys.len()).into_par_iter().with_min_len(64).flat_map_iter(of_cell).collect()
     }
 
-    fn mean_around(&self, side: u32, around: impl Iterator<Item = u32>, values: &[Vec3]) -> Vec3 {
+    fn mean_around(
+        &self,
+        (side, most_off): (u32, f32),
+        around: impl Iterator<Item = u32>,
+        values: &[Vec3],
+    ) -> Vec3 {
         let own = &self.sides[side as usize];
         let (mut sum, mut count) = (Vec3::ZERO, 0.0);
         for other in around.flat_map(|leaf| self.sides_in(leaf)) {
             let there = &self.sides[other as usize];
             let off = own.normal.dot(there.center - own.center).abs();
-            let alike = there.is_front == own.is_front
-                && there.normal.dot(own.normal) > NEIGHBOUR
-                && off < SAME_PLANE * self.grid.cell;
+            let alike =
+                there.is_front == own.is_front && there.normal.dot(own.normal) > NEIGHBOUR && off < most_off;
             if alike || other == side {
                 sum += values[other as usize];
                 count += 1.0;

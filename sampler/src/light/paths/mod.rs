@@ -1,4 +1,4 @@
-//! Indirect light by paths between *leaf sides*: the surfaces in a cell of a grid over the scene, as seen from one side.
+//! Indirect light by paths between *leaf sides*: the surfaces in a cell of a grid over the scene's extent, as seen from one side.
 //!
 //! A ray of a leaf side is traced once a pose, and kept as a *link* to the leaf side that it hits. Bounces of light are
 //! sums over links, so that new lights and further bounces trace no such ray. Visible surfaces then gather once more, by
