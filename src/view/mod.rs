@@ -120,7 +120,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if args.json {
         return output::json(&report);
     }
-    report.print(&args.out);
+    report.print(&args.out, args.plan.max_error);
     Ok(())
 }
 

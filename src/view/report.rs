@@ -102,8 +102,8 @@ impl Report {
         }
     }
 
-    /// Prints the report of a view that was written to a file.
-    pub(super) fn print(&self, out: &Path) {
+    /// Prints the report of a view that was written to a file, and whether it misses a bound on its error.
+    pub(super) fn print(&self, out: &Path, max_error: Option<f64>) {
         println!("{}: {}x{}, {}", out.display(), self.width, self.height, self.search);
         println!("  camera      {}", args::flags_of(&self.camera));
         if self.worker.is_empty() {
@@ -117,6 +117,9 @@ impl Report {
         println!("  unresolved  {:.3}% of the pixels", self.unresolved_fraction * 100.0);
         if let Some(Prediction { error, ms }) = self.predicted {
             println!("  predicted   an error of at most {error:.4}, {ms:.1} ms of rendering");
+            if let Some(bound) = max_error.filter(|bound| error > *bound) {
+                println!("  bound       of {bound} is missed");
+            }
         }
         if let Some(error) = self.true_error {
             println!("  true error  {error:.4} (mean FLIP against the reference)");

@@ -4,6 +4,7 @@
 mod browse;
 mod deploy;
 mod device_loss;
+mod extent;
 mod holes;
 mod indirect;
 mod megaviews;

@@ -84,7 +84,8 @@ impl Relayed {
         if self.refused_ms > 0.0 {
             header.stages.push(v1::Stage { name: Stage::REFUSED.to_owned(), ms: self.refused_ms });
         }
-        header.predicted = expected.map(Into::into);
+        // Without a prediction the worker may have measured the error.
+        header.predicted = expected.map(Into::into).or(header.predicted);
         header.observed = None;
         self.header = Some(header.clone());
         Ok(Some(v1::FrameChunk { body: Some(Body::Header(header)) }))

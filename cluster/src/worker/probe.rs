@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use argus_scene::frame::Reason;
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Frame, PixelJob, Plan, ViewJob};
+use argus_scene::{Frame, PixelJob, Plan, Prediction, ViewJob};
 use tracing::debug;
 
 use super::node::Node;
@@ -31,6 +31,12 @@ const BLOCKS: u32 = 4;
 /// Pixels per side of a block: about as many as FLIP's filters blend at 67 pixels per degree.
 const BLOCK: u32 = 4;
 
+/// Blocks per side of a frame whose error is measured for its request.
+const BLOCKS_FOR_REQUEST: u32 = 8;
+
+/// Upper quantile of the normal distribution that a measured error is stated at: 95%.
+const QUANTILE: f64 = 1.645;
+
 /// Samples per pixel of the reference.
 const REFERENCE_SAMPLES: u32 = 16;
 
@@ -42,8 +48,37 @@ pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
     }
     let Some(number) = node.probes.begin(Instant::now()) else { return };
     let direct_samples = warp.supersampling.saturating_mul(warp.supersampling).max(1);
-    let Some((blocks, shown)) = blocks_of(frame, number) else { return node.probes.end(None) };
-    let job = PixelJob {
+    let Some((blocks, shown)) = blocks_of(frame, BLOCKS, number) else { return node.probes.end(None) };
+    let job = pixels_of(job, &blocks);
+    let node = node.clone();
+    tokio::spawn(async move {
+        let excess = measure(&node, job, direct_samples, &blocks, &shown).await;
+        debug!(?excess, predicted = decision.excess, "probe");
+        node.probes.end(excess.map(|error| Probed { count: 1, error, predicted: decision.excess }));
+    });
+}
+
+/// The error of a frame from samples, measured by tracing some of its pixels before `until`: an upper bound of the mean
+/// FLIP's colour difference. The error is 1 if it cannot be measured.
+pub(super) async fn error_of(
+    node: &Arc<Node>,
+    job: &ViewJob,
+    frame: &Frame,
+    until: Option<tokio::time::Instant>,
+) -> Prediction {
+    let measured = async {
+        let (blocks, shown) = blocks_of(frame, BLOCKS_FOR_REQUEST, 0)?;
+        let reference = node.render_thread.render_pixels(&pixels_of(job, &blocks)).await.ok()?;
+        upper_error(&blocks, &shown, &reference.color)
+    };
+    let within = until.map_or(PATIENCE, |until| until.saturating_duration_since(tokio::time::Instant::now()));
+    let error = tokio::time::timeout(within.min(PATIENCE), measured).await.ok().flatten();
+    Prediction { error: error.unwrap_or(1.0), ms: frame.rendering_ms() }
+}
+
+/// The job of tracing the pixels of some blocks as the reference.
+fn pixels_of(job: &ViewJob, blocks: &BTreeMap<u32, usize>) -> PixelJob {
+    PixelJob {
         camera: job.camera,
         width: job.width,
         height: job.height,
@@ -52,13 +87,25 @@ pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
         state: job.state,
         time_secs: job.time_secs,
         reflections: job.reflections,
-    };
-    let node = node.clone();
-    tokio::spawn(async move {
-        let excess = measure(&node, job, direct_samples, &blocks, &shown).await;
-        debug!(?excess, predicted = decision.excess, "probe");
-        node.probes.end(excess.map(|error| Probed { count: 1, error, predicted: decision.excess }));
-    });
+    }
+}
+
+/// Upper bound of the mean error of all blocks of a frame, from some of its blocks. Both images hold the pixels of
+/// `blocks` in their order.
+fn upper_error(blocks: &BTreeMap<u32, usize>, shown: &[u8], reference: &[u8]) -> Option<f64> {
+    let bytes = 3 * blocks.len();
+    if bytes == 0 || [shown, reference].iter().any(|image| image.len() != bytes) {
+        return None;
+    }
+    let errors: Vec<f64> = block_means(blocks, shown)
+        .into_iter()
+        .zip(block_means(blocks, reference))
+        .map(|(shown, reference)| color_difference(shown, reference))
+        .collect();
+    let count = errors.len() as f64;
+    let mean = errors.iter().sum::<f64>() / count;
+    let variance = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    Some((mean + QUANTILE * (variance / count).sqrt()).min(1.0))
 }
 
 /// The measured excess of a frame's blocks. `None` without spare time, or if tracing failed.
@@ -86,20 +133,20 @@ async fn measure(
 }
 
 /// Pixels of the blocks, ascending, each with the number of its block; and their sRGB colours. `turn` moves the
-/// blocks.
-fn blocks_of(frame: &Frame, turn: u64) -> Option<(BTreeMap<u32, usize>, Vec<u8>)> {
+/// blocks, of which there are `side` × `side`.
+fn blocks_of(frame: &Frame, side: u32, turn: u64) -> Option<(BTreeMap<u32, usize>, Vec<u8>)> {
     let color = frame.color.as_ref()?;
     let mut blocks = BTreeMap::new();
-    for block in 0..BLOCKS * BLOCKS {
+    for block in 0..side * side {
         // Roberts' two-dimensional sequence (2018) spreads positions evenly.
-        let step = (turn * u64::from(BLOCKS * BLOCKS) + u64::from(block)) as f64;
+        let step = (turn * u64::from(side * side) + u64::from(block)) as f64;
         let share = [0.754_877_666_246_69, 0.569_840_290_998_05].map(|s| (step * s).fract());
         let first = |cell: u32, size: u32, share: f64| {
-            let place = (f64::from(cell) + share) / f64::from(BLOCKS) * f64::from(size);
+            let place = (f64::from(cell) + share) / f64::from(side) * f64::from(size);
             (place as u32).min(size.saturating_sub(BLOCK))
         };
-        let column = first(block % BLOCKS, frame.width, share[0]);
-        let row = first(block / BLOCKS, frame.height, share[1]);
+        let column = first(block % side, frame.width, share[0]);
+        let row = first(block / side, frame.height, share[1]);
         for y in row..(row + BLOCK).min(frame.height) {
             for x in column..(column + BLOCK).min(frame.width) {
                 blocks.insert(y * frame.width + x, block as usize);
@@ -217,20 +264,20 @@ mod tests {
         for (width, height) in [(320, 240), (17, 5), (3, 2), (1, 1)] {
             let frame = frame(width, height);
             for turn in [0, 1, 99, 1 << 40] {
-                let (blocks, shown) = blocks_of(&frame, turn).unwrap();
+                let (blocks, shown) = blocks_of(&frame, BLOCKS, turn).unwrap();
                 assert!(blocks.keys().all(|&pixel| pixel < width * height));
                 assert_eq!(shown.len(), 3 * blocks.len());
                 let first = *blocks.keys().next().unwrap();
                 assert_eq!(shown[0], first as u8);
             }
         }
-        assert_ne!(blocks_of(&frame(320, 240), 0), blocks_of(&frame(320, 240), 1));
-        assert_eq!(blocks_of(&Frame { color: None, ..frame(4, 4) }, 0), None);
+        assert_ne!(blocks_of(&frame(320, 240), BLOCKS, 0), blocks_of(&frame(320, 240), BLOCKS, 1));
+        assert_eq!(blocks_of(&Frame { color: None, ..frame(4, 4) }, BLOCKS, 0), None);
     }
 
     #[test]
     fn the_excess_is_the_error_above_that_of_a_direct_view() {
-        let (blocks, shown) = blocks_of(&frame(64, 48), 3).unwrap();
+        let (blocks, shown) = blocks_of(&frame(64, 48), BLOCKS, 3).unwrap();
         let other: Vec<u8> = shown.iter().map(|byte| byte.wrapping_add(90)).collect();
         assert_eq!(excess(&blocks, &shown, &shown, &shown), Some(0.0));
         assert_eq!(excess(&blocks, &other, &other, &shown), Some(0.0), "the direct view is as far off");
@@ -238,5 +285,23 @@ mod tests {
         assert!(excess(&blocks, &other, &shown, &shown).unwrap() > 0.1);
         assert_eq!(excess(&blocks, &shown, &shown[1..], &shown), None);
         assert_eq!(excess(&BTreeMap::new(), &[], &[], &[]), None);
+    }
+
+    #[test]
+    fn an_upper_error_holds_for_frames_whose_blocks_differ_and_is_0_for_equal_ones() {
+        let (blocks, shown) = blocks_of(&frame(320, 240), BLOCKS_FOR_REQUEST, 0).unwrap();
+        assert_eq!(upper_error(&blocks, &shown, &shown), Some(0.0));
+        // A tenth of the blocks shows something else.
+        let other: Vec<u8> = shown
+            .as_chunks::<3>()
+            .0
+            .iter()
+            .zip(blocks.values())
+            .flat_map(|(pixel, block)| if block % 10 == 0 { [250, 20, 20] } else { *pixel })
+            .collect();
+        let error = upper_error(&blocks, &other, &shown).unwrap();
+        assert!((0.05..0.3).contains(&error), "{error}");
+        assert_eq!(upper_error(&blocks, &shown, &shown[1..]), None);
+        assert_eq!(upper_error(&BTreeMap::new(), &[], &[]), None);
     }
 }

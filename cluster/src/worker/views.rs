@@ -82,6 +82,8 @@ struct Ordered {
     decision: Option<Decision>,
     /// The direct plan that replaces the plan if a sample is missing or the frame from samples is not good enough.
     fallback: Option<Plan>,
+    /// The request bounds the error.
+    is_bounded: bool,
 }
 
 /// Greatest number of sub-pixels of a pixel.
@@ -237,10 +239,19 @@ impl ViewsService {
         let bytes = frame_memory::bytes_of(&ordered.job);
         let answer = async {
             let permit = self.node.frame_memory.take(bytes, for_client).await?;
-            Ok::<_, Fault>((good_enough(&self.node, &ordered, trace_until).await?, permit))
+            let frame = good_enough(&self.node, &ordered, trace_until).await?;
+            // Where nothing predicts whether the bound is kept, it is measured.
+            let predicted =
+                match (predicted, ordered.is_bounded && matches!(frame.provenance.plan, Plan::Warp(_))) {
+                    (None, true) => {
+                        Some(probe::error_of(&self.node, &ordered.job, &frame, trace_until).await.into())
+                    }
+                    (predicted, _) => predicted,
+                };
+            Ok::<_, Fault>((frame, predicted, permit))
         };
         let answer = answer.instrument(span.clone());
-        let (frame, mut permit) = match deadline {
+        let (frame, predicted, mut permit) = match deadline {
             None => answer.await?,
             Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
@@ -306,7 +317,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
         samples.push(Source { id: *id, faces: faces_of(id.camera), addresses, dispensable });
     }
-    let View { camera, width, height, outputs, pin, .. } = view;
+    let View { camera, width, height, outputs, pin, plan: asked_plan } = view;
     // A pinned direct view is repeated by the backend that rendered it, even if the cluster uses another one.
     let specification = pin.as_ref().and_then(|pin| pin.specification);
     let visibility =
@@ -317,7 +328,9 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let reprojects = matches!(&plan, Plan::Warp(warp) if warp.search == Search::Seeded);
     let name = Some(order.history).filter(|name| reprojects && (1..=MAX_NAME).contains(&name.len()));
     // Extra images: those that the frame is judged by, and those that the next frame's search starts from.
-    let judged_by = [Output::Color, Output::Confidence].into_iter().filter(|_| order.observe);
+    let is_bounded = asked_plan.max_error.is_some();
+    let judged_by = [(Output::Color, order.observe || is_bounded), (Output::Confidence, order.observe)];
+    let judged_by = judged_by.into_iter().filter_map(|(output, is_needed)| is_needed.then_some(output));
     let starts_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
     let outputs = judged_by.chain(starts_from).fold(asked, Outputs::with);
     let history = name.as_deref().and_then(|name| node.histories.get(name));
@@ -341,6 +354,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         history,
         decision,
         fallback,
+        is_bounded,
     })
 }
 
