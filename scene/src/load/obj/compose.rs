@@ -196,11 +196,13 @@ pub(super) fn bumps(layer: &Layer, maps: &mut Maps, warnings: &mut Warnings) -> 
     Some((layer.placed.place(texture), 1.0))
 }
 
-/// Whether an image holds normals rather than heights: most of its texels are unit vectors that point outwards.
+/// Whether an image holds normals rather than heights: most of its texels are coloured, and are unit vectors that point
+/// outwards.
 fn is_normal_map(rgba: &[u8]) -> bool {
     let is_normal = |texel: &&[u8]| {
+        let is_grey = texel[0].abs_diff(texel[1]).max(texel[1].abs_diff(texel[2])) < 16;
         let n = Vec3::new(texel[0].into(), texel[1].into(), texel[2].into()) / 127.5 - 1.0;
-        n.z > 0.2 && (n.length() - 1.0).abs() < 0.15
+        !is_grey && n.z > 0.2 && (n.length() - 1.0).abs() < 0.15
     };
     let count = rgba.len() / 4;
     // A few thousand texels, spread over the image, tell.

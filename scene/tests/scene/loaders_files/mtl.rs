@@ -21,6 +21,8 @@ fn images() -> Vec<(&'static str, Vec<u8>)> {
         ("rgba.png", png(4, 4, |x, _| [200, 100, 50, if x < 2 { 0 } else { 255 }])),
         ("orm.png", png(4, 4, |_, _| [10, 51, 204, 255])),
         ("normal.png", png(4, 4, |x, y| if x == y { [200, 128, 232, 255] } else { [128, 128, 255, 255] })),
+        // As a vector this grey would have the length of a normal.
+        ("even.png", png(4, 4, |_, _| grey(201))),
         ("height.png", png(4, 4, |x, _| grey(if x < 2 { 0 } else { 255 }))),
     ]
 }
@@ -189,6 +191,7 @@ const STATEMENTS: &[(&str, Expect)] = &[
         }),
     ),
     ("bump height.png\nnorm normal.png", Warned("height.png is not shown: normal.png gives the normals")),
+    ("bump even.png", Shown(|s| texels(s, material(s).normal_texture) == [[128, 128, 255, 255]])),
     ("map_aat on", NotApplicable),
     ("disp height.png", Warned("disp (displacement)")),
     ("decal color.png", Warned("decal")),
