@@ -249,6 +249,10 @@ fn environments() {
 #[test]
 fn textures() {
     loader(&["checker.png", "checker.jpg", "checker.bmp", "checker.tga", "checker.gif"]);
+}
+
+#[test]
+fn textures_of_other_encoders() {
     loader(&["palette.png", "cmyk.jpg", "progressive.jpg", "checker.webp", "lossy.webp"]);
 }
 
