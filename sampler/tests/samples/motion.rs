@@ -9,7 +9,7 @@ use argus_scene::{
     Bounds, Camera, Light, MegaViews, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Sampling, Scene,
     SceneState, Version, ViewJob, Visibility,
 };
-use glam::{DAffine3, DVec3, Quat, Vec3};
+use glam::{DAffine3, DQuat, DVec3, Quat, Vec3};
 
 use crate::common::*;
 
@@ -102,6 +102,11 @@ fn scene_that_deforms() -> Scene {
     };
     scene.animations[0].channels.push(squeeze);
     place(&mut scene, egg, DAffine3::IDENTITY);
+    // Pebbles keep the bounds, and so the near plane, those of the scene that stands still.
+    for corner in [DVec3::new(-8.0, -2.0, -8.0), DVec3::new(8.0, 5.0, 8.0)] {
+        let small = DAffine3::from_scale_rotation_translation(DVec3::splat(0.01), DQuat::IDENTITY, corner);
+        place(&mut scene, ball(0, 4), small);
+    }
     let posed = Arc::new(scene).posed(0.0);
     Arc::unwrap_or_clone(posed)
 }

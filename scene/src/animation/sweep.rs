@@ -3,16 +3,22 @@
 //! The box that each animated node sweeps in its parent is found independently of other animations, since animations
 //! of different lengths meet in every combination. So the bounds are never too small, and as tight as boxes in the
 //! nodes' own axes can be.
+//!
+//! Boxes of boxes along a skeleton would be several times as large as its character. So the boxes of a character's joints
+//! are looked at in many moments instead, if all that moves has one length.
 
 use glam::{DAffine3, DQuat, DVec3};
 
 use super::track::{arc, slerp, unit};
-use super::{Animation, Channel, Interpolation, Parts, Rest, Track};
+use super::{Animation, Channel, Drivers, Interpolation, Parts, Rest, Track};
 use crate::{Bounds, Scene};
 
 /// Largest step in radians between tested rotations. Between two steps a point leaves the hull of both by half a per
 /// cent of its distance.
 const STEP: f64 = std::f64::consts::PI / 16.0;
+
+/// Most poses of nodes that are looked at, over all moments.
+const MOST_POSES: usize = 1 << 20;
 
 /// The closest ancestor that moves (or the node itself), or the world.
 #[derive(Clone, Copy)]
@@ -84,6 +90,12 @@ impl Scene {
                 }
             }
         }
+        let is_skinned = |mesh: &crate::Mesh| mesh.deformation.as_ref().is_some_and(|by| by.skin.is_some());
+        let has_skins =
+            self.meshes.iter().zip(&deforming).any(|(mesh, &deforms)| deforms && is_skinned(mesh));
+        if let Some(moments) = moments(&drivers, self.nodes.len()).filter(|_| has_skins) {
+            return self.seen_in(&moments, &drivers, &about, world);
+        }
         // Children come after their parents, so a node's box is complete when it is swept.
         for (&node, driven) in
             drivers.iter().rev().filter(|(_, driven)| driven[..3].iter().any(Option::is_some))
@@ -102,6 +114,48 @@ impl Scene {
         }
         world
     }
+
+    /// `world`, and the boxes about nodes in some moments. Between two moments a corner leaves the hull of both by at most a
+    /// quarter of its way, if what it turns by is less than a quarter turn.
+    fn seen_in(&self, moments: &[f64], drivers: &Drivers<'_>, about: &[Bounds], mut world: Bounds) -> Bounds {
+        let mut last: Vec<DVec3> = Vec::new();
+        for &time_secs in moments {
+            let world_from_nodes = self.world_from_nodes(drivers, time_secs);
+            let placed = about.iter().zip(&world_from_nodes);
+            let corners = placed.flat_map(|(of, by)| corners(*of).map(|corner| by.transform_point3(corner)));
+            let now: Vec<DVec3> = corners.collect();
+            for (at, &corner) in now.iter().enumerate() {
+                let margin = last.get(at).map_or(0.0, |last| (corner - *last).length() * 0.25);
+                world.extend(corner - margin);
+                world.extend(corner + margin);
+            }
+            last = now;
+        }
+        world
+    }
+}
+
+/// All keys and the middles between them, or fewer for many nodes, in seconds; `None` if animations differ in length.
+fn moments(drivers: &Drivers<'_>, nodes: usize) -> Option<Vec<f64>> {
+    let driving = || drivers.values().flatten().flatten();
+    let length = driving().map(|(animation, _)| animation.length_secs()).next()?;
+    if driving().any(|(animation, _)| animation.length_secs() != length) {
+        return None;
+    }
+    let mut keys: Vec<f64> =
+        driving().flat_map(|(_, channel)| &channel.times_secs).map(|&t| f64::from(t)).collect();
+    // An animation begins again in the moment of its last key.
+    keys.retain(|&time| time > 0.0 && time < length);
+    keys.extend([0.0, length.next_down().max(0.0)]);
+    keys.sort_by(f64::total_cmp);
+    keys.dedup();
+    let most = (MOST_POSES / (2 * nodes.max(1))).clamp(8, 256);
+    let thinned: Vec<f64> =
+        keys.iter().copied().step_by(keys.len().div_ceil(most)).chain(keys.last().copied()).collect();
+    let middles = thinned.windows(2).map(|pair| (pair[0] + pair[1]) * 0.5);
+    let mut moments: Vec<f64> = thinned.iter().copied().chain(middles).collect();
+    moments.sort_by(f64::total_cmp);
+    Some(moments)
 }
 
 /// The box that a box in a node sweeps in the node's parent.
