@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
+use std::sync::Arc;
 
-use argus_scene::Light;
 use argus_scene::load::{decode_environment, load_bundle};
+use argus_scene::{Light, Scene};
 use bytes::Bytes;
 use image::{ImageFormat, RgbImage};
 use meshoptimizer_rs::codec;
@@ -19,6 +20,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         ("binary.ply", binary_ply("little", f32::to_le_bytes, i32::to_le_bytes)),
         ("big-endian.ply", binary_ply("big", f32::to_be_bytes, i32::to_be_bytes)),
         ("scene.gltf", include_bytes!("../corpus/loaders/scene.gltf").to_vec()),
+        ("posed.gltf", include_bytes!("../corpus/loaders/posed.gltf").to_vec()),
         ("scene.glb", glb(include_bytes!("../corpus/loaders/scene.gltf"))),
         ("triangle.glb", glb_with_blob()),
         // Files that scene.obj refers to, or would refer to if scene.mtl named another image.
@@ -125,6 +127,15 @@ pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
         name
     };
     let scene = load_bundle(main, &files).map_err(|error| error.to_string())?;
+    let scene = Arc::new(scene);
+    is_consistent(&scene);
+    is_consistent(&scene.posed(0.3));
+    let _ = scene.bounds();
+    Ok(())
+}
+
+/// Checks that a scene's indices are in bounds and its numbers finite.
+fn is_consistent(scene: &Scene) {
     for mesh in &scene.meshes {
         let vertices = mesh.positions.len();
         assert!(mesh.indices.len().is_multiple_of(3), "{} indices are no triangles", mesh.indices.len());
@@ -141,7 +152,6 @@ pub fn load(name: &str, bytes: &[u8]) -> Result<(), String> {
         assert!(instance.world_from_mesh.is_finite(), "a transform is not finite");
     }
     assert!(!scene.materials.is_empty(), "there is no material");
-    Ok(())
 }
 
 /// Environment maps in both formats.
