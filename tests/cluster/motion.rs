@@ -19,8 +19,17 @@ const SIZE: [u32; 2] = [160, 120];
 /// Interval of epochs, milliseconds: about the time in which this machine renders four small samples.
 const EPOCH_MS: u32 = 200;
 
+/// What moves the red box.
+#[derive(Clone, Copy, PartialEq)]
+enum Mover {
+    /// Its node.
+    Node,
+    /// The joint of its skin.
+    Joint,
+}
+
 /// Writes a scene of a floor and two boxes; the red one moves from x = −3 to 3 and back in four seconds.
-fn write_scene(folder: &Path) -> PathBuf {
+fn write_scene(folder: &Path, mover: Mover) -> PathBuf {
     let corner = |i: u32| [i & 1, i >> 1 & 1, i >> 2].map(|bit| bit as f32 * 2.0 - 1.0);
     let faces = [[0u16, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let mut bytes: Vec<u8> = (0..8).flat_map(corner).flat_map(f32::to_le_bytes).collect();
@@ -29,21 +38,26 @@ fn write_scene(folder: &Path) -> PathBuf {
     let times = [0.0_f32, 2.0, 4.0];
     let places = [[-3.0_f32, 1.0, 1.0], [3.0, 1.0, 1.0], [-3.0, 1.0, 1.0]];
     bytes.extend(times.into_iter().chain(places.into_iter().flatten()).flat_map(f32::to_le_bytes));
+    // All vertices belong to joint 0.
+    bytes.extend([[0u8; 4]; 8].concat());
+    bytes.extend((0..8).flat_map(|_| [1.0_f32, 0.0, 0.0, 0.0]).flat_map(f32::to_le_bytes));
     std::fs::write(folder.join("boxes.bin"), &bytes).unwrap();
     let view =
         |offset: usize, length: usize| json!({"buffer": 0, "byteOffset": offset, "byteLength": length});
     let mesh = |material: u32| json!({"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": material}]});
     let paint =
         |color: [f32; 4]| json!({"pbrMetallicRoughness": {"baseColorFactor": color, "metallicFactor": 0}});
-    let document = json!({
+    let mut document = json!({
         "asset": {"version": "2.0"},
         "buffers": [{"byteLength": bytes.len(), "uri": "boxes.bin"}],
-        "bufferViews": [view(0, 96), view(96, 72), view(168, 12), view(180, 36)],
+        "bufferViews": [view(0, 96), view(96, 72), view(168, 12), view(180, 36), view(216, 32), view(248, 128)],
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": 8, "type": "VEC3", "min": [-1, -1, -1], "max": [1, 1, 1]},
             {"bufferView": 1, "componentType": 5123, "count": 36, "type": "SCALAR"},
             {"bufferView": 2, "componentType": 5126, "count": 3, "type": "SCALAR", "min": [0], "max": [4]},
             {"bufferView": 3, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 4, "componentType": 5121, "count": 8, "type": "VEC4"},
+            {"bufferView": 5, "componentType": 5126, "count": 8, "type": "VEC4"},
         ],
         "materials": [paint([0.7, 0.7, 0.7, 1.0]), paint([0.1, 0.2, 0.8, 1.0]), paint([0.9, 0.05, 0.05, 1.0])],
         "meshes": [mesh(0), mesh(1), mesh(2)],
@@ -59,6 +73,18 @@ fn write_scene(folder: &Path) -> PathBuf {
         "scenes": [{"nodes": [0, 1, 2]}],
         "scene": 0,
     });
+    if mover == Mover::Joint {
+        // The joint has the transform of the box, and the box stands elsewhere.
+        let attributes = &mut document["meshes"][2]["primitives"][0]["attributes"];
+        (attributes["JOINTS_0"], attributes["WEIGHTS_0"]) = (json!(4), json!(5));
+        document["skins"] = json!([{"joints": [2]}]);
+        document["nodes"]
+            .as_array_mut()
+            .unwrap()
+            .push(json!({"mesh": 2, "skin": 0, "translation": [0, 50, 0]}));
+        document["nodes"][2].as_object_mut().unwrap().remove("mesh");
+        document["scenes"][0]["nodes"] = json!([0, 1, 2, 3]);
+    }
     let path = folder.join("boxes.gltf");
     std::fs::write(&path, document.to_string()).unwrap();
     path
@@ -102,8 +128,8 @@ fn red_column(image: &RgbImage) -> f64 {
     columns.iter().sum::<f64>() / columns.len() as f64
 }
 
-fn start(folder: &Path, more: &[&str]) -> Coordinator {
-    let scene = write_scene(folder);
+fn start(folder: &Path, mover: Mover, more: &[&str]) -> Coordinator {
+    let scene = write_scene(folder, mover);
     let epoch = EPOCH_MS.to_string();
     let arguments = ["--rig", "tile-corners", "--sample-size", "240x180", "--epoch-ms", &epoch];
     Coordinator::start(scene.to_str().unwrap(), &[&arguments, more].concat())
@@ -141,7 +167,7 @@ fn direct_at(epoch: u64, like: &Provenance) -> View {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
     let folder = tempfile::tempdir().unwrap();
-    let coordinator = start(folder.path(), &[]);
+    let coordinator = start(folder.path(), Mover::Node, &[]);
     let _workers = coordinator.workers(2);
     coordinator.wait_for_workers(2);
 
@@ -213,8 +239,17 @@ async fn a_sessions_frames_follow_a_moving_scene_and_each_shows_one_epoch() {
 
 #[test]
 fn a_view_of_a_given_time_equals_the_reference() {
+    view_of_a_given_time(Mover::Node);
+}
+
+#[test]
+fn a_view_of_a_given_time_equals_the_reference_where_a_joint_moves_vertices() {
+    view_of_a_given_time(Mover::Joint);
+}
+
+fn view_of_a_given_time(mover: Mover) {
     let folder = tempfile::tempdir().unwrap();
-    let coordinator = start(folder.path(), &["--effects", "none", "--exposure", "0"]);
+    let coordinator = start(folder.path(), mover, &["--effects", "none", "--exposure", "0"]);
     let _worker = coordinator.worker(&[]);
     coordinator.wait_for_workers(1);
     let out = folder.path().join("moment.png");
@@ -241,7 +276,7 @@ fn a_view_of_a_given_time_equals_the_reference() {
 #[tokio::test(flavor = "multi_thread")]
 async fn time_can_be_held_still() {
     let folder = tempfile::tempdir().unwrap();
-    let coordinator = start(folder.path(), &["--time-scale", "0"]);
+    let coordinator = start(folder.path(), Mover::Node, &["--time-scale", "0"]);
     let _worker = coordinator.worker(&[]);
     coordinator.wait_for_workers(1);
     let frames = session(&coordinator.url, 12).await;
