@@ -6,9 +6,10 @@
 //! hides all. At 0 it does not exist. Alpha is read as for alpha tests: at level 0, bilinearly (`texture`, rule 6).
 //!
 //! 1. **Rays of sight** (direct views, lists of pixels, samples). The transparent surfaces in front of the first opaque one
-//!    are the ray's *layers*. All of them are shaded and blended, front to back. This is the mean of stochastic transparency
-//!    (Enderton et al., "Stochastic Transparency", 2010) over all thresholds, so that no picture shows a dither, at any
-//!    number of samples a pixel. It does not depend on the visibility backend: backends find the opaque surface alone.
+//!    are the ray's *layers*, with those that lie on it (decals). All of them are shaded and blended, front to back. This is
+//!    the mean of stochastic transparency (Enderton et al., "Stochastic Transparency", 2010) over all thresholds, so that no
+//!    picture shows a dither, at any number of samples a pixel. It does not depend on the visibility backend: backends find
+//!    the opaque surface alone.
 //! 2. **The surface that a ray shows**, for range and ids, is the first at which accumulated alpha reaches
 //!    [`SHOWN_FROM`] ([`shown`]).
 //! 3. **A long row of layers** is cut. Of all surfaces from the [`MOST_LAYERS`]th on a ray sees one, which is chosen by 5.

@@ -197,7 +197,7 @@ fn views_equal_the_reference_by_every_backend() {
         let frame = direct(&mut sampler, &job);
         let off = flip("panes", &image_of(&frame), &image);
         println!("{visibility:?}: FLIP {off:.5}");
-        assert!(off < 0.004, "{visibility:?}: FLIP {off}");
+        assert!(off < 0.002, "{visibility:?}: FLIP {off}");
         let ranges = range_of(&frame);
         let apart =
             ranges.iter().zip(range).filter(|(a, b)| *a != *b && (**a - **b).abs() > 1e-4 * **b).count();

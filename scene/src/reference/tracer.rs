@@ -99,7 +99,7 @@ impl Search {
         match self.nearest {
             None => self.reach,
             Some(hit) if hit.range < self.enough => 0.0,
-            Some(hit) => hit.range.min(self.reach),
+            Some(hit) => (hit.range * (1.0 + SAME_PLACE)).min(self.reach),
         }
     }
 }
@@ -251,7 +251,8 @@ impl Tracer {
             Partial::Layers(layers) => layers,
             Partial::Chance | Partial::Passed(_) => Vec::new(),
         };
-        layers.retain(|layer| behind.is_none_or(|behind| precedes(&layer.surface, &behind)));
+        let end = behind.map_or(f64::INFINITY, |behind| behind.range * (1.0 + SAME_PLACE));
+        layers.retain(|layer| layer.surface.range <= end);
         layers.sort_by(|a, b| order(&a.surface, &b.surface));
         // Triangles that share an edge are one surface.
         layers.dedup_by(|b, a| {
@@ -345,9 +346,11 @@ impl Tracer {
                     position: DVec3::ZERO,
                     front: crossing.front,
                 };
-                let closer =
-                    hit.range <= search.reach && search.nearest.is_none_or(|best| precedes(&hit, &best));
-                if closer && self.blocks(placed, &hit, &crossing, search) {
+                let end = search.nearest.map_or(search.reach, |best| best.range * (1.0 + SAME_PLACE));
+                if hit.range <= end.min(search.reach)
+                    && self.blocks(placed, &hit, &crossing, search)
+                    && search.nearest.is_none_or(|best| precedes(&hit, &best))
+                {
                     search.nearest = Some(hit);
                 }
             }
