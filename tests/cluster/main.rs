@@ -18,4 +18,5 @@ mod security;
 mod session_history;
 #[path = "../support/mod.rs"]
 mod support;
+mod twins;
 mod wishes;
