@@ -14,7 +14,7 @@ use glam::DVec3;
 pub(crate) use self::camera::{Picture, Viewpoint, flags_of};
 pub(crate) use self::passed_on::PassedOn;
 pub(crate) use self::plan::{Plan, output, search};
-pub(crate) use self::samples::{Rig, Samples, effects, exposure};
+pub(crate) use self::samples::{Rig, Samples, effects, exposure, light};
 use crate::credentials;
 use crate::settings::{self, Flags, Sources};
 

@@ -10,7 +10,7 @@ use argus_cluster::coordinator::{Config, Prepared, prepare, serve_prepared};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_cluster::security::Security;
-use argus_scene::{Camera, Rig, Sampling, Scene};
+use argus_scene::{Camera, EffectRequest, Rig, Sampling, Scene};
 use argus_studies::calibration;
 use serde::Serialize;
 use tokio::net::TcpListener;
@@ -181,7 +181,14 @@ impl Service {
     ) -> anyhow::Result<Ready> {
         let coordinator = &settings.coordinator;
         let spec = scene.to_owned();
-        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec));
+        let sampling = &self.samples.sampling;
+        let request = EffectRequest {
+            effects: sampling.effects,
+            indirect: sampling.indirect.knobs()?,
+            ..EffectRequest::default()
+        };
+        let light = sampling.light;
+        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec, light, request.metering()));
         let source = tokio::select! {
             source = opening => Arc::new(source.context("a task of this process failed")??),
             () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
@@ -195,6 +202,7 @@ impl Service {
         config.core.visibility = visibility.visibility();
         config.core.refresh_views = self.refresh_views;
         config.sub_samples = sampling.sub_samples;
+        config.light = sampling.light;
         config.effects = sampling.effects;
         config.exposure = sampling.exposure;
         config.indirect = sampling.indirect.knobs()?;
@@ -246,6 +254,7 @@ impl Service {
             return output::json(&Announcement { url, pid, scene, workers, default_camera });
         }
         println!("serving {scene} at {url}");
+        println!("light {}", ready.source.light());
         println!("try:  argus status --server {url}");
         println!("      argus view --server {url} --out view.png");
         println!("      argus view --server {url} {} --out view.png", args::flags_of(&default_camera));

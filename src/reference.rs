@@ -3,11 +3,13 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use argus_scene::Effects;
+use argus_cluster::SceneSource;
 use argus_scene::mitsuba::matt;
 use argus_scene::reference::{DirectLight, Indirect, ReferenceImage, SurfaceImage, Tracer};
+use argus_scene::{Effects, Exposure, LightRequest, Metering, Scene};
 use serde::Serialize;
 
+use crate::wiring::OpenScene;
 use crate::{args, output};
 
 /// Renders a view on this machine by the CPU ray tracer that every image is judged against.
@@ -48,6 +50,10 @@ pub(crate) struct Args {
     /// Greatest number of reflections between a light and a visible surface, for --paths
     #[arg(long, value_name = "N", default_value = "8", value_parser = clap::value_parser!(u32).range(0..=64))]
     bounces: u32,
+    /// Light of the scene, as of `argus serve`: auto, file, sky or interior. Its own light may be made stronger or weaker by
+    /// whole stops; `argus scene S --plan` shows it
+    #[arg(long, value_name = "LIGHT", default_value = "auto", value_parser = args::light)]
+    light: LightRequest,
     /// Time of an animated scene, seconds
     #[arg(long, value_name = "SECONDS", default_value = "0", value_parser = args::zero_or_more)]
     time: f64,
@@ -71,7 +77,13 @@ struct Report {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let scene = argus_scene::open(&args.environment.of(&args.scene))?;
+    let metering = Metering { effects: args.effects.most(), indirect: args.paths > 0 };
+    let opened = OpenScene::open(&args.environment.of(&args.scene), args.light, metering)?;
+    let exposure = Exposure::Auto.factor(opened.scene().lighting.exposure, opened.metered(metering));
+    let mut scene = Scene::clone(opened.scene());
+    drop(opened);
+    // Unlit surfaces have their colour at an exposure.
+    scene.lighting.exposure = exposure;
     let scene = if args.matt { matt(scene) } else { scene };
     let camera = args.picture.camera(&scene)?;
     let [width, height] = args.picture.size;

@@ -1,15 +1,17 @@
 //! `argus scene`: the contents of a scene.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use anyhow::Context;
-use argus_sampler::PacketSight;
+use argus_cluster::SceneSource;
 use argus_scene::effects::{Causes, EffectRow, Paid};
 use argus_scene::mitsuba::{self, Settings, SkyLight};
-use argus_scene::{Bounds, Camera, Effect, EffectPlan, EffectRequest, Effects, Exposure, RigKind, Scene};
+use argus_scene::{
+    Bounds, Camera, Effect, EffectPlan, EffectRequest, Effects, Exposure, LightRequest, RigKind, Scene,
+};
 use serde::Serialize;
 
+use crate::wiring::OpenScene;
 use crate::{args, output};
 
 /// Describes a scene: triangles, bounds, materials, lights, cameras, and the effects that it calls for.
@@ -37,9 +39,12 @@ pub(crate) struct Args {
     /// Plan for these effects, as of `argus serve`
     #[arg(long, value_name = "LIST", default_value = "auto", value_parser = args::effects, requires = "plan")]
     effects: Effects,
+    /// Plan for, or export, the scene in this light, as of `argus serve`: auto, file, sky or interior
+    #[arg(long, value_name = "LIGHT", default_value = "auto", value_parser = args::light)]
+    light: LightRequest,
     /// Print one JSON object: name, hash, triangles, instances, materials, textures, lights, cameras,
     /// default_camera, animations, bounds {min, max} (null if the scene is empty), extent (what viewers look at), rig, effects,
-    /// warnings. With --plan: name, hash,
+    /// warnings. With --plan: name, hash, light,
     /// light_effects, indirect, exposure, and rows of effect, causes, paid, predicted_ms, bound, on, why, measured_ms,
     /// saved_ms. With --mitsuba: shapes, triangles, materials, bitmaps, emitters, differences
     #[arg(long)]
@@ -152,13 +157,16 @@ fn export(scene: Scene, args: &Export, folder: &Path, json: bool) -> anyhow::Res
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let scene = argus_scene::open(&args.environment.of(&args.scene))?;
+    if args.plan {
+        return plan(args);
+    }
+    let spec = args.environment.of(&args.scene);
     if let Some(folder) = &args.export.mitsuba {
+        let opened = OpenScene::open(&spec, args.light, EffectRequest::default().metering())?;
+        let scene = Scene::clone(opened.scene());
         return export(scene, &args.export, folder, args.json);
     }
-    if args.plan {
-        return plan(&Arc::new(scene), args);
-    }
+    let scene = argus_scene::open(&spec)?;
     let report = Report::of(&scene);
     if args.json {
         return output::json(&report);
@@ -193,6 +201,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 struct PlanReport<'a> {
     name: &'a str,
     hash: String,
+    light: &'a str,
     light_effects: String,
     indirect: String,
     exposure: f32,
@@ -200,9 +209,11 @@ struct PlanReport<'a> {
 }
 
 /// Prints the effect plan.
-fn plan(scene: &Arc<Scene>, args: &Args) -> anyhow::Result<()> {
+fn plan(args: &Args) -> anyhow::Result<()> {
     let mut request = EffectRequest { effects: args.effects, ..EffectRequest::default() };
-    let metered = PacketSight::new(scene).metered(request.metering());
+    let opened = OpenScene::open(&args.environment.of(&args.scene), args.light, request.metering())?;
+    let (scene, light) = (opened.scene(), opened.light());
+    let metered = opened.metered(request.metering());
     let exposure = Exposure::Auto.factor(scene.lighting.exposure, metered);
     request.exposure = Some(exposure);
     let plan = EffectPlan::of(scene, &request, None);
@@ -210,9 +221,10 @@ fn plan(scene: &Arc<Scene>, args: &Args) -> anyhow::Result<()> {
     let indirect = plan.indirect(&request).to_string();
     if args.json {
         let (name, rows) = (scene.name.as_str(), &plan.rows);
-        return output::json(&PlanReport { name, hash, light_effects, indirect, exposure, rows });
+        return output::json(&PlanReport { name, hash, light, light_effects, indirect, exposure, rows });
     }
     println!("{}: effects {} give {light_effects}; indirect light {indirect}", scene.name, args.effects);
+    println!("light {light}");
     println!("exposure {exposure:.4}, by the light at visible surfaces");
     println!("{:<15} {:<3} {:>11}  {:<12} {:<30} why", "effect", "", "bound", "paid", "causes");
     for row in &plan.rows {

@@ -47,6 +47,11 @@ pub trait SceneSource: Send + Sync + 'static {
         None
     }
 
+    /// The light that the scene is shown in and why, in one line; `None` if nothing was chosen.
+    fn light(&self) -> Option<String> {
+        None
+    }
+
     /// Mean light at visible surfaces, for [`argus_scene::Exposure::factor`]. Called once, on a blocking thread. `None`: no
     /// light arrives, or the scene cannot be metered.
     fn metered(&self, _metering: Metering) -> Option<f64> {

@@ -80,6 +80,7 @@ pub(crate) fn lighting() -> impl Strategy<Value = Lighting> {
         horizon,
         ground,
         map: None,
+        reach: None,
     });
     (prop::collection::vec(light(), 0..5), sky, 0.001..100f32).prop_map(|(lights, sky, exposure)| Lighting {
         lights,
@@ -419,6 +420,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
                 Description {
                     epoch_secs,
                     first_light,
+                    light: format!("sky: {scene_name}"),
                     scene_name,
                     scene_hash,
                     bounds,

@@ -44,6 +44,7 @@ mod wide;
 pub use argus_scene::indirect::{Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use knobs::{LightKnobs, RadianceFormat, SamplerKnobs};
 pub use light::PathReport;
+pub use light_meter::ResolvedLight;
 pub use pass_plan::PassPlan;
 pub use point_based::PointReport;
 pub use radiosity::IndirectReport;

@@ -86,17 +86,19 @@ impl EmittersByPower {
     }
 }
 
-/// The smallest radiance that counts as emission: less is below the last bit of a display at exposure 1.
-const LEAST: f32 = 1.0 / 4096.0;
+/// The smallest radiance that counts as emission, as a share of the scene's largest.
+const LEAST: f32 = 1.0 / 1_048_576.0;
 
 /// The triangles that emit, where instances stand as in `placed`. `textures` are the scene's, or empty for a scene whose
 /// emission has no textures. Degenerate triangles are left out.
 pub fn emitters(scene: &Scene, placed: &[Instance], textures: &[MipChain]) -> Vec<Emitter> {
     let mut found = Vec::new();
+    let most = scene.materials.iter().map(|material| material.emissive.max_element()).fold(0.0, f32::max);
+    let least = most * LEAST;
     for (index, instance) in (0u32..).zip(placed) {
         let mesh = &scene.meshes[instance.mesh as usize];
         let material = &scene.materials[mesh.material as usize];
-        if !(material.emissive.max_element() > LEAST) {
+        if !(material.emissive.max_element() > least) {
             continue;
         }
         let mirrored = instance.world_from_mesh.matrix3.determinant() < 0.0;
@@ -126,7 +128,7 @@ pub fn emitters(scene: &Scene, placed: &[Instance], textures: &[MipChain]) -> Ve
                 primitive,
             };
             let power = emitter.power();
-            if power > 0.0 && power.is_finite() && emitter.radiance.max_element() > LEAST {
+            if power > 0.0 && power.is_finite() && emitter.radiance.max_element() > least {
                 found.push(emitter);
             }
         }

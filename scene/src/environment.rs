@@ -268,7 +268,8 @@ impl Sky {
     pub fn of_map(map: Arc<EnvironmentMap>) -> Self {
         let level = [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z];
         let horizon = level.iter().map(|d| map.ambient(*d)).sum::<Vec3>() / level.len() as f32;
-        Self { zenith: map.ambient(Vec3::Y), horizon, ground: map.ambient(Vec3::NEG_Y), map: Some(map) }
+        let (zenith, ground) = (map.ambient(Vec3::Y), map.ambient(Vec3::NEG_Y));
+        Self { zenith, horizon, ground, map: Some(map), reach: None }
     }
 
     /// Factors of the irradiance of its map ([`EnvironmentMap::harmonics`]) as programs of the GPU read them; zeros

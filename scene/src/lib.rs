@@ -25,6 +25,7 @@ pub mod frame;
 pub mod history;
 pub mod indirect;
 pub mod light;
+mod light_choice;
 mod light_effects;
 mod light_level;
 pub mod light_sampling;
@@ -72,6 +73,7 @@ pub use frame::{Frame, Prediction, Provenance, Served, Stage};
 pub use history::History;
 pub use indirect::{Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use light::{Light, Lighting, Sky};
+pub use light_choice::{AddedLight, LightChoice, LightRequest};
 pub use light_effects::LightEffects;
 pub use light_level::LightLevel;
 #[cfg(feature = "loaders")]

@@ -64,11 +64,16 @@ pub struct Sky {
     /// process has it from the scene's files.
     #[serde(skip)]
     pub map: Option<Arc<EnvironmentMap>>,
+    /// Distance in metres beyond which nothing blocks the sky's light; `None`: whatever the distance. What is seen in the
+    /// sky's place does not depend on it. It stays in the process, as a map does.
+    #[serde(skip)]
+    pub reach: Option<f64>,
 }
 
 impl Sky {
     /// A black sky.
-    pub const BLACK: Self = Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None };
+    pub const BLACK: Self =
+        Self { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None, reach: None };
 
     /// A clear afternoon: the sky of a scene without lights of its own, together with [`Light::sun`].
     pub const DAYLIGHT: Self = Self {
@@ -76,6 +81,7 @@ impl Sky {
         horizon: Vec3::new(0.75, 0.85, 0.95),
         ground: Vec3::new(0.30, 0.27, 0.22),
         map: None,
+        reach: None,
     };
 }
 

@@ -84,6 +84,11 @@ pub struct Material {
     pub specular_color: Vec3,
     /// sRGB colour of a dielectric's F0.
     pub specular_color_texture: Option<TextureRef>,
+    /// KHR_materials_unlit: a display shows the base colour as it is, at any exposure. The surface neither reflects light nor
+    /// sends it to other surfaces. Emission, gloss and transmission are not read.
+    pub unlit: bool,
+    /// An unlit surface around the rest of its scene, such as a sky dome. It is seen, but light passes through it.
+    pub backdrop: bool,
 }
 
 /// The property of a material that a texture multiplies.
@@ -153,6 +158,8 @@ impl Default for Material {
             specular_texture: None,
             specular_color: Vec3::ONE,
             specular_color_texture: None,
+            unlit: false,
+            backdrop: false,
         }
     }
 }
@@ -204,7 +211,9 @@ impl Material {
     pub fn is_glossy(&self) -> bool {
         let textured = self.metallic_roughness_texture.is_some();
         let reflects = self.metallic > 0.0 || self.dielectric_f0() != Vec3::ZERO;
-        reflects && (self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0))
+        !self.unlit
+            && reflects
+            && (self.roughness < 0.9 || self.metallic > 0.0 || (textured && self.roughness > 0.0))
     }
 
     /// Reflectance of its dielectric at normal incidence, without textures: F0 of its index of refraction times the specular
@@ -214,16 +223,25 @@ impl Material {
     }
 
     /// Whether light from lights, sky, emitters and other surfaces passes straight through all of the surface, as through a
-    /// pane or a lamp's glass: at least half of it is transmitted. Otherwise the surface blocks all of it, unless it
+    /// pane or a lamp's glass: at least half of it is transmitted, or it is a backdrop. Otherwise the surface blocks all of it,
+    /// unless it
     /// [passes in parts](Self::passes_light_in_parts).
     pub fn passes_light(&self) -> bool {
-        self.transmission >= 0.5 && self.transmission_texture.is_none()
+        match self.unlit {
+            true => self.backdrop,
+            false => self.transmission >= 0.5 && self.transmission_texture.is_none(),
+        }
     }
 
     /// Whether the transmission texture decides where light passes: where [`crate::texture::MipChain::red`] times the factor
     /// is at least half.
     pub fn passes_light_in_parts(&self) -> bool {
-        self.transmission >= 0.5 && self.transmission_texture.is_some()
+        !self.unlit && self.transmission >= 0.5 && self.transmission_texture.is_some()
+    }
+
+    /// Linear radiance at which a display with this exposure shows an unlit surface's base colour.
+    pub fn unlit_radiance(base_color: Vec3, exposure: f32) -> Vec3 {
+        base_color / exposure.max(f32::MIN_POSITIVE)
     }
 
     /// The alpha below which a surface point does not hide all that is behind it; `None` if alpha is ignored. A cut-out does

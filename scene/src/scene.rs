@@ -244,14 +244,18 @@ impl Scene {
         Camera::look_at(center + DVec3::new(0.9, 0.6, 1.6).normalize() * radius * 2.7, center)
     }
 
-    /// Whether the front of a surface lies in each of eight level directions and below a point, as in a room or a courtyard;
-    /// within a closed solid it would be a back. Tests every triangle: called once, for a scene whose file recommends no viewpoint.
+    /// Whether a surface that shows its front lies in each of eight level directions and below a point, as in a room or a
+    /// courtyard; within a closed solid or below a terrain it would be a back. Backs that are culled are not seen. Tests every
+    /// triangle: called for a scene whose file recommends no viewpoint.
     fn surrounds(&self, point: DVec3) -> bool {
         let turn = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_4 + 0.1;
         let level = (0..8).map(|i| DVec3::new(turn(i).cos(), 0.0, turn(i).sin()));
-        let mut open: Vec<DVec3> = level.chain([DVec3::new(0.01, -1.0, 0.02)]).collect();
+        let ways: Vec<DVec3> = level.chain([DVec3::new(0.01, -1.0, 0.02)]).collect();
+        // Distance of the nearest surface, and whether it shows its front.
+        let mut nearest = vec![(f64::INFINITY, false); ways.len()];
         for instance in &self.instances {
             let mesh = &self.meshes[instance.mesh as usize];
+            let shows_backs = self.materials.get(mesh.material as usize).is_none_or(|m| m.double_sided);
             let is_mirrored = instance.world_from_mesh.matrix3.determinant() < 0.0;
             let at = |i: u32| {
                 instance.world_from_mesh.transform_point3(mesh.origin + mesh.positions[i as usize].as_dvec3())
@@ -259,20 +263,29 @@ impl Scene {
             for triangle in mesh.indices.chunks_exact(3) {
                 let [a, b, c] = [at(triangle[0]) - point, at(triangle[1]) - point, at(triangle[2]) - point];
                 let (b, c) = if is_mirrored { (c, b) } else { (b, c) };
-                open.retain(|&direction| !meets_front(direction, a, b, c));
+                for (way, nearest) in ways.iter().zip(&mut nearest) {
+                    let Some((distance, is_front)) = met(*way, a, b, c) else { continue };
+                    if (is_front || shows_backs) && distance < nearest.0 {
+                        *nearest = (distance, is_front);
+                    }
+                }
             }
         }
-        open.is_empty()
+        nearest.into_iter().all(|(_, is_front)| is_front)
     }
 }
 
-/// Whether a ray from the origin meets a triangle's front: the signed volumes of its edges with the direction are positive,
-/// and its plane lies ahead.
-fn meets_front(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> bool {
+/// Where a ray from the origin meets a triangle, in units of its direction, and whether it meets the front: then the signed
+/// volumes of its edges with the direction are positive.
+fn met(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> Option<(f64, bool)> {
     let [u, v, w] = [direction.dot(b.cross(a)), direction.dot(c.cross(b)), direction.dot(a.cross(c))];
+    let is_front = u >= 0.0 && v >= 0.0 && w >= 0.0;
+    if !(is_front || u <= 0.0 && v <= 0.0 && w <= 0.0) {
+        return None;
+    }
     let volume = u + v + w;
-    let inside = u >= 0.0 && v >= 0.0 && w >= 0.0;
-    inside && volume > 0.0 && (direction.dot(a * v + b * w + c * u) / volume) > 0.0
+    let distance = direction.dot(a * v + b * w + c * u) / (volume * direction.length_squared());
+    (distance > 0.0).then_some((distance, is_front))
 }
 
 /// A shared scene, since scenes are large.

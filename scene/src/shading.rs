@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_white_surface_under_a_white_sky_has_radiance_one() {
-        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None };
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None, reach: None };
         let lighting = Lighting { lights: Vec::new(), sky, exposure: 1.0 };
         for normal in [Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::ONE.normalize()] {
             assert!((diffuse_radiance(&grey(normal), &lighting) - Vec3::ONE).length() < 1e-6);

@@ -150,6 +150,11 @@ fn surface_at(hit: Hit) -> Surface {
         surface.albedo -= surface.transmitted;
     }
     surface.emissive = material.emissive * looked.emissive;
+    if material.traits.w != 0u {
+        // Unlit: the display shows the base colour, whatever the exposure.
+        surface.albedo = vec3f(0.0);
+        surface.emissive = base.rgb / lighting.exposure;
+    }
     surface.f0 = vec3f(0.0);
     if has_specular && material.traits.x != 0u {
         surface.f0 = mix(vec3f(material.factors.z), base.rgb, metallic);

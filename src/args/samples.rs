@@ -1,8 +1,8 @@
 //! Flags of how samples are placed and rendered, by all workers alike.
 
 use argus_scene::{
-    Effects, Exposure, Indirect, InvalidField, MapSource, PathKnobs, PointKnobs, RigKind, RigKnobs,
-    Visibility, VplKnobs,
+    Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathKnobs, PointKnobs, RigKind,
+    RigKnobs, Visibility, VplKnobs,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -129,6 +129,11 @@ pub(crate) struct Sampling {
     /// rays for each sample and for each view from triangles. `argus scene S --plan` shows what auto chooses, and why
     #[arg(long, value_name = "LIST", default_value = "auto", value_parser = effects)]
     pub(crate) effects: Effects,
+    /// Light of the scene: auto (the first of the following that reaches most of what is seen), file (its own lights, emitting
+    /// surfaces and environment), sky (with a sun and a sky), or interior (with an even light that is blocked only by what is
+    /// near). `argus scene S --plan` shows what auto takes, and why
+    #[arg(long, value_name = "LIGHT", default_value = "auto", value_parser = light)]
+    pub(crate) light: LightRequest,
     /// Brightness of all views: auto (by the light at visible surfaces), or stops: 0 is the scene's own exposure, and each
     /// stop more doubles the light
     #[arg(long, value_name = "EV", default_value = "auto", allow_negative_numbers = true, value_parser = exposure)]
@@ -297,6 +302,11 @@ fn rig_kind() -> impl TypedValueParser<Value = RigKind> {
 
 /// Parses `auto` or a number of stops.
 pub(crate) fn exposure(text: &str) -> Result<Exposure, InvalidField> {
+    text.parse()
+}
+
+/// Parses the name of a light.
+pub(crate) fn light(text: &str) -> Result<LightRequest, InvalidField> {
     text.parse()
 }
 

@@ -128,6 +128,7 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
         "min": about.bounds.min,
         "max": about.bounds.max,
         "animated": about.epoch_secs > 0.0,
+        "light": about.light,
         "light_rises": about.first_light == LightLevel::Direct,
         "cameras": cameras,
         "effects": effects,

@@ -82,7 +82,7 @@ fn show(file: &str, [width, height]: [u32; 2], config: &Config) -> anyhow::Resul
     Ok(Picture {
         image: RgbImage::from_raw(width, height, color.to_vec()).context("the frame is short")?,
         ranges: range.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),
-        light: format!("{}; indirect {}", set.effects, set.indirect),
+        light: alone.light.clone(),
         exposure: set.lighting.exposure,
         open_secs: alone.start.first().map_or(0.0, |stage| stage.ms * 1e-3),
         first_view_secs,

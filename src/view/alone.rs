@@ -1,7 +1,7 @@
 //! Flags of a view that is rendered without a service.
 
 use argus_cluster::coordinator::Config;
-use argus_scene::{Effects, Exposure};
+use argus_scene::{Effects, Exposure, LightRequest};
 
 use crate::args;
 use crate::settings::{Flags, Sources};
@@ -24,6 +24,9 @@ pub(super) struct AloneArgs {
     /// Environment map in place of the scene's sky, as of `argus serve`
     #[arg(long, value_name = "FILE", requires = "scene")]
     environment: Option<String>,
+    /// Light of the scene, as of `argus serve`: auto, file, sky or interior [default: auto]
+    #[arg(long, value_name = "LIGHT", requires = "scene", value_parser = args::light)]
+    light: Option<LightRequest>,
     /// Effects of light, as of `argus serve` [default: auto]
     #[arg(long, value_name = "LIST", requires = "scene", value_parser = args::effects)]
     effects: Option<Effects>,
@@ -52,6 +55,7 @@ impl AloneArgs {
     pub(super) fn config(&self, sources: &Sources) -> anyhow::Result<Config> {
         let settings = sources.load(Flags::default())?.settings;
         Ok(Config {
+            light: self.light.unwrap_or_default(),
             effects: self.effects.unwrap_or_default(),
             exposure: self.exposure.unwrap_or_default(),
             indirect: (self.indirect.as_deref() == Some("off")).then_some(argus_scene::Indirect::Off),

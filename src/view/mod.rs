@@ -204,12 +204,12 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
 fn true_error(taken: &Taken) -> anyhow::Result<f64> {
     let Taken { camera, frame, scene: (name, hash), epoch_secs, .. } = taken;
     let scene = argus_scene::open(name).with_context(|| format!("--verify needs the scene {name} here"))?;
-    anyhow::ensure!(
-        scene.hash == *hash,
-        "the scene file of that name on this machine differs from the served scene"
-    );
+    let mut scene = scene
+        .in_light_of(*hash)
+        .context("the scene file of that name on this machine differs from the served scene")?;
     let specification = frame.provenance.specification;
     let exposure = specification.map_or(scene.lighting.exposure, |set| set.exposure);
+    scene.lighting.exposure = exposure;
     let indirect = specification.map_or(Indirect::Off, |set| set.indirect);
     let has_indirect = frame.provenance.state.light > LightLevel::Direct;
     let indirect = (has_indirect && indirect != Indirect::Off)

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use argus_cluster::coordinator::{Config, Prepared, prepare};
 use argus_cluster::{RoleFactory as _, SceneSource as _};
 use argus_scene::{
-    Cancel, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob,
+    Cancel, EffectRequest, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob,
 };
 
 use super::{Device, OpenScene};
@@ -15,6 +15,8 @@ use super::{Device, OpenScene};
 /// A scene and a sampler of it.
 pub(crate) struct Alone {
     scene: Arc<Scene>,
+    /// The light and why it was chosen.
+    pub(crate) light: String,
     prepared: Prepared,
     limits: Limits,
     sampler: Box<dyn Sampler>,
@@ -38,7 +40,12 @@ impl Alone {
         // The device is opened while the scene is read.
         let source = std::thread::scope(|scope| {
             scope.spawn(|| device.open());
-            OpenScene::open(spec)
+            let request = EffectRequest {
+                effects: config.effects,
+                indirect: config.indirect,
+                ..EffectRequest::default()
+            };
+            OpenScene::open(spec, config.light, request.metering())
         })?;
         source.report();
         lap("open scene");
@@ -47,7 +54,8 @@ impl Alone {
         let scene = source.scene().clone();
         let sampler = device.sampler(scene.clone(), &prepared.set)?;
         lap("make sampler");
-        Ok(Self { scene, prepared, limits: config.core.limits, sampler, start })
+        let light = source.light().to_owned();
+        Ok(Self { scene, light, prepared, limits: config.core.limits, sampler, start })
     }
 
     /// The scene.

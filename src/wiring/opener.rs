@@ -113,12 +113,16 @@ impl SceneFolder {
 
 impl SceneOpener for SceneFolder {
     fn open_local(&self, reference: &SceneRef) -> Result<Option<Arc<Scene>>, String> {
-        if let Some(scene) = self.preloaded(&reference.name).filter(|scene| scene.hash == reference.hash) {
+        if let Some(scene) =
+            self.preloaded(&reference.name).and_then(|scene| scene.in_light_of(reference.hash))
+        {
             return Ok(Some(Arc::new(scene)));
         }
         if argus_scene::is_procedural(&reference.name) {
-            // Procedural scenes are generated in `open_procedural`, by the coordinator's specification.
-            return Ok(None);
+            // In the light that they are generated with, procedural scenes are made in `open_procedural`, by the
+            // coordinator's specification.
+            let scene = argus_scene::open(&reference.name).map_err(|error| error.to_string())?;
+            return Ok(scene.in_light_of(reference.hash).map(Arc::new));
         }
         let (alone, environment) = argus_scene::split_environment(&reference.name);
         let environments = environment.map(|file| self.environments(reference, file));
@@ -174,24 +178,25 @@ impl SceneOpener for SceneFolder {
             let map = load::decode_environment(&name, &bytes).map_err(|error| error.to_string())?;
             scene = scene.with_environment(map, &bytes);
         }
+        let opened = scene.hash;
+        let scene = scene
+            .in_light_of(reference.hash)
+            .ok_or_else(|| format!("its hash is {opened} here, and no light gives it {}", reference.hash))?;
         Ok(Arc::new(Scene { name: reference.name.clone(), ..scene }))
     }
 }
 
-/// A scene that was opened here, in the first of its environments that makes it the referenced one. `None` if it is
+/// A scene that was opened here, in the light and the first of its environments that make it the referenced one. `None` if it is
 /// another scene.
 fn served(reference: &SceneRef, scene: Scene, environments: Option<&[PathBuf]>) -> Option<Arc<Scene>> {
-    let Some(places) = environments else {
-        let is_served = scene.hash == reference.hash;
-        return is_served.then(|| Arc::new(Scene { name: reference.name.clone(), ..scene }));
-    };
+    let named = |scene: Scene| Arc::new(Scene { name: reference.name.clone(), ..scene });
+    let Some(places) = environments else { return scene.in_light_of(reference.hash).map(named) };
     for place in places {
-        let is_it = |bytes: &Vec<u8>| scene.hash.in_environment(bytes) == reference.hash;
+        let is_it = |bytes: &Vec<u8>| scene.hash.in_environment(bytes).choice_of(reference.hash).is_some();
         let Some(bytes) = std::fs::read(place).ok().filter(is_it) else { continue };
         match load::decode_environment(&place.display().to_string(), &bytes) {
             Ok(map) => {
-                let scene = scene.with_environment(map, &bytes);
-                return Some(Arc::new(Scene { name: reference.name.clone(), ..scene }));
+                return scene.with_environment(map, &bytes).in_light_of(reference.hash).map(named);
             }
             Err(error) => tracing::warn!("{error}"),
         }
@@ -202,12 +207,22 @@ fn served(reference: &SceneRef, scene: Scene, environments: Option<&[PathBuf]>) 
 #[cfg(test)]
 mod tests {
     use argus_cluster::SceneSource as _;
+    use argus_scene::{LightEffects, LightRequest, Metering};
 
     use super::*;
     use crate::wiring::OpenScene;
 
     /// A map of 2 × 1 texels as a Radiance file: one grey, one red.
     const MAP: &[u8] = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n\x80\x80\x80\x80\x80\x40\x40\x80";
+
+    fn open(spec: &str) -> OpenScene {
+        lit(spec, LightRequest::Auto)
+    }
+
+    fn lit(spec: &str, light: LightRequest) -> OpenScene {
+        let metering = Metering { effects: LightEffects::ALL, indirect: true };
+        OpenScene::open(spec, light, metering).unwrap()
+    }
 
     /// The bundle of an open scene, as a worker receives it.
     fn bundle(scene: &OpenScene) -> Vec<BundleFile> {
@@ -233,7 +248,7 @@ mod tests {
         std::fs::write(&map, MAP).unwrap();
         for scene in [write_square(here.path()), "terrain:2000".to_owned()] {
             let spec = argus_scene::in_environment(&scene, &map.display().to_string());
-            let served = OpenScene::open(&spec).unwrap();
+            let served = open(&spec);
             assert_eq!(served.name(), spec);
             assert_eq!(served.procedural(), None);
             let (reference, files) = (reference(&served), bundle(&served));
@@ -260,7 +275,7 @@ mod tests {
         let map = here.path().join("noon.hdr");
         std::fs::write(&map, MAP).unwrap();
         let spec = argus_scene::in_environment("terrain:2000", &map.display().to_string());
-        let reference = reference(&OpenScene::open(&spec).unwrap());
+        let reference = reference(&open(&spec));
         std::fs::write(&map, [MAP, b"\n"].concat()).unwrap();
         let worker = SceneFolder::new(Some(here.path().join("scenes")));
         assert!(worker.open_local(&reference).unwrap().is_none());
@@ -271,7 +286,7 @@ mod tests {
         let [there, here] = [(); 2].map(|()| tempfile::tempdir().unwrap());
         let file = there.path().join("floor.obj");
         std::fs::write(&file, "v -5 0 -5\nv 5 0 -5\nv 5 0 5\nv -5 0 5\nf 4 3 2 1\n").unwrap();
-        let served = OpenScene::open(&format!("{}+balls:3", file.display())).unwrap();
+        let served = open(&format!("{}+balls:3", file.display()));
         assert_eq!(served.procedural(), None);
         let (reference, files) = (reference(&served), bundle(&served));
         let folder = SceneFolder::new(Some(here.path().to_owned()));
@@ -285,10 +300,31 @@ mod tests {
 
     #[test]
     fn balls_in_a_generated_scene_are_generated() {
-        let served = OpenScene::open("rooms+balls:4").unwrap();
+        let served = open("rooms+balls:4");
         let spec = served.procedural().unwrap();
         let folder = SceneFolder::new(Some(std::env::temp_dir()));
         assert_eq!(folder.open_procedural(&spec).as_ref(), Ok(served.scene()));
         assert_eq!(served.files(), Ok(Vec::new()));
+    }
+
+    #[test]
+    fn workers_find_the_light_of_a_scene_by_its_hash() {
+        let here = tempfile::tempdir().unwrap();
+        let file = write_square(here.path());
+        for scene in [&file, "terrain:2000"] {
+            for light in LightRequest::ALL {
+                let served = lit(scene, light);
+                let folder = SceneFolder::new(Some(here.path().join("empty")));
+                let found = match folder.open_local(&reference(&served)).unwrap() {
+                    Some(scene) => scene,
+                    None => folder.open_procedural(scene).unwrap(),
+                };
+                assert_eq!(found, *served.scene(), "{scene}, {light}");
+                if !argus_scene::is_procedural(scene) {
+                    let sent = folder.open_bundle(&reference(&served), bundle(&served)).unwrap();
+                    assert_eq!(sent, *served.scene(), "{scene}, {light}");
+                }
+            }
+        }
     }
 }

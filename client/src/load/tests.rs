@@ -24,6 +24,7 @@ fn description(eyes: &[DVec3]) -> Description {
         defaults: PlanRequest::default(),
         epoch_secs: 0.0,
         first_light: argus_scene::LightLevel::Full,
+        light: String::new(),
     }
 }
 

@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{
-    Effects, Exposure, Indirect, InvalidField, ReflectionRequest, RigKnobs, Sampling, Specification,
+    Effects, Exposure, Indirect, InvalidField, LightRequest, ReflectionRequest, RigKnobs, Sampling,
+    Specification,
 };
 use serde::Serialize;
 
@@ -23,6 +24,8 @@ pub struct Config {
     pub sampling: Sampling,
     /// Sub-samples of each texel of a sample: 1, 4 or 16.
     pub sub_samples: u32,
+    /// Light that the scene is to be opened in.
+    pub light: LightRequest,
     /// Effects of direct light that samples have, as far as the scene calls for them.
     pub effects: Effects,
     /// Indirect light, and particles that emit light; `None`: by paths, if `effects` are automatic or all and the scene
@@ -66,6 +69,7 @@ impl Default for Config {
             rig: RigKnobs::default(),
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
+            light: LightRequest::Auto,
             effects: Effects::None,
             indirect: Some(Indirect::Off),
             exposure: Exposure::Stops(0.0),

@@ -54,6 +54,7 @@ impl ViewsService {
             rig: set.rig,
             epoch_secs: set.epoch_secs,
             first_light: set.first_light(),
+            light: shared.source.light().unwrap_or_default(),
             defaults: PlanRequest {
                 direct: false,
                 search: Some(search),

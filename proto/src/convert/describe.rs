@@ -37,6 +37,8 @@ pub struct Description {
     pub epoch_secs: f64,
     /// The light of the first views. From direct light it rises to full light; any other level stays.
     pub first_light: LightLevel,
+    /// The light that the scene is shown in and why, in one line; empty if nothing was chosen.
+    pub light: String,
 }
 
 impl From<&Description> for v1::DescribeResponse {
@@ -57,6 +59,7 @@ impl From<&Description> for v1::DescribeResponse {
             defaults: Some((&description.defaults).into()),
             epoch_secs: description.epoch_secs,
             first_light: wire_light_level(description.first_light).into(),
+            light: description.light.clone(),
         }
     }
 }
@@ -85,6 +88,7 @@ impl TryFrom<v1::DescribeResponse> for Description {
             defaults: required(wire.defaults, "defaults")?.try_into()?,
             epoch_secs: epoch_secs(wire.epoch_secs, "epoch_secs")?,
             first_light: light_level(wire.first_light, "first_light")?,
+            light: wire.light,
         })
     }
 }

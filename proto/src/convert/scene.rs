@@ -143,8 +143,8 @@ fn cut_off(range: Option<f64>, field: &'static str) -> Result<Option<f64>, Inval
 
 impl From<&Lighting> for v1::Lighting {
     fn from(lighting: &Lighting) -> Self {
-        // A map is a part of the scene, which the receiver has.
-        let Sky { zenith, horizon, ground, map: _ } = lighting.sky;
+        // A map and a reach are parts of the scene, which the receiver has.
+        let Sky { zenith, horizon, ground, map: _, reach: _ } = lighting.sky;
         let sky = v1::Sky {
             zenith: Some(zenith.into()),
             horizon: Some(horizon.into()),
@@ -174,6 +174,7 @@ impl TryFrom<v1::Lighting> for Lighting {
                 horizon: rgb(sky.horizon, "lighting.sky.horizon")?,
                 ground: rgb(sky.ground, "lighting.sky.ground")?,
                 map: None,
+                reach: None,
             },
             exposure: wire.exposure,
         })

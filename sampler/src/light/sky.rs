@@ -135,6 +135,7 @@ pub(super) fn seen_share(
         Effort::Shared => None,
     };
     let pattern = Pattern::of_disc(knobs.sky_rays as usize);
+    let reach = sky.reach.map_or(f32::MAX, |reach| reach as f32);
     let cast = |index: usize| {
         let texel = &texels.all[index];
         let mut sums = SkySums::default();
@@ -145,7 +146,7 @@ pub(super) fn seen_share(
             let direction = above(texel.normal, disc);
             let radiance = sky_radiance(sky, direction);
             sums.whole += radiance;
-            sums.seen += radiance * texel.sees(about, direction, f32::MAX);
+            sums.seen += radiance * texel.sees(about, direction, reach);
         };
         match &alone {
             Some(all) => all.iter().for_each(|&disc| cast(disc)),
@@ -171,7 +172,7 @@ mod tests {
 
     #[test]
     fn an_even_sky_has_the_same_irradiance_for_every_normal() {
-        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None };
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None, reach: None };
         let irradiance = SkyIrradiance::new(&sky);
         for y in [-1.0, -0.3, 0.0, 0.7, 1.0] {
             let normal = Vec3::new((1.0f32 - y * y).sqrt(), y, 0.0);
@@ -183,7 +184,7 @@ mod tests {
     #[test]
     fn the_table_is_the_integral_of_the_gradient() {
         // Upwards: ∫ lerp(horizon, zenith, y) over the cosine-weighted hemisphere has a mean height of 2/3.
-        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None };
+        let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None, reach: None };
         let up = SkyIrradiance::new(&sky).by_pi(Vec3::Y);
         assert!((up.x - 2.0 / 3.0).abs() < 1e-3, "{up}");
     }

@@ -32,6 +32,8 @@ pub(crate) struct Point {
     pub(crate) normal: DVec3,
     /// Diffuse albedo.
     pub(crate) albedo: Vec3,
+    /// Base colour: the albedo of a matt surface, and about the reflectance of a metal. Zero if it is unlit.
+    pub(crate) base: Vec3,
     /// Emitted radiance.
     pub(crate) emissive: Vec3,
 }
@@ -120,10 +122,12 @@ impl Surfaces {
         let color = blend(&mesh.colors, corners, weights).unwrap_or(Vec4::ONE);
         let base = material.base_color * self.texel(material.base_color_texture, uv) * color;
         let metallic = material.metallic * self.texel(material.metallic_roughness_texture, uv).z;
+        let base = if material.unlit { Vec3::ZERO } else { sound(base.truncate()).min(Vec3::ONE) };
         Some(Point {
             side,
             normal: normal_at(placement, mesh, (corners, weights), side),
-            albedo: sound(base.truncate() * (1.0 - metallic.clamp(0.0, 1.0))).min(Vec3::ONE),
+            albedo: base * (1.0 - metallic.clamp(0.0, 1.0)),
+            base,
             emissive: sound(material.emissive * self.texel(material.emissive_texture, uv).truncate()),
         })
     }

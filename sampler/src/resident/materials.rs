@@ -63,7 +63,12 @@ impl Materials {
                 material.alpha_cutoff().unwrap_or(0.0),
             ],
             textures: [first_srgb, srgb_count, first_linear, linear_count],
-            traits: [u32::from(material.is_glossy()), alpha.map_or(0, |i| i + 1), transmission, 0],
+            traits: [
+                u32::from(material.is_glossy()),
+                alpha.map_or(0, |i| i + 1),
+                transmission,
+                u32::from(material.unlit),
+            ],
         });
     }
 }

@@ -76,7 +76,8 @@ fn a_sample_of_an_open_surface_is_as_bright_under_a_map_of_one_colour_as_under_t
     let color = Vec3::new(0.5, 0.25, 0.75);
     let mapped = small_scene::scene().with_environment(one(color), b"");
     let mut even = mapped.clone();
-    even.lighting.sky = argus_scene::Sky { zenith: color, horizon: color, ground: color, map: None };
+    even.lighting.sky =
+        argus_scene::Sky { zenith: color, horizon: color, ground: color, map: None, reach: None };
     let rig = omni_rig(DVec3::new(1.0, 1.5, 2.0), 48);
     let here = Camera::look_at(DVec3::new(1.0, 1.5, 2.0), DVec3::ZERO);
     for effects in [LightEffects::NONE, LightEffects { sky_visibility: true, ..LightEffects::NONE }] {

@@ -145,7 +145,7 @@ mod tests {
     fn an_open_skys_integral_differs_from_its_blend_by_less_than_the_constant() {
         for colors in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0]] {
             let [zenith, horizon, ground] = colors.map(Vec3::splat);
-            let sky = Sky { zenith, horizon, ground, map: None };
+            let sky = Sky { zenith, horizon, ground, map: None, reach: None };
             for step in -50..=50 {
                 let y = f64::from(step) / 50.0;
                 let normal = DVec3::new((1.0 - y * y).sqrt(), y, 0.0);

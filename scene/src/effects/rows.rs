@@ -127,6 +127,7 @@ impl<'a> Facts<'a> {
             (Some(indirect), _) => indirect,
             (None, Effects::All) => paths,
             (None, Effects::Auto) if self.moves || found.causes.is_empty() => Indirect::Off,
+            (None, Effects::Auto) if self.scene.lighting.sky.reach.is_some() => Indirect::Off,
             (None, Effects::Auto) if bytes(displayed(&found, exposure)) >= LEAST_BYTES => paths,
             (None, _) => Indirect::Off,
         }

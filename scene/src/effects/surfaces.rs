@@ -124,7 +124,7 @@ impl Looks {
         }
         Self {
             bounds,
-            albedo: base * (1.0 - metallic(surface.least.z)),
+            albedo: if material.unlit { Vec3::ZERO } else { base * (1.0 - metallic(surface.least.z)) },
             emission: material.emissive * ranges.of(material.emissive_texture).most,
             gloss,
             transmission: material.transmission,

@@ -21,7 +21,7 @@ fn directions() -> impl Iterator<Item = Vec3> {
 #[test]
 fn a_map_of_one_colour_is_the_same_constant_sky() {
     let color = Vec3::new(0.5, 0.25, 0.75);
-    let constant = Sky { zenith: color, horizon: color, ground: color, map: None };
+    let constant = Sky { zenith: color, horizon: color, ground: color, map: None, reach: None };
     for width in [2, 4, 6, 64, 1000] {
         let environment = map_of(width, |_, _| color);
         assert!(environment.lights.is_empty(), "{width}");

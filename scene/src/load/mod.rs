@@ -3,6 +3,7 @@
 //! Files are untrusted. Any content gives a scene or a [`LoadError`] of one line. Memory is bounded by the bundle's size
 //! rather than by the counts that it claims, but for 256 MiB of even textures. A bad texture costs that texture and a warning.
 
+mod backdrop;
 mod bundle;
 mod environment;
 mod error;
@@ -171,6 +172,7 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     // The file's transforms are those at rest, which may not be any moment of an animation.
     scene.begin();
     scene.not_playing_warning().iter().for_each(|line| warnings.add(line));
+    backdrop::mark(&mut scene);
     scene.rig = rig_of(&scene);
     scene.warnings = warnings.into_lines();
     Ok(scene)

@@ -108,6 +108,11 @@ pub fn write(scene: &Scene, settings: &Settings, folder: &Path) -> io::Result<Ex
         exported.emitters += 1;
     }
     let sky = &pose.lighting.sky;
+    if sky.reach.is_some() {
+        let text =
+            "the light of interiors is blocked by what is near; Mitsuba blocks it whatever the distance";
+        bitmaps.differences.insert(text.to_owned());
+    }
     write_sky(&mut xml, sky, settings.sky, folder)?;
     exported.emitters += usize::from([sky.zenith, sky.horizon, sky.ground] != [Vec3::ZERO; 3]);
     exported.bitmaps = bitmaps.written.len();
@@ -200,6 +205,9 @@ fn note_differences(material: &Material, mesh: &Mesh, bitmaps: &mut Bitmaps) {
     let mut note = |text: &str| {
         bitmaps.differences.insert(format!("material {:?}: {text}", material.name));
     };
+    if material.unlit {
+        note("it is unlit; Mitsuba lights its colour");
+    }
     if !material.double_sided {
         note("seen from behind it is black and casts shadows; Argus culls it");
     }

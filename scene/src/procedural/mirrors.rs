@@ -130,7 +130,7 @@ fn lighting() -> Lighting {
     let dim = Vec3::splat(0.25);
     Lighting {
         lights: vec![lamp(-2.0, -2.0), lamp(2.0, 2.0)],
-        sky: Sky { zenith: dim, horizon: dim, ground: dim, map: None },
+        sky: Sky { zenith: dim, horizon: dim, ground: dim, map: None, reach: None },
         exposure: 1.0,
     }
 }

@@ -84,7 +84,8 @@ impl Tracer {
             };
             let surface = self.surface(&hit, direction, DVec3::ZERO, DVec3::ZERO);
             // The back of a single-sided lamp blocks light and sends none.
-            let shines = hit.front || self.material_of(&hit).double_sided;
+            let material = self.material_of(&hit);
+            let shines = !material.unlit && (hit.front || material.double_sided);
             if shines && (bounce > 0 || !self.lights_by_emitters()) {
                 radiance += throughput * surface.emissive;
             }

@@ -3,7 +3,7 @@
 //! Irradiance of a surface is the sum of
 //! - each directional, point and spot light, as [`incident`] says, times the share of its disc that the surface sees
 //!   ([`crate::light_sampling`]);
-//! - the sky's radiance over all directions that no surface blocks, weighted by their cosine;
+//! - the sky's radiance over all directions that no surface within its reach blocks, weighted by their cosine;
 //! - the radiance of each emitting triangle that no surface blocks ([`crate::emitters`]).
 //!
 //! Rays begin a little above the surface ([`terminator_lift`]). Every triangle blocks both ways, but those of
@@ -146,11 +146,12 @@ impl Tracer {
     /// Irradiance / π of the sky, past what blocks it.
     fn sky_by_pi(&self, start: &LightStart, surface: &Surface, rays: u32, shift: DVec2) -> Vec3 {
         let sky = &self.pose.lighting.sky;
+        let reach = sky.reach.unwrap_or(f64::INFINITY);
         let mut sum = DVec3::ZERO;
         for ray in 0..rays {
             let direction =
                 cosine_direction(surface.normal.as_dvec3(), disc_point((r2(ray) + shift).fract()));
-            let seen = start.sees(self, direction, f64::INFINITY);
+            let seen = start.sees(self, direction, reach);
             sum += (sky_radiance(sky, direction.as_vec3()) * seen).as_dvec3();
         }
         (sum / f64::from(rays)).as_vec3()

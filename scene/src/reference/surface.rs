@@ -46,6 +46,13 @@ impl Tracer {
         let metallic_roughness = self.lookup(material.metallic_roughness_texture, &at);
         let metallic = (material.metallic * metallic_roughness.z).clamp(0.0, 1.0);
         let base = base.truncate();
+        let (albedo, emissive) = match material.unlit {
+            true => (Vec3::ZERO, Material::unlit_radiance(base, self.pose.lighting.exposure)),
+            false => (
+                base * (1.0 - metallic),
+                material.emissive * self.lookup(material.emissive_texture, &at).truncate(),
+            ),
+        };
         let f0 = if material.is_glossy() {
             Vec3::splat(dielectric_f0(material.ior)).lerp(base, metallic)
         } else {
@@ -54,8 +61,8 @@ impl Tracer {
         Surface {
             position: hit.position,
             normal: (normal * side).as_vec3(),
-            albedo: base * (1.0 - metallic),
-            emissive: material.emissive * self.lookup(material.emissive_texture, &at).truncate(),
+            albedo,
+            emissive,
             f0,
             roughness: (material.roughness * metallic_roughness.y).clamp(0.0, 1.0),
         }

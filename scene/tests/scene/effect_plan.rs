@@ -179,6 +179,7 @@ fn sky_visibility_changes_no_pixel_by_more_than_its_bound() {
         horizon: Vec3::splat(0.5),
         ground: Vec3::splat(0.1),
         map: None,
+        reach: None,
     };
     let lighting = Lighting { sky: dusk, ..furnace() };
     let change = holds_switched("roof", &matt(lighting.clone()), EffectKind::SkyVisibility, SKY, NONE);

@@ -97,7 +97,7 @@ mirror! {
         /// Its textures among all slots: first and number of those encoded as sRGB, first and number of the others.
         pub textures: [u32; 4],
         /// 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; transmitted share of light,
-        /// f32 bits.
+        /// f32 bits; 1 if it is unlit.
         pub traits: [u32; 4],
     }
 }

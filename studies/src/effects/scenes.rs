@@ -58,6 +58,7 @@ pub(super) fn room() -> Scene {
         horizon: Vec3::splat(3e-5),
         ground: Vec3::splat(1e-5),
         map: None,
+        reach: None,
     };
     let lighting = Lighting { lights: vec![moon], sky: night, exposure: 1.0 };
     let camera = |name: &str, eye: DVec3, target: DVec3| NamedCamera {

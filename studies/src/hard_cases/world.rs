@@ -24,6 +24,7 @@ pub(super) fn empty() -> Scene {
         horizon: Vec3::new(0.8, 0.8, 0.7),
         ground: Vec3::new(0.3, 0.2, 0.1),
         map: None,
+        reach: None,
     };
     Scene {
         name: "hard case".to_owned(),

@@ -221,6 +221,7 @@ mod tests {
             defaults: PlanRequest::default(),
             epoch_secs: 0.0,
             first_light: LightLevel::Full,
+            light: String::new(),
         }
     }
 

@@ -140,6 +140,7 @@ pub(crate) fn empty_scene() -> Scene {
         horizon: Vec3::new(0.8, 0.8, 0.7),
         ground: Vec3::new(0.3, 0.2, 0.1),
         map: None,
+        reach: None,
     };
     Scene {
         name: "test".to_owned(),

@@ -122,12 +122,10 @@ impl Slots<'_, '_> {
             material.transmission = transmission.transmission_factor.0;
         }
         if extensions.unlit.is_some() {
-            // Unlit: a surface that emits its colour and reflects nothing.
-            material.emissive = material.base_color.truncate();
-            material.emissive_texture = material.base_color_texture;
-            material.base_color = Vec4::new(0.0, 0.0, 0.0, material.base_color.w);
-            (material.metallic, material.roughness) = (0.0, 1.0);
-            material.metallic_roughness_texture = None;
+            material.unlit = true;
+            (material.emissive, material.emissive_texture) = (Vec3::ZERO, None);
+            (material.metallic, material.roughness, material.transmission) = (0.0, 1.0, 0.0);
+            (material.metallic_roughness_texture, material.normal_texture) = (None, None);
         }
     }
 

@@ -9,7 +9,7 @@ use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 
 /// White light from everywhere, no lights: a white surface has radiance 1.
 pub(crate) fn furnace() -> Lighting {
-    let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None };
+    let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ONE, map: None, reach: None };
     Lighting { lights: Vec::new(), sky, exposure: 1.0 }
 }
 
