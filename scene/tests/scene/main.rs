@@ -10,3 +10,4 @@ mod reference_images;
 mod reference_light;
 mod reference_ranges;
 mod sight;
+mod unlit;

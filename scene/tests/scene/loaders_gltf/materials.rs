@@ -1,6 +1,6 @@
 //! Textures and materials.
 
-use argus_scene::AlphaMode;
+use argus_scene::{AlphaMode, Material};
 use glam::{Vec3, Vec4};
 use serde_json::{Value, json};
 
@@ -81,7 +81,8 @@ fn materials_keep_their_extensions() {
     assert_eq!((texture.offset.x, texture.scale.y, texture.rotation), (0.5, 3.0, 1.0));
     document["materials"][0] = json!({"alphaMode": "BLEND", "extensions": {"KHR_materials_unlit": {}}});
     let scene = load(&document).unwrap();
-    assert_eq!((scene.materials[0].alpha, scene.materials[0].emissive), (AlphaMode::Blend, Vec3::ONE));
+    let Material { alpha, emissive, unlit, backdrop, .. } = scene.materials[0];
+    assert_eq!((alpha, emissive, unlit, backdrop), (AlphaMode::Blend, Vec3::ZERO, true, false));
     assert_eq!(scene.warnings, [""; 0], "it is shown");
     document["extensionsRequired"] = json!(["XMPL_not_known"]);
     assert!(refused(&document).contains("XMPL_not_known"));
