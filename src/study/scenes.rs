@@ -63,6 +63,10 @@ impl Scenes {
 
 /// Renders the default view of a scene, first in direct light and then in all of it.
 fn show(file: &str, [width, height]: [u32; 2], config: &Config) -> anyhow::Result<Picture> {
+    // Opened by itself first: below, its light is chosen as well.
+    let opening = std::time::Instant::now();
+    drop(argus_scene::open(file)?);
+    let open_secs = opening.elapsed().as_secs_f64();
     let began = std::time::Instant::now();
     let mut alone = Alone::open(file, config)?;
     let scene = alone.scene().clone();
@@ -84,7 +88,7 @@ fn show(file: &str, [width, height]: [u32; 2], config: &Config) -> anyhow::Resul
         ranges: range.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),
         light: alone.light.clone(),
         exposure: set.lighting.exposure,
-        open_secs: alone.start.first().map_or(0.0, |stage| stage.ms * 1e-3),
+        open_secs,
         first_view_secs,
         picture_secs: began.elapsed().as_secs_f64(),
         warnings: scene.warnings.len(),
