@@ -32,7 +32,7 @@ const FENCE: f64 = 3.0;
 const BACKDROP: f64 = 32.0;
 
 /// Most triangles that quartiles are computed from. Of larger scenes every n-th triangle of each mesh is taken.
-const MOST_TRIANGLES: usize = 1 << 18;
+const MOST_TRIANGLES: usize = 1 << 15;
 
 /// Most moments of an animated scene whose surfaces count.
 const MOMENTS: u32 = 4;
@@ -80,15 +80,14 @@ struct Part {
 }
 
 impl Part {
-    /// `None` for a mesh without finite triangles.
+    /// `None` for a mesh without finite vertices.
     fn new(scene: &Scene, instance: &Instance) -> Option<Self> {
-        let mut part = Self { instance: *instance, bounds: Bounds::EMPTY };
-        let triangles = part.triangles(scene, 1);
-        part.bounds = triangles.flatten().fold(Bounds::EMPTY, |mut bounds, corner| {
-            bounds.extend(corner);
-            bounds
-        });
-        (!part.bounds.is_empty()).then_some(part)
+        let mesh = &scene.meshes[instance.mesh as usize];
+        let mut bounds = Bounds::EMPTY;
+        for position in &mesh.positions {
+            bounds.extend(instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3()));
+        }
+        (!bounds.is_empty()).then_some(Self { instance: *instance, bounds })
     }
 
     /// Whether it is a level, or a wall.
