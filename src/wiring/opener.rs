@@ -311,7 +311,7 @@ mod tests {
     fn workers_find_the_light_of_a_scene_by_its_hash() {
         let here = tempfile::tempdir().unwrap();
         let file = write_square(here.path());
-        for scene in [&file, "terrain:2000"] {
+        for scene in [file.as_str(), "terrain:2000"] {
             for light in LightRequest::ALL {
                 let served = lit(scene, light);
                 let folder = SceneFolder::new(Some(here.path().join("empty")));
