@@ -40,6 +40,8 @@ pub(crate) mod flags {
     pub(crate) const MIRRORED: u32 = 4;
     /// Rays of light pass ([`argus_scene::Material::passes_light`]); rays of sight do not.
     pub(crate) const GLASS: u32 = 8;
+    /// Rays of light pass where the transmission texture says so ([`argus_scene::Material::passes_light_in_parts`]).
+    pub(crate) const GLASS_IN_PARTS: u32 = 16;
 }
 
 /// [`Triangle::instance`] of a triangle whose instance is [`PlacedObject::instance`].
@@ -454,7 +456,9 @@ fn triangles(
     flags |= if placement.class.cull == Cull::None { 0 } else { flags::ONE_SIDED };
     flags |= if placement.class.cutout { flags::CUTOUT } else { 0 };
     flags |= if mirrored { flags::MIRRORED } else { 0 };
-    flags |= if scene.materials[mesh.material as usize].passes_light() { flags::GLASS } else { 0 };
+    let material = &scene.materials[mesh.material as usize];
+    flags |= if material.passes_light() { flags::GLASS } else { 0 };
+    flags |= if material.passes_light_in_parts() { flags::GLASS_IN_PARTS } else { 0 };
     let corner = |index: u32| mesh.positions.get(index as usize).map(|&p| place(p)).filter(|p| p.is_finite());
     let place = |(primitive, corners): (u32, &[u32; 3])| {
         let [a, b, c] = [corner(corners[0])?, corner(corners[1])?, corner(corners[2])?];

@@ -108,12 +108,21 @@ pub fn emitters(scene: &Scene, placed: &[Instance], textures: &[MipChain]) -> Ve
                 instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3())
             };
             let [a, b, c] = indices.map(corner);
-            let uvs = indices.map(|i| mesh.uvs.get(i as usize).copied().unwrap_or(Vec2::ZERO));
+            let uvs_of = |texture: Option<TextureRef>| {
+                let set = mesh.uvs_of(texture.map_or(0, |texture| texture.uv_set));
+                indices.map(|i| set.get(i as usize).copied().unwrap_or(Vec2::ZERO))
+            };
+            let uvs = uvs_of(material.emissive_texture);
             // A blended surface emits as far as it is seen.
             let share = match material.alpha {
                 AlphaMode::Blend => {
                     let colors = indices.map(|i| mesh.colors.get(i as usize).map_or(1.0, |color| color.w));
-                    let texel = mean_texel(material.base_color_texture, textures, uvs).w;
+                    let texel = mean_texel(
+                        material.base_color_texture,
+                        textures,
+                        uvs_of(material.base_color_texture),
+                    )
+                    .w;
                     material.coverage(material.base_color.w * texel * colors.iter().sum::<f32>() / 3.0)
                 }
                 AlphaMode::Opaque | AlphaMode::Mask(_) => 1.0,

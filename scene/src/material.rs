@@ -122,15 +122,15 @@ impl TextureUse {
         Self::SpecularColor,
     ];
 
-    /// What a material shows without a texture of this use that cannot be had: see [`Material::lose`].
-    pub fn without(self) -> &'static str {
+    /// How a material is shown without a texture of this use: see [`Material::lose`].
+    pub fn lost(self) -> &'static str {
         match self {
-            Self::BaseColor => "shown in its plain colour",
-            Self::MetallicRoughness => "shown without metal",
-            Self::Normal => "shown without bumps",
-            Self::Emissive => "shown without glow",
-            Self::Transmission => "shown opaque",
-            Self::Specular | Self::SpecularColor => "shown with an even gloss",
+            Self::BaseColor => "in its plain colour",
+            Self::MetallicRoughness => "without metal",
+            Self::Normal => "without bumps",
+            Self::Emissive => "without glow",
+            Self::Transmission => "opaque",
+            Self::Specular | Self::SpecularColor => "with an even gloss",
         }
     }
 }

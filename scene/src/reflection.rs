@@ -10,13 +10,14 @@ mod lobe;
 
 use std::fmt;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 pub use self::cost::ReflectionCost;
 pub use self::eye::ProbeEye;
 pub use self::lobe::{half_vector, refracted};
-use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene};
+use crate::tone::linear_from_srgb;
+use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene, Texture, TextureRef};
 
 /// Most reflections one after another on the way to an eye, as in figure 5 of Gavane and Watson.
 pub const BOUNCES: u32 = 3;
@@ -251,23 +252,34 @@ impl Material {
     /// Whether the material reflects an image of the scene around it, and not only light and dark. A textured roughness
     /// counts by its mean.
     fn mirrors(&self, scene: &Scene) -> bool {
-        let in_mean = |channel: usize| {
-            let texture =
-                self.metallic_roughness_texture.and_then(|at| scene.textures.get(at.texture as usize));
-            texture.map_or(1.0, |texture| {
-                let texels = texture.rgba.len() / 4;
-                // A few thousand of them give the mean of millions.
-                let step = (texels / 4096).max(1);
-                let values = texture.rgba.iter().skip(channel).step_by(4 * step);
-                let (sum, count) =
-                    values.fold((0u64, 0u64), |(sum, count), value| (sum + u64::from(*value), count + 1));
-                sum as f32 / (255 * count.max(1)) as f32
-            })
+        let mean = |reference: Option<TextureRef>, channel: usize| {
+            let texture = reference.and_then(|at| scene.textures.get(at.texture as usize));
+            texture.map_or(1.0, |texture| texture.mean(channel))
         };
-        let (roughness, metallic) = (self.roughness * in_mean(1), self.metallic * in_mean(2));
-        let is_strong = metallic >= 0.5 || self.transmission > 0.0;
+        let roughness = self.roughness * mean(self.metallic_roughness_texture, 1);
+        let metallic = self.metallic * mean(self.metallic_roughness_texture, 2);
+        let channels = [0, 1, 2].map(|channel| mean(self.specular_color_texture, channel));
+        let f0 = self.dielectric_f0() * Vec3::from(channels) * mean(self.specular_texture, 3);
+        let is_strong = metallic >= 0.5 || self.transmission > 0.0 || f0.max_element() >= 0.5;
         let roughest = if is_strong { ROUGHEST } else { ROUGHEST_DIELECTRIC };
         self.is_glossy() && roughness <= roughest
+    }
+}
+
+impl Texture {
+    /// Mean of a channel, 0 to 1, of a few thousand texels that stand for all; linear.
+    pub fn mean(&self, channel: usize) -> f32 {
+        let step = (self.rgba.len() / 4 / 4096).max(1);
+        let mut count = [0u32; 256];
+        for value in self.rgba.iter().skip(channel).step_by(4 * step) {
+            count[usize::from(*value)] += 1;
+        }
+        let all: u32 = count.iter().sum();
+        let value = |byte: usize| {
+            let value = byte as f32 / 255.0;
+            if self.srgb && channel < 3 { linear_from_srgb(value) } else { value }
+        };
+        (0..256).map(|byte| value(byte) * count[byte] as f32).sum::<f32>() / all.max(1) as f32
     }
 }
 

@@ -18,6 +18,8 @@
 //!   colour with a sheen. With `--reflections`, smooth surfaces reflect the scene, and light through them is refracted
 //!   once, where it enters ([`crate::reflection`]); surfaces seen in them are diffuse.
 //! - Albedo is base colour · (1 − metallic), without Fresnel's attenuation, which would depend on the viewer.
+//! - A dielectric reflects all light at grazing angles. KHR_materials_specular weakens only its F0, to which 0 is an
+//!   exception: such a surface reflects nothing.
 //!
 //! Normals face the visible side: a surface seen from behind has both normals flipped.
 
@@ -42,6 +44,8 @@ pub struct Surface {
     pub f0: Vec3,
     /// Perceptual roughness.
     pub roughness: f32,
+    /// Share of the diffuse light that passes through, where the scene is reflected and refracted.
+    pub transmission: f32,
 }
 
 /// Radiance of the sky in direction `d` (unit).
@@ -204,6 +208,7 @@ mod tests {
             emissive: Vec3::ZERO,
             f0: Vec3::ZERO,
             roughness: 1.0,
+            transmission: 0.0,
         }
     }
 

@@ -1,8 +1,9 @@
 // Program of `sampler/src/passes/visibility.rs`: rasterises the visibility buffer: instance and triangle of each
 // sub-sample.
 
-import package::shared::geometry::{attributes, color_of, instances, materials, meshes, uv_of};
+import package::shared::geometry::{instances, materials, meshes};
 import package::shared::texture::{sample_alpha, slots};
+import package::shared::trace::alpha::{corner_at};
 enable primitive_index;
 
 // A range of an instance's triangles, with its transform to the tile.
@@ -56,11 +57,9 @@ fn place_cutout(
 ) -> Cutout {
     let draw = draws[index];
     let mesh = meshes[instances[draw.instance].mesh];
-    let record = attributes[mesh.first.z + (vertex - mesh.first.y) * mesh.first.w];
-    let uv = select(vec2f(0.0), uv_of(record), mesh.has.x != 0u);
-    let alpha = select(1.0, color_of(record).a, mesh.has.y != 0u);
+    let at = corner_at(mesh.first.z + (vertex - mesh.first.y) * mesh.first.w, mesh.has);
     let ids = vec2u(draw.instance + 1u, draw.first_triangle);
-    return Cutout(clip_from_mesh(draw, position), ids, uv, alpha);
+    return Cutout(clip_from_mesh(draw, position), ids, at.xy, at.z);
 }
 
 @fragment

@@ -5,9 +5,15 @@ struct MeshLayout {
     // Offset in `indices`; offset in `vertices`, to which indices are relative; offset in `attributes`; records of
     // attributes per vertex.
     first: vec4u,
-    // 1 if its vertices have texture coordinates, colours, tangents; index of its material.
+    // Bits of the HAS constants below for texture coordinates; 1 if its vertices have colours, tangents; index of its material.
     has: vec4u,
 }
+
+// Vertices have texture coordinates, and a second set.
+const HAS_UVS: u32 = 1;
+const HAS_SECOND_UVS: u32 = 2;
+// The alpha test reads the second set.
+const TESTS_SECOND_UVS: u32 = 4;
 
 // An instance's transform relative to a camera's eye.
 struct InstanceTransform {
@@ -23,19 +29,20 @@ struct MaterialData {
     base_color: vec4f,
     emissive: vec3f,
     metallic: f32,
-    // Roughness; scale of the normal map; reflectance of the dielectric at normal incidence; alpha cutoff.
+    // Roughness; scale of the normal map; transmitted share of light; alpha cutoff.
     factors: vec4f,
+    // Reflectance of the dielectric at normal incidence before it is bounded by 1, and the factor after that.
+    f0: vec4f,
     // Its textures in `slots`: first and number of those encoded as sRGB, first and number of the others.
     textures: vec4u,
-    // 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; transmitted share of light, f32
-    // bits.
+    // 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; unused; 1 if it is unlit.
     traits: vec4u,
 }
 
 // Position (f32 bits) and normal (see `normal_from_word`) of each vertex.
 @group(1) @binding(0) var<storage, read> vertices: array<vec4u>;
-// Records of attributes: texture coordinates (f32 bits) and colour (4x16float). In meshes with tangents a second record
-// follows, whose first word is the tangent.
+// Records of attributes: texture coordinates (f32 bits) and colour (4x16float). In meshes with tangents or a second set of
+// texture coordinates a second record follows: the tangent, and that set (f32 bits).
 @group(1) @binding(1) var<storage, read> attributes: array<vec4u>;
 @group(1) @binding(2) var<storage, read> indices: array<u32>;
 @group(1) @binding(3) var<storage, read> meshes: array<MeshLayout>;
@@ -102,6 +109,11 @@ fn normal_from_word(word: u32) -> vec3f {
 
 fn uv_of(record: vec4u) -> vec2f {
     return bitcast<vec2f>(record.xy);
+}
+
+// The second set of texture coordinates, from the second record.
+fn second_uv_of(record: vec4u) -> vec2f {
+    return bitcast<vec2f>(record.yz);
 }
 
 fn color_of(record: vec4u) -> vec4f {

@@ -1,15 +1,15 @@
 // Surface properties at a point of a triangle from its material's factors and textures, and its shading.
 
 import package::shared::geometry::{
-    MaterialData, MeshLayout, InstanceTransform, Triangle, attributes, blend2, blend3, blend4, color_of, materials,
-    mesh_from_world, normal_from_mesh, normal_from_word, uv_of,
+    HAS_SECOND_UVS, HAS_UVS, MaterialData, MeshLayout, InstanceTransform, Triangle, attributes, blend2, blend3, blend4,
+    color_of, materials, mesh_from_world, normal_from_mesh, normal_from_word, second_uv_of, uv_of,
 };
 import package::shared::shading::{
     Light, Lighting, Surface, diffuse_light, sky_ambient, specular_light,
 };
 import package::shared::texture::{
-    ROLE_BASE_COLOR, ROLE_EMISSIVE, ROLE_METALLIC_ROUGHNESS, ROLE_NONE, ROLE_NORMAL, sample_texture, slots, texels,
-    texels_srgb,
+    READS_SECOND_UVS, ROLE_BASE_COLOR, ROLE_EMISSIVE, ROLE_METALLIC_ROUGHNESS, ROLE_NONE, ROLE_NORMAL, ROLE_SPECULAR,
+    ROLE_SPECULAR_COLOR, ROLE_TRANSMISSION, TextureSlot, has_second_uvs, sample_texture, slots, texels, texels_srgb,
 };
 
 @group(0) @binding(1) var<uniform> lighting: Lighting;
@@ -21,6 +21,8 @@ override has_linear_textures: bool = true;
 override has_normal_maps: bool = true;
 override has_vertex_colors: bool = true;
 override has_specular: bool = true;
+override has_specular_textures: bool = true;
+override has_transmission_textures: bool = true;
 // Glossy and transparent surfaces look up reflection probes.
 override reflects: bool = false;
 // Lights and sky are added by a later pass, as far as nothing blocks them: `add_direct.wgsl`.
@@ -72,6 +74,16 @@ struct Looked {
     // Tangent space, -1..1.
     normal: vec3f,
     has_normal: bool,
+    transmission: f32,
+    specular: f32,
+    specular_color: vec3f,
+}
+
+// A point on a mesh's textures, and its differences to neighbouring sub-samples.
+struct Footprint {
+    uv: vec2f,
+    dx: vec2f,
+    dy: vec2f,
 }
 
 fn take(looked: ptr<function, Looked>, role: u32, value: vec4f) {
@@ -81,25 +93,55 @@ fn take(looked: ptr<function, Looked>, role: u32, value: vec4f) {
         select((*looked).metallic_roughness, value, role == ROLE_METALLIC_ROUGHNESS);
     (*looked).normal = select((*looked).normal, value.xyz * 2.0 - 1.0, role == ROLE_NORMAL);
     (*looked).has_normal = (*looked).has_normal || role == ROLE_NORMAL;
+    if has_transmission_textures {
+        (*looked).transmission = select((*looked).transmission, value.r, role == ROLE_TRANSMISSION);
+    }
+    if has_specular_textures {
+        (*looked).specular = select((*looked).specular, value.a, role == ROLE_SPECULAR);
+        (*looked).specular_color = select((*looked).specular_color, value.rgb, role == ROLE_SPECULAR_COLOR);
+    }
+}
+
+// The footprint of a hit by the texture coordinates of its corners and the steps of its barycentric coordinates; zero if the
+// mesh does not have them.
+fn footprint(has: u32, a: vec2f, b: vec2f, c: vec2f, weights: vec3f, x: vec2f, y: vec2f) -> Footprint {
+    if has == 0u {
+        return Footprint(vec2f(0.0), vec2f(0.0), vec2f(0.0));
+    }
+    let to_b = b - a;
+    let to_c = c - a;
+    return Footprint(blend2(a, b, c, weights), to_b * x.x + to_c * x.y, to_b * y.x + to_c * y.y);
+}
+
+// The footprint by the set of texture coordinates that a texture reads.
+fn chosen(slot: TextureSlot, first: Footprint, second: Footprint) -> Footprint {
+    if !has_second_uvs {
+        return first;
+    }
+    let takes = (slot.usage.w & READS_SECOND_UVS) != 0u;
+    return Footprint(
+        select(first.uv, second.uv, takes), select(first.dx, second.dx, takes), select(first.dy, second.dy, takes),
+    );
 }
 
 fn look_up(hit: Hit, material: MaterialData) -> Looked {
-    var looked = Looked(vec4f(1.0), vec3f(1.0), vec4f(1.0), vec3f(0.0, 0.0, 1.0), false);
+    let up = vec3f(0.0, 0.0, 1.0);
+    var looked = Looked(vec4f(1.0), vec3f(1.0), vec4f(1.0), up, false, 1.0, 1.0, vec3f(1.0));
     if !(has_srgb_textures || has_linear_textures) {
         return looked;
     }
-    var uv = vec2f(0.0);
-    var duv_dx = vec2f(0.0);
-    var duv_dy = vec2f(0.0);
-    if hit.mesh.has.x != 0u {
-        let a = uv_of(hit.a);
-        let b = uv_of(hit.b);
-        let c = uv_of(hit.c);
-        uv = blend2(a, b, c, hit.weights);
-        let x = barycentric_step(hit, hit.right);
-        let y = barycentric_step(hit, hit.down);
-        duv_dx = (b - a) * x.x + (c - a) * x.y;
-        duv_dy = (b - a) * y.x + (c - a) * y.y;
+    let x = barycentric_step(hit, hit.right);
+    let y = barycentric_step(hit, hit.down);
+    let has = hit.mesh.has.x;
+    let first = footprint(has & HAS_UVS, uv_of(hit.a), uv_of(hit.b), uv_of(hit.c), hit.weights, x, y);
+    var second = first;
+    if has_second_uvs {
+        // A mesh without a second record reads its first one, and ignores it.
+        let records = hit.records + select(0u, 1u, (has & HAS_SECOND_UVS) != 0u);
+        let a = second_uv_of(attributes[records.x]);
+        let b = second_uv_of(attributes[records.y]);
+        let c = second_uv_of(attributes[records.z]);
+        second = footprint(has & HAS_SECOND_UVS, a, b, c, hit.weights, x, y);
     }
     // One loop body for all textures of a material, because each further body would run for every surface. The test is at
     // the loop's end, because a loop with its test at the head runs once more under a mask.
@@ -110,7 +152,8 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
         loop {
             let slot = slots[min(material.textures.x + i, last)];
             let role = select(ROLE_NONE, slot.usage.z, i < material.textures.y);
-            take(&looked, role, sample_texture(texels_srgb, slot, uv, duv_dx, duv_dy));
+            let at = chosen(slot, first, second);
+            take(&looked, role, sample_texture(texels_srgb, slot, at.uv, at.dx, at.dy));
             i += 1u;
             if i >= material.textures.y {
                 break;
@@ -122,7 +165,8 @@ fn look_up(hit: Hit, material: MaterialData) -> Looked {
         loop {
             let slot = slots[min(material.textures.z + i, last)];
             let role = select(ROLE_NONE, slot.usage.z, i < material.textures.w);
-            take(&looked, role, sample_texture(texels, slot, uv, duv_dx, duv_dy));
+            let at = chosen(slot, first, second);
+            take(&looked, role, sample_texture(texels, slot, at.uv, at.dx, at.dy));
             i += 1u;
             if i >= material.textures.w {
                 break;
@@ -146,7 +190,7 @@ fn surface_at(hit: Hit) -> Surface {
     surface.albedo = base.rgb * (1.0 - metallic);
     surface.transmitted = vec3f(0.0);
     if reflects {
-        surface.transmitted = surface.albedo * bitcast<f32>(material.traits.z);
+        surface.transmitted = surface.albedo * (material.factors.z * looked.transmission);
         surface.albedo -= surface.transmitted;
     }
     surface.emissive = material.emissive * looked.emissive;
@@ -157,7 +201,8 @@ fn surface_at(hit: Hit) -> Surface {
     }
     surface.f0 = vec3f(0.0);
     if has_specular && material.traits.x != 0u {
-        surface.f0 = mix(vec3f(material.factors.z), base.rgb, metallic);
+        let dielectric = min(material.f0.rgb * looked.specular_color, vec3f(1.0)) * (material.f0.w * looked.specular);
+        surface.f0 = mix(dielectric, base.rgb, metallic);
     }
     surface.roughness = saturate(material.factors.x * looked.metallic_roughness.g);
     let normal = normal_from_mesh(hit.instance, normal_at(hit, material, looked));

@@ -20,7 +20,8 @@ struct TextureSlot {
     offset: vec4f,
     // Width and height of level 0, texels; index of level 0 in `texel_levels`; number of levels.
     extent: vec4u,
-    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror; role in the material: one of the constants below; w is unused.
+    // Addressing of u and v: 0 repeat, 1 clamp, 2 mirror; role in the material: one of the ROLE constants below; bits of the
+    // READS constants below.
     usage: vec4u,
 }
 
@@ -28,7 +29,19 @@ const ROLE_BASE_COLOR: u32 = 0;
 const ROLE_EMISSIVE: u32 = 1;
 const ROLE_METALLIC_ROUGHNESS: u32 = 2;
 const ROLE_NORMAL: u32 = 3;
-const ROLE_NONE: u32 = 4;
+const ROLE_TRANSMISSION: u32 = 4;
+const ROLE_SPECULAR: u32 = 5;
+const ROLE_SPECULAR_COLOR: u32 = 6;
+const ROLE_NONE: u32 = 7;
+
+// Level 0 shows the texel that a point lies in.
+const READS_NEAREST: u32 = 1;
+// The mesh's second set of texture coordinates is transformed.
+const READS_SECOND_UVS: u32 = 2;
+
+// Features of the scene's textures, constants for the reason that `shared/surface.wgsl` gives.
+override has_nearest_textures: bool = true;
+override has_second_uvs: bool = true;
 
 // References of all materials. Those of one material are adjacent.
 @group(1) @binding(6) var<storage, read> slots: array<TextureSlot>;
@@ -105,8 +118,13 @@ fn texel(source: texture_2d_array<f32>, address: u32) -> vec4f {
 
 fn bilinear(source: texture_2d_array<f32>, slot: TextureSlot, uv: vec2f, level: u32) -> vec4f {
     let size = max(slot.extent.xy >> vec2u(level), vec2u(1u));
-    let x = taps(uv.x, size.x, slot.usage.x);
-    let y = taps(uv.y, size.y, slot.usage.y);
+    var x = taps(uv.x, size.x, slot.usage.x);
+    var y = taps(uv.y, size.y, slot.usage.y);
+    if has_nearest_textures {
+        let nearest = (slot.usage.w & READS_NEAREST) != 0u && level == 0u;
+        x.fraction = select(x.fraction, step(0.5, x.fraction), nearest);
+        y.fraction = select(y.fraction, step(0.5, y.fraction), nearest);
+    }
     let base = texel_levels[slot.extent.z + level];
     let upper = base + y.first * size.x;
     let lower = base + y.second * size.x;

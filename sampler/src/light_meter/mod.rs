@@ -138,7 +138,7 @@ impl Meter {
             let hit = tracer.nearest(eye + way * passed, way, f64::INFINITY)?;
             let position = eye + way * (passed + hit.t);
             let material = self.surfaces.material(&hit)?;
-            if material.passes_light() {
+            if self.surfaces.passes_light(&hit) {
                 passed += hit.t + 1e-9 * (position.abs().max_element() + hit.t) / way.length();
                 continue;
             }

@@ -34,7 +34,7 @@ const OFF_SURFACE: f32 = 5e-7;
 /// Which faces of single-sided triangles rays hit. Rays hit both faces of all other triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Faces {
-    /// Both: a wall keeps light out from either side. Glass lets light pass and is not hit.
+    /// Both: a wall keeps light out from either side. Glass lets light pass and is not hit, nor are its clear parts.
     Both,
     /// Only front faces, as views see them.
     #[allow(dead_code, reason = "makes results comparable with those of the tracers for views")]
@@ -87,6 +87,12 @@ struct Placed {
 }
 
 impl LightRays {
+    /// The share of light that a triangle blocks, by instance and index, at the weights of its second and third corner.
+    fn coverage(&self, ids: [u32; 2], beta: f32, gamma: f32) -> f32 {
+        let passes = self.faces == Faces::Both && self.cutouts.let_light_through(ids, beta, gamma);
+        if passes { 0.0 } else { self.cutouts.coverage(ids, beta, gamma) }
+    }
+
     /// Builds trees from a packet tracer's hierarchy, and shares its textures for alpha tests. `None` if the hierarchy is
     /// too large or too deep: 2²⁸ triangles, or 73 levels.
     pub(crate) fn new(tracer: &PacketTracer, faces: Faces) -> Option<Self> {
@@ -385,11 +391,10 @@ impl<L: Lanes> Leaves for AnyObject<'_, L> {
         let Some((object, slabs, ray)) = self.about.enter::<L>(leaf, self.origin, self.direction) else {
             return limit;
         };
-        let LightRays { trees, cutouts, .. } = self.about.rays;
+        let rays = self.about.rays;
         let instance = object.instance;
-        let mut triangles =
-            AnyTriangle { trees, cutouts, ray, instance, passed: self.passed, lanes: self.lanes };
-        let limit = walk::<L, false>(&trees.nodes, object.root.reference, &slabs, limit, &mut triangles);
+        let mut triangles = AnyTriangle { rays, ray, instance, passed: self.passed, lanes: self.lanes };
+        let limit = walk::<L, false>(&rays.trees.nodes, object.root.reference, &slabs, limit, &mut triangles);
         self.passed = triangles.passed;
         limit
     }
@@ -397,8 +402,7 @@ impl<L: Lanes> Leaves for AnyObject<'_, L> {
 
 /// Triangles, until one blocks a ray.
 struct AnyTriangle<'a, L> {
-    trees: &'a Trees,
-    cutouts: &'a Cutouts,
+    rays: &'a LightRays,
     ray: Shear,
     instance: u32,
     passed: Option<f32>,
@@ -408,17 +412,17 @@ struct AnyTriangle<'a, L> {
 impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, leaf: u32, limit: f32) -> f32 {
-        let Some(block) = self.trees.blocks.get(leaf as usize) else { return limit };
+        let Some(block) = self.rays.trees.blocks.get(leaf as usize) else { return limit };
         let Some(met) = self.ray.meet::<L>(block, limit) else { return limit };
         if met.hit & !block.cutout != 0 {
             return -1.0;
         }
-        let ids = &self.trees.ids[leaf as usize];
+        let ids = &self.rays.trees.ids[leaf as usize];
         let weights = Weights::new(met.area.to_array(), [met.parts[0].to_array(), met.parts[1].to_array()]);
         let is_stopped = match &mut self.passed {
-            None => weights.any_stops(met.hit, block, ids, self.instance, self.cutouts),
+            None => weights.any_stops(met.hit, block, ids, self.instance, self.rays),
             Some(passed) => {
-                *passed *= weights.passed(met.hit, block, ids, self.instance, self.cutouts);
+                *passed *= weights.passed(met.hit, block, ids, self.instance, self.rays);
                 *passed == 0.0
             }
         };
@@ -441,10 +445,10 @@ impl<L: Lanes> Leaves for NearestObject<'_, L> {
         let Some((object, slabs, ray)) = self.about.enter::<L>(leaf, self.origin, self.direction) else {
             return limit;
         };
-        let LightRays { trees, cutouts, .. } = self.about.rays;
+        let rays = self.about.rays;
         let (instance, nearest) = (object.instance, None);
-        let mut triangles = NearestTriangle { trees, cutouts, ray, instance, nearest, lanes: self.lanes };
-        let limit = walk::<L, true>(&trees.nodes, object.root.reference, &slabs, limit, &mut triangles);
+        let mut triangles = NearestTriangle { rays, ray, instance, nearest, lanes: self.lanes };
+        let limit = walk::<L, true>(&rays.trees.nodes, object.root.reference, &slabs, limit, &mut triangles);
         self.nearest = triangles.nearest.or(self.nearest);
         limit
     }
@@ -452,8 +456,7 @@ impl<L: Lanes> Leaves for NearestObject<'_, L> {
 
 /// Triangles, for the nearest hit.
 struct NearestTriangle<'a, L> {
-    trees: &'a Trees,
-    cutouts: &'a Cutouts,
+    rays: &'a LightRays,
     ray: Shear,
     instance: u32,
     nearest: Option<RayHit>,
@@ -463,16 +466,16 @@ struct NearestTriangle<'a, L> {
 impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, leaf: u32, mut limit: f32) -> f32 {
-        let Some(block) = self.trees.blocks.get(leaf as usize) else { return limit };
+        let Some(block) = self.rays.trees.blocks.get(leaf as usize) else { return limit };
         let Some(met) = self.ray.meet::<L>(block, limit) else { return limit };
-        let ids = &self.trees.ids[leaf as usize];
+        let ids = &self.rays.trees.ids[leaf as usize];
         let weights = Weights::new(met.area.to_array(), [met.parts[0].to_array(), met.parts[1].to_array()]);
         let t = met.t.to_array();
         let mut hit = met.hit;
         while hit != 0 {
             let lane = hit.trailing_zeros() as usize % LANES;
             hit &= hit - 1;
-            if t[lane] < limit && weights.stops(lane, block, ids, self.instance, self.cutouts) {
+            if t[lane] < limit && weights.stops(lane, block, ids, self.instance, self.rays) {
                 limit = t[lane];
                 self.nearest = Some(weights.hit(lane, limit, block, ids, self.instance));
             }
@@ -502,30 +505,32 @@ impl Weights {
 
     /// The share of light that passes hit triangles, all of which have alpha.
     #[inline(never)]
-    fn passed(&self, hit: u32, block: &Block, ids: &Ids, instance: u32, cutouts: &Cutouts) -> f32 {
+    fn passed(&self, hit: u32, block: &Block, ids: &Ids, instance: u32, rays: &LightRays) -> f32 {
         let lanes = (0..LANES).filter(|lane| hit >> lane & 1 == 1);
         lanes
             .map(|lane| {
                 let [beta, gamma] = self.of(lane, block);
-                1.0 - cutouts.coverage(resolved(ids[lane], instance), beta, gamma)
+                1.0 - rays.coverage(resolved(ids[lane], instance), beta, gamma)
             })
             .product()
     }
 
     /// Whether a hit triangle is opaque there.
     #[inline(always)]
-    fn stops(&self, lane: usize, block: &Block, ids: &Ids, instance: u32, cutouts: &Cutouts) -> bool {
+    fn stops(&self, lane: usize, block: &Block, ids: &Ids, instance: u32, rays: &LightRays) -> bool {
         if block.cutout >> lane & 1 == 0 {
             return true;
         }
         let [beta, gamma] = self.of(lane, block);
-        !cutouts.let_through(resolved(ids[lane], instance), beta, gamma)
+        let ids = resolved(ids[lane], instance);
+        let opens = rays.cutouts.let_through(ids, beta, gamma);
+        !(opens || rays.faces == Faces::Both && rays.cutouts.let_light_through(ids, beta, gamma))
     }
 
     /// Whether any of the hit triangles is opaque where it is hit.
     #[inline(never)]
-    fn any_stops(&self, hit: u32, block: &Block, ids: &Ids, instance: u32, cutouts: &Cutouts) -> bool {
-        (0..LANES).any(|lane| hit >> lane & 1 == 1 && self.stops(lane, block, ids, instance, cutouts))
+    fn any_stops(&self, hit: u32, block: &Block, ids: &Ids, instance: u32, rays: &LightRays) -> bool {
+        (0..LANES).any(|lane| hit >> lane & 1 == 1 && self.stops(lane, block, ids, instance, rays))
     }
 
     #[inline(always)]

@@ -164,7 +164,8 @@ fn block(triangles: &[Triangle], faces: Faces) -> (Block, Ids) {
         }
         let bit = |is_set: bool| u32::from(is_set) << lane;
         block.back |= bit(faces == Faces::Both || triangle.flags & flags::ONE_SIDED == 0);
-        block.cutout |= bit(triangle.flags & flags::CUTOUT != 0);
+        let of_light = if faces == Faces::Both { flags::GLASS_IN_PARTS } else { 0 };
+        block.cutout |= bit(triangle.flags & (flags::CUTOUT | of_light) != 0);
         block.mirrored |= bit(triangle.flags & flags::MIRRORED != 0);
         ids[lane] = [triangle.instance, triangle.primitive];
     }

@@ -25,7 +25,8 @@ impl TraceCutouts {
     ) {
         let TileContext { gpu, resident, eye, targets, tile, rays, .. } = context;
         let pipeline = self.0.get_or_init(|| {
-            let constants = [("rows", 1.0), ("nearest_inverse", trace.nearest_inverse())];
+            let mut constants = vec![("rows", 1.0), ("nearest_inverse", trace.nearest_inverse())];
+            constants.extend(resident.features.alpha_constants());
             gpu.compute_pipeline_with(&TRACE_CUTOUTS, "trace_cutouts", &constants)
         });
         let [width, height] = tile.sub_samples();

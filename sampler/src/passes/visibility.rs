@@ -8,7 +8,7 @@ use argus_shaders::sampler::VISIBILITY;
 
 use super::TileContext;
 use crate::draws::DrawList;
-use crate::resident::{Cull, DrawClass, Resident};
+use crate::resident::{Cull, DrawClass, Features, Resident};
 use crate::scratch;
 
 /// One draw pass a tile, with a pipeline for each draw class of the scene.
@@ -21,7 +21,9 @@ impl Rasteriser {
     pub(crate) fn new(gpu: &Gpu, resident: &Resident) -> Self {
         let mut pipelines = BTreeMap::new();
         for placement in &resident.instances {
-            pipelines.entry(placement.class).or_insert_with(|| pipeline(gpu, placement.class));
+            pipelines
+                .entry(placement.class)
+                .or_insert_with(|| pipeline(gpu, placement.class, resident.features));
         }
         Self { pipelines }
     }
@@ -65,7 +67,7 @@ impl Rasteriser {
     }
 }
 
-fn pipeline(gpu: &Gpu, class: DrawClass) -> RenderPipeline {
+fn pipeline(gpu: &Gpu, class: DrawClass, features: Features) -> RenderPipeline {
     let (vertex, fragment) =
         if class.cutout { ("place_cutout", "identify_cutout") } else { ("place", "identify") };
     let (front_face, cull_mode) = match class.cull {
@@ -73,6 +75,7 @@ fn pipeline(gpu: &Gpu, class: DrawClass) -> RenderPipeline {
         Cull::Back => (wgpu::FrontFace::Ccw, Some(wgpu::Face::Back)),
         Cull::MirroredBack => (wgpu::FrontFace::Cw, Some(wgpu::Face::Back)),
     };
+    let alpha = features.alpha_constants();
     gpu.render_pipeline(&RenderPipelineDesc {
         program: &VISIBILITY,
         vertex,
@@ -85,6 +88,6 @@ fn pipeline(gpu: &Gpu, class: DrawClass) -> RenderPipeline {
         targets: &[scratch::VISIBILITY],
         depth: Some(scratch::DEPTH),
         primitive: wgpu::PrimitiveState { front_face, cull_mode, ..Default::default() },
-        constants: &[],
+        constants: if class.cutout { &alpha } else { &[] },
     })
 }

@@ -87,6 +87,25 @@ impl Surfaces {
         Some(&self.scene.materials[self.scene.meshes[placement.mesh as usize].material as usize])
     }
 
+    /// Whether light passes straight through the surface of a hit: [`Material::passes_light`].
+    pub(crate) fn passes_light(&self, hit: &Hit) -> bool {
+        let Some(placement) = self.placement(hit.instance) else { return false };
+        let mesh = &self.scene.meshes[placement.mesh as usize];
+        let material = &self.scene.materials[mesh.material as usize];
+        if !material.passes_light_in_parts() {
+            return material.passes_light();
+        }
+        let found =
+            material.transmission_texture.and_then(|r| Some((r, self.textures.get(r.texture as usize)?)));
+        let (Some((reference, chain)), Some(corners)) = (found, corners(mesh, hit.primitive)) else {
+            return true;
+        };
+        let [beta, gamma] = hit.weights.map(|w| w as f32);
+        let uv = blend(mesh.uvs_of(reference.uv_set), corners, [1.0 - beta - gamma, beta, gamma]);
+        let red = chain.red(transform_uv(&reference, uv.unwrap_or(Vec2::ZERO)));
+        material.transmission * red >= 0.5
+    }
+
     /// The surface of a hit of a ray along `direction`. `None` for a degenerate triangle.
     pub(crate) fn hit(&self, hit: &Hit, direction: DVec3) -> Option<Point> {
         let placement = self.placement(hit.instance)?;
@@ -118,17 +137,17 @@ impl Surfaces {
         let material = &self.scene.materials[mesh.material as usize];
         let corners = corners(mesh, primitive)?;
         let weights = [1.0 - beta - gamma, beta, gamma].map(|w| w as f32);
-        let uv = blend(&mesh.uvs, corners, weights).unwrap_or(Vec2::ZERO);
+        let uv = |set| blend(mesh.uvs_of(set), corners, weights).unwrap_or(Vec2::ZERO);
         let color = blend(&mesh.colors, corners, weights).unwrap_or(Vec4::ONE);
-        let base = material.base_color * self.texel(material.base_color_texture, uv) * color;
-        let metallic = material.metallic * self.texel(material.metallic_roughness_texture, uv).z;
+        let base = material.base_color * self.texel(material.base_color_texture, &uv) * color;
+        let metallic = material.metallic * self.texel(material.metallic_roughness_texture, &uv).z;
         let base = if material.unlit { Vec3::ZERO } else { sound(base.truncate()).min(Vec3::ONE) };
         Some(Point {
             side,
             normal: normal_at(placement, mesh, (corners, weights), side),
             albedo: base * (1.0 - metallic.clamp(0.0, 1.0)),
             base,
-            emissive: sound(material.emissive * self.texel(material.emissive_texture, uv).truncate()),
+            emissive: sound(material.emissive * self.texel(material.emissive_texture, &uv).truncate()),
         })
     }
 
@@ -145,11 +164,12 @@ impl Surfaces {
         Some(normal_at(placement, mesh, (corners(mesh, primitive)?, weights), side))
     }
 
-    fn texel(&self, reference: Option<TextureRef>, uv: Vec2) -> Vec4 {
+    /// `uv` gives the texture coordinates of a set.
+    fn texel(&self, reference: Option<TextureRef>, uv: impl Fn(u8) -> Vec2) -> Vec4 {
         let found = reference.and_then(|r| Some((r, self.textures.get(r.texture as usize)?)));
         let Some((reference, chain)) = found else { return Vec4::ONE };
         let level = (chain.size().max_element() / LEVEL_SIDE).log2();
-        chain.sample(transform_uv(&reference, uv), level)
+        chain.sample(transform_uv(&reference, uv(reference.uv_set)), level)
     }
 }
 

@@ -165,6 +165,7 @@ impl Bounces<'_> {
             emissive: Vec3::ZERO,
             f0: mirror.f0,
             roughness: mirror.roughness,
+            transmission: 0.0,
         };
         let reflectance = reflected_around(&surface, -direction, Vec3::ONE);
         let (share, start, onward, past) = match mirror.through(direction) {

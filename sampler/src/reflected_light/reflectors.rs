@@ -8,7 +8,7 @@ pub(crate) struct Reflectors {
     pub(crate) instances: Vec<u32>,
     /// For each instance of the scene 1 + the number of its reflector, or 0; at least one.
     pub(crate) numbers: Vec<u32>,
-    /// For each instance the share of light that passes.
+    /// For each instance the share of light that passes, in the mean over a transmission texture: guides do not hold it.
     transmission: Vec<f32>,
 }
 
@@ -22,7 +22,9 @@ impl Reflectors {
         }
         let passes = |instance: &Instance| {
             let mesh = scene.meshes.get(instance.mesh as usize)?;
-            Some(scene.materials.get(mesh.material as usize)?.transmission)
+            let material = scene.materials.get(mesh.material as usize)?;
+            let texture = material.transmission_texture.and_then(|r| scene.textures.get(r.texture as usize));
+            Some(material.transmission * texture.map_or(1.0, |texture| texture.mean(0)))
         };
         let transmission = scene.instances.iter().map(|instance| passes(instance).unwrap_or(0.0)).collect();
         Self { instances, numbers, transmission }

@@ -1,7 +1,7 @@
 //! Triangles of all meshes in a few buffers.
 
 use argus_scene::{Mesh, Scene};
-use argus_shaders::layout::sampler::MeshLayout;
+use argus_shaders::layout::sampler::{MeshLayout, has};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 /// Triangles of a chunk, the unit of culling. Smaller chunks cull more and cost more draws. Triangles keep the file's
@@ -50,18 +50,33 @@ impl Arena {
         let mut used = vec![false; scene.meshes.len()];
         scene.instances.iter().for_each(|i| used[i.mesh as usize] = true);
         let mut arena = Self::default();
-        let runs = scene.meshes.iter().zip(used).map(|(mesh, used)| arena.push(mesh, used)).collect();
+        let tests_second = |mesh: &Mesh| {
+            let material = scene.materials.get(mesh.material as usize);
+            material.and_then(|m| m.base_color_texture).is_some_and(|texture| texture.uv_set == 1)
+        };
+        let runs = scene.meshes.iter().zip(used);
+        let runs = runs.map(|(mesh, used)| arena.push(mesh, used, tests_second(mesh))).collect();
         (arena, runs)
     }
 
-    pub(super) fn push(&mut self, mesh: &Mesh, used: bool) -> MeshRun {
-        let has = |attribute: usize| used && attribute > 0 && attribute >= mesh.positions.len();
-        let (uv, color, tangent) = (has(mesh.uvs.len()), has(mesh.colors.len()), has(mesh.tangents.len()));
-        let records = u32::from(uv || color || tangent) + u32::from(tangent);
+    /// `tests_second`: the alpha test reads the second set of texture coordinates.
+    pub(super) fn push(&mut self, mesh: &Mesh, used: bool, tests_second: bool) -> MeshRun {
+        let held = |attribute: usize| used && attribute > 0 && attribute >= mesh.positions.len();
+        let held = Held {
+            uv: held(mesh.uvs.len()),
+            second: held(mesh.uvs2.len()),
+            color: held(mesh.colors.len()),
+            tangent: held(mesh.tangents.len()),
+        };
+        let records = held.records();
+        let bit = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
+        let uvs = bit(held.uv, has::UVS)
+            | bit(held.second, has::SECOND_UVS)
+            | bit(held.second && tests_second, has::TESTS_SECOND_UVS);
         let (first_index, first_vertex) = (self.indices.len() as u32, self.vertices.len() as u32);
         let layout = MeshLayout {
             first: [first_index, first_vertex, self.attributes.len() as u32, records],
-            has: [u32::from(uv), u32::from(color), u32::from(tangent), mesh.material],
+            has: [uvs, u32::from(held.color), u32::from(held.tangent), mesh.material],
         };
         self.layouts.push(layout);
         let mut run = MeshRun {
@@ -76,9 +91,7 @@ impl Arena {
         }
         for vertex in 0..mesh.positions.len() {
             self.push_vertex(mesh, vertex);
-            if uv || color || tangent {
-                self.push_attributes(mesh, vertex, [uv, color, tangent]);
-            }
+            self.push_attributes(mesh, vertex, held);
         }
         let drawn = |corners: &[u32]| {
             corners.iter().all(|&i| mesh.positions.get(i as usize).is_some_and(|p| p.is_finite()))
@@ -115,13 +128,35 @@ impl Arena {
         self.vertices.push([x, y, z, octahedral(normal)]);
     }
 
-    fn push_attributes(&mut self, mesh: &Mesh, vertex: usize, [uv, color, tangents]: [bool; 3]) {
-        let uv = if uv { mesh.uvs[vertex] } else { Vec2::ZERO };
-        let [r, g, b, a] = if color { mesh.colors[vertex] } else { Vec4::ONE }.to_array();
-        self.attributes.push([uv.x.to_bits(), uv.y.to_bits(), halves(r, g), halves(b, a)]);
-        if tangents {
-            self.attributes.push([tangent(mesh.tangents[vertex]), 0, 0, 0]);
+    fn push_attributes(&mut self, mesh: &Mesh, vertex: usize, held: Held) {
+        let records = held.records();
+        if records > 0 {
+            let uv = if held.uv { mesh.uvs[vertex] } else { Vec2::ZERO };
+            let [r, g, b, a] = if held.color { mesh.colors[vertex] } else { Vec4::ONE }.to_array();
+            self.attributes.push([uv.x.to_bits(), uv.y.to_bits(), halves(r, g), halves(b, a)]);
         }
+        if records > 1 {
+            let tangent = if held.tangent { tangent(mesh.tangents[vertex]) } else { NO_NORMAL };
+            let uv = if held.second { mesh.uvs2[vertex] } else { Vec2::ZERO };
+            self.attributes.push([tangent, uv.x.to_bits(), uv.y.to_bits(), 0]);
+        }
+    }
+}
+
+/// Attributes of a mesh's vertices.
+#[derive(Clone, Copy)]
+struct Held {
+    uv: bool,
+    second: bool,
+    color: bool,
+    tangent: bool,
+}
+
+impl Held {
+    /// Records of attributes a vertex.
+    fn records(self) -> u32 {
+        let second = self.tangent || self.second;
+        u32::from(self.uv || self.color || second) + u32::from(second)
     }
 }
 
@@ -176,7 +211,7 @@ mod tests {
     fn chunks_cover_all_triangles_and_hold_their_corners() {
         let mesh = mesh(3 * CHUNK_TRIANGLES + 7);
         let mut arena = Arena::default();
-        let run = arena.push(&mesh, true);
+        let run = arena.push(&mesh, true, false);
         assert_eq!(run.chunks.iter().map(|c| c.triangles as usize).sum::<usize>(), mesh.triangles());
         for chunk in &run.chunks {
             let first = 3 * chunk.first_triangle as usize;
@@ -192,7 +227,7 @@ mod tests {
         let mut mesh = mesh(4);
         mesh.positions[0].y = f32::NAN;
         let mut arena = Arena::default();
-        let run = arena.push(&mesh, true);
+        let run = arena.push(&mesh, true, false);
         assert_eq!(arena.indices[..3], [0, 0, 0]);
         assert_eq!(arena.indices[3..], mesh.indices[3..]);
         let finite = |v: &[u32; 4]| v[..3].iter().all(|&x| f32::from_bits(x).is_finite());

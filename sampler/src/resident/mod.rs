@@ -9,6 +9,7 @@ use std::sync::Arc;
 use crate::{Indirect, SamplerKnobs};
 use argus_gpu::{EnvironmentTexture, Gpu, wgpu};
 use argus_scene::{Bounds, Effect, Instance, Mesh, RenderError, Scene};
+use argus_shaders::layout::sampler::{reads, role};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3, Vec3};
 
@@ -46,6 +47,10 @@ pub(crate) struct Features {
     pub(crate) normal_maps: bool,
     pub(crate) vertex_colors: bool,
     pub(crate) specular: bool,
+    pub(crate) specular_textures: bool,
+    pub(crate) transmission_textures: bool,
+    pub(crate) nearest_textures: bool,
+    pub(crate) second_uvs: bool,
     /// The sky is an environment map.
     pub(crate) environment: bool,
 }
@@ -53,12 +58,18 @@ pub(crate) struct Features {
 impl Features {
     fn new(scene: &Scene, materials: &materials::Materials) -> Self {
         let effects = scene.effects();
+        let has_role = |roles: &[u32]| materials.slots.iter().any(|slot| roles.contains(&slot.usage[2]));
+        let reads = |bit: u32| materials.slots.iter().any(|slot| slot.usage[3] & bit != 0);
         Self {
             srgb_textures: materials.data.iter().any(|m| m.textures[1] > 0),
             linear_textures: materials.data.iter().any(|m| m.textures[3] > 0),
             normal_maps: effects.contains(&Effect::NormalMap),
             vertex_colors: scene.meshes.iter().any(|mesh| !mesh.colors.is_empty()),
             specular: effects.contains(&Effect::Specular),
+            specular_textures: has_role(&[role::SPECULAR, role::SPECULAR_COLOR]),
+            transmission_textures: has_role(&[role::TRANSMISSION]),
+            nearest_textures: reads(reads::NEAREST),
+            second_uvs: reads(reads::SECOND_UVS),
             environment: scene.lighting.sky.map.is_some(),
         }
     }
@@ -68,9 +79,19 @@ impl Features {
         ("has_environment", f64::from(u8::from(self.environment)))
     }
 
+    /// Values of the `override`s of programs that test alpha.
+    pub(crate) fn alpha_constants(self) -> [(&'static str, f64); 2] {
+        [("has_nearest_textures", self.nearest_textures), ("has_second_uvs", self.second_uvs)]
+            .map(|(name, has)| (name, f64::from(u8::from(has))))
+    }
+
     /// Values of the shading programs' `override`s.
-    pub(crate) fn constants(self, guides: GuideUse) -> [(&'static str, f64); 8] {
+    pub(crate) fn constants(self, guides: GuideUse) -> [(&'static str, f64); 12] {
         [
+            ("has_nearest_textures", self.nearest_textures),
+            ("has_second_uvs", self.second_uvs),
+            ("has_specular_textures", self.specular_textures),
+            ("has_transmission_textures", self.transmission_textures),
             ("has_srgb_textures", self.srgb_textures),
             ("has_linear_textures", self.linear_textures),
             ("has_normal_maps", self.normal_maps),
@@ -194,7 +215,7 @@ impl Resident {
         for (at, mesh) in scene.meshes.iter().enumerate().filter(|(at, _)| deforming[*at]) {
             let run = &mut self.runs[at];
             let mut arena = geometry::Arena::default();
-            let shaped = arena.push(mesh, !run.chunks.is_empty());
+            let shaped = arena.push(mesh, !run.chunks.is_empty(), false);
             let write = |to: &wgpu::Buffer, first: u32, records: &[[u32; 4]]| {
                 let offset = u64::from(first) * size_of::<[u32; 4]>() as u64;
                 gpu.queue.write_buffer(to, offset, bytemuck::cast_slice(records));

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use argus_gpu::{Gpu, wgpu};
-use argus_scene::material::Wrap;
+use argus_scene::material::{Filter, Wrap};
 use argus_scene::texture::{MipChain, mip_chains};
 use argus_scene::{RenderError, Scene};
 
@@ -20,6 +20,7 @@ pub(super) struct InstanceTransform {
     pub(super) first_level: u32,
     pub(super) levels: u32,
     pub(super) wrap: [Wrap; 2],
+    pub(super) filter: Filter,
     pub(super) srgb: bool,
 }
 
@@ -49,6 +50,7 @@ impl Texels {
                 first_level: levels.len() as u32,
                 levels: chain.levels.len() as u32,
                 wrap: chain.wrap,
+                filter: chain.filter,
                 srgb: chain.srgb,
             });
             for level in &chain.levels {

@@ -17,5 +17,6 @@ mod rooms;
 mod sight;
 mod small_scene;
 mod texels;
+mod textures;
 mod transparency;
 mod visibility;

@@ -20,7 +20,7 @@ fn maps(scene: &Scene) -> Option<ReflectionProbeSet> {
     probes_from(scene, ProbeSource::Octree { levels: 7 })
 }
 
-fn probes_from(scene: &Scene, source: ProbeSource) -> Option<ReflectionProbeSet> {
+pub(crate) fn probes_from(scene: &Scene, source: ProbeSource) -> Option<ReflectionProbeSet> {
     let rig = omni_rig(scene.bounds().center(), 384);
     ReflectionProbeSet::of(scene, &rig, Reflections { source, ..Reflections::default() })
         .expect("the knobs are in range")
@@ -37,7 +37,7 @@ fn judged(name: &str, scene: &Arc<Scene>, camera: Camera, time_secs: f64) -> (f6
 }
 
 /// FLIP of a direct view with these probes, and of one without, against rays; and what the first shows.
-fn judged_with(
+pub(crate) fn judged_with(
     name: &str,
     probes: Option<ReflectionProbeSet>,
     scene: &Arc<Scene>,

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use crate::shading::dielectric_f0;
 use crate::tone::linear_from_srgb;
 use crate::{Bounds, Instance, Mesh, Scene, TextureRef};
 
@@ -114,8 +113,8 @@ impl Looks {
         let gloss = material.is_glossy().then(|| Gloss {
             alpha: (roughness * roughness).max(2e-3),
             most: match metallic(surface.most.z) > 0.0 {
-                true => base.max_element().max(dielectric_f0(material.ior)).max(1.0),
-                false => dielectric_f0(material.ior).max(1.0),
+                true => base.max_element().max(1.0),
+                false => 1.0,
             },
         });
         let mut bounds = Bounds::EMPTY;
@@ -127,7 +126,7 @@ impl Looks {
             albedo: if material.unlit { Vec3::ZERO } else { base * (1.0 - metallic(surface.least.z)) },
             emission: material.emissive * ranges.of(material.emissive_texture).most,
             gloss,
-            transmission: material.transmission,
+            transmission: material.transmission * ranges.of(material.transmission_texture).most.x,
             is_convex: is_convex(mesh, material.double_sided),
         }
     }

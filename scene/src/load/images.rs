@@ -4,6 +4,7 @@ mod decode;
 mod ktx2;
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
 
 use bytes::Bytes;
 use rayon::prelude::*;
@@ -23,6 +24,8 @@ const MOST_EXCESS: u64 = 256 << 20;
 #[derive(Default)]
 pub(super) struct Textures {
     images: Vec<(String, Bytes)>,
+    /// Why images without bytes cannot be had.
+    lost: HashMap<usize, String>,
     /// The number of each image by its name, and the place and number of its bytes.
     numbers: HashMap<(String, usize, usize), usize>,
     wanted: Vec<Wanted>,
@@ -38,6 +41,27 @@ pub(super) struct Wanted {
     pub(super) srgb: bool,
     pub(super) wrap: [Wrap; 2],
     pub(super) filter: Filter,
+    pub(super) channels: Channels,
+}
+
+/// What a texture makes of an image's channels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) enum Channels {
+    /// The same.
+    Same,
+    /// Green is roughness: 1 − alpha times this share of 255.
+    RoughnessOfGloss(u8),
+}
+
+impl Channels {
+    fn of(self, rgba: &Arc<[u8]>) -> Arc<[u8]> {
+        let Self::RoughnessOfGloss(share) = self else { return Arc::clone(rgba) };
+        let rough = |[_, _, _, a]: &[u8; 4]| {
+            let gloss = (u32::from(*a) * u32::from(share) + 127) / 255;
+            [0, 255 - gloss as u8, 0, 255]
+        };
+        rgba.as_chunks::<4>().0.iter().flat_map(rough).collect()
+    }
 }
 
 impl Textures {
@@ -45,8 +69,21 @@ impl Textures {
     /// that it is decoded, filtered and held once.
     pub(super) fn add_image(&mut self, name: String, bytes: Bytes) -> usize {
         let same_file = (name.clone(), bytes.as_ptr() as usize, bytes.len());
+        self.add((name, bytes), same_file)
+    }
+
+    /// Adds an image that cannot be had, for a reason. Materials lose its textures, as those of an image that cannot be
+    /// decoded.
+    pub(super) fn add_lost_image(&mut self, name: String, reason: String) -> usize {
+        let same_file = (name.clone(), 0, 0);
+        let image = self.add((name, Bytes::new()), same_file);
+        self.lost.insert(image, reason);
+        image
+    }
+
+    fn add(&mut self, image: (String, Bytes), same_file: (String, usize, usize)) -> usize {
         *self.numbers.entry(same_file).or_insert_with(|| {
-            self.images.push((name, bytes));
+            self.images.push(image);
             self.images.len() - 1
         })
     }
@@ -62,25 +99,28 @@ impl Textures {
     /// Decodes the used images and assigns textures to the materials. They lose those that cannot be decoded.
     pub(super) fn decode(self, materials: &mut [Material], warnings: &mut Warnings) -> Vec<Texture> {
         let mut used = vec![false; self.images.len()];
-        self.wanted.iter().for_each(|wanted| used[wanted.image] = true);
-        let decoded = decode_used(&self.images, &used);
+        self.wanted.iter().for_each(|wanted| used[wanted.image] = !self.lost.contains_key(&wanted.image));
+        let mut decoded = decode_used(&self.images, &used);
+        for (image, reason) in &self.lost {
+            decoded[*image] = Some(Err(reason.clone()));
+        }
         for (image, ((name, _), result)) in self.images.iter().zip(&decoded).enumerate() {
             if let Some(Err(reason)) = result {
                 let lost = |texture: TextureRef| self.wanted[texture.texture as usize].image == image;
-                warnings.add(format!("texture {name}: {reason}: {}", left_out(materials, lost)));
+                warnings.add(format!("texture {name}: {reason}: {}", shown_without(materials, lost)));
             }
         }
         let mut textures = Vec::new();
         let new_index: Vec<Option<u32>> = self
             .wanted
             .iter()
-            .map(|&Wanted { image, srgb, wrap, filter }| {
+            .map(|&Wanted { image, srgb, wrap, filter, channels }| {
                 let pixels = decoded[image].as_ref()?.as_ref().ok()?;
                 textures.push(Texture {
                     name: self.images[image].0.clone(),
                     width: pixels.size.width,
                     height: pixels.size.height,
-                    rgba: pixels.rgba.clone(),
+                    rgba: channels.of(&pixels.rgba),
                     srgb,
                     wrap,
                     filter,
@@ -118,30 +158,36 @@ pub(super) fn decode_used(images: &[(String, Bytes)], used: &[bool]) -> Vec<Opti
     files.into_par_iter().map(|file| Some(file?.and_then(|file| file.decode()))).collect()
 }
 
-/// What materials are shown without, if their textures cannot be had for which `lost` holds.
-pub(super) fn left_out(materials: &[Material], lost: impl Fn(TextureRef) -> bool) -> String {
-    let mut parts: BTreeMap<TextureUse, Vec<&str>> = BTreeMap::new();
-    for material in materials {
-        for of in TextureUse::ALL {
-            if material.texture(of).is_some_and(&lost) {
-                parts.entry(of).or_default().push(&material.name);
-            }
+/// How materials are shown without those of their textures for which `lost` holds.
+fn shown_without(materials: &[Material], lost: impl Fn(TextureRef) -> bool) -> String {
+    let mut shown: BTreeMap<Vec<TextureUse>, Vec<String>> = BTreeMap::new();
+    for (index, material) in materials.iter().enumerate() {
+        let uses = TextureUse::ALL.into_iter().filter(|&of| material.texture(of).is_some_and(&lost));
+        let uses: Vec<TextureUse> = uses.collect();
+        if !uses.is_empty() {
+            shown.entry(uses).or_default().push(label(index, material));
         }
     }
-    let parts = parts.iter().map(|(of, names)| format!("{} {}", named(names), of.without()));
-    parts.collect::<Vec<_>>().join(", ")
+    let ways = |uses: &[TextureUse]| uses.iter().map(|of| of.lost()).collect::<Vec<_>>().join(", ");
+    let lines = shown.iter().map(|(uses, labels)| format!("{} shown {}", named(labels), ways(uses)));
+    lines.collect::<Vec<_>>().join("; ")
 }
 
-/// Names materials in a warning, three at most, with a verb.
-pub(super) fn named(names: &[&str]) -> String {
-    let quoted: Vec<String> = names.iter().take(3).map(|name| format!("{name:?}")).collect();
-    match &quoted[..] {
+/// A material's name in a warning.
+pub(super) fn label(index: usize, material: &Material) -> String {
+    if material.name.is_empty() { format!("number {index}") } else { format!("{:?}", material.name) }
+}
+
+/// Materials by their labels in a warning, three at most, with a verb.
+pub(super) fn named(labels: &[String]) -> String {
+    match labels {
         [] => String::new(),
         [one] => format!("material {one} is"),
-        [others @ .., last] if names.len() <= 3 => {
-            format!("materials {} and {last} are", others.join(", "))
+        [one, two] => format!("materials {one} and {two} are"),
+        [one, two, three] => format!("materials {one}, {two} and {three} are"),
+        [one, two, three, more @ ..] => {
+            format!("materials {one}, {two}, {three} and {} more are", more.len())
         }
-        shown => format!("materials {} and {} more are", shown.join(", "), names.len() - shown.len()),
     }
 }
 
@@ -206,7 +252,13 @@ pub(super) mod tests {
     fn one_image_read_in_two_ways_is_two_textures_with_the_same_bytes() {
         let mut textures = Textures::default();
         let image = textures.add_image("a.png".to_owned(), png(2, 2, [9; 4]));
-        let wanted = |image, srgb| Wanted { image, srgb, wrap: [Wrap::Repeat; 2], filter: Filter::Linear };
+        let wanted = |image, srgb| Wanted {
+            image,
+            srgb,
+            wrap: [Wrap::Repeat; 2],
+            filter: Filter::Linear,
+            channels: Channels::Same,
+        };
         let (color, data) = (textures.texture(wanted(image, true)), textures.texture(wanted(image, false)));
         assert_eq!(color, textures.texture(wanted(image, true)));
         let bad = textures.add_image("b.png".to_owned(), Bytes::from_static(b"nonsense"));
@@ -225,6 +277,6 @@ pub(super) mod tests {
         assert_eq!((materials[0].emissive_texture, materials[0].emissive), (None, glam::Vec3::ZERO));
         let lines = warnings.into_lines();
         assert_eq!(lines.len(), 1);
-        assert!(lines[0].ends_with("material \"\" is shown without glow"), "{lines:?}");
+        assert!(lines[0].ends_with("material number 0 is shown without glow"), "{lines:?}");
     }
 }

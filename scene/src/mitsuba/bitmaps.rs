@@ -8,7 +8,7 @@ use glam::{DMat4, DVec4, Vec2, Vec3, Vec4};
 use image::{ImageBuffer, Luma, Rgb};
 
 use super::xml::{Xml, numbers};
-use crate::material::Wrap;
+use crate::material::{self, Wrap};
 use crate::texture::{MipChain, mip_chains, transform_duv, transform_uv};
 use crate::tone::linear_from_srgb;
 use crate::{Scene, TextureRef};
@@ -138,7 +138,11 @@ impl Bitmaps {
         };
         let bitmap = ImageBuffer::from_fn(level.width, level.height, texel);
         bitmap.save(self.folder.join(file)).map_err(io::Error::other)?;
-        self.element(xml, [parameter, file], reference, Filter::Bilinear);
+        let filter = match chain.filter {
+            material::Filter::Linear => Filter::Bilinear,
+            material::Filter::Nearest => Filter::Nearest,
+        };
+        self.element(xml, [parameter, file], reference, filter);
         Ok(())
     }
 
@@ -170,13 +174,17 @@ impl Bitmaps {
         if wrap[0] != wrap[1] {
             self.differences.insert(format!("{file}: v is wrapped like u"));
         }
+        if reference.uv_set != 0 {
+            self.differences
+                .insert(format!("{file}: placed by the first texture coordinates, not the second"));
+        }
         let mode = match wrap[0] {
             Wrap::Repeat => "repeat",
             Wrap::Clamp => "clamp",
             Wrap::Mirror => "mirror",
         };
         xml.value("string", "wrap_mode", mode);
-        if reference != TextureRef::new(reference.texture) {
+        if reference != (TextureRef { uv_set: reference.uv_set, ..TextureRef::new(reference.texture) }) {
             xml.open("transform", &[("name", "to_uv")]);
             xml.leaf("matrix", &[("value", &numbers(texture_from_uv(&reference)))]);
             xml.close();

@@ -33,6 +33,7 @@ use self::materials::{Colors, Look};
 pub use self::matt::matt;
 use self::ply::Triangles;
 use self::xml::Xml;
+use crate::shading::dielectric_f0;
 use crate::{Bounds, Camera, Instance, Material, Mesh, Pose, Scene};
 
 /// Coordinates beyond which a scene is moved to the eye, since Mitsuba computes with 32-bit floats; metres.
@@ -217,6 +218,9 @@ fn note_differences(material: &Material, mesh: &Mesh, bitmaps: &mut Bitmaps) {
         note("its transmission is left out");
     }
     if material.is_glossy() {
+        if material.dielectric_f0() != Vec3::splat(dielectric_f0(material.ior)) {
+            note("its specular factors are left out");
+        }
         note("its diffuse lobe is Burley's, and its Fresnel term a dielectric's, not Schlick's");
     }
     if material.normal_texture.is_some() {

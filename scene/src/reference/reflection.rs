@@ -38,11 +38,10 @@ impl Tracer {
     /// A visible surface without its transmitted light, and the transmitted share: zero for an instance
     /// outside [`Reflecting::instances`].
     pub(super) fn without_transmitted(&self, hit: &Hit, surface: &Surface) -> (Surface, Vec3) {
-        let transmission = self.material_of(hit).transmission;
         if surface.f0 == Vec3::ZERO || self.reflects(hit).is_none() {
             return (*surface, Vec3::ZERO);
         }
-        let transmitted = surface.albedo * transmission;
+        let transmitted = surface.albedo * surface.transmission;
         (Surface { albedo: surface.albedo - transmitted, ..*surface }, transmitted)
     }
 

@@ -35,7 +35,7 @@ impl Tracer {
         let edges = [positions[1] - positions[0], positions[2] - positions[0]];
         let geometric = edges[0].cross(edges[1]);
         let rays = [direction, dx, dy].map(|d| mesh_from_world * d);
-        let at = footprint(mesh, &corners, edges, geometric, rays, hit.range);
+        let at = [0, 1].map(|set| footprint(mesh.uvs_of(set), &corners, edges, geometric, rays, hit.range));
 
         let in_mesh = self.shading_normal(mesh, material, &corners, &at).unwrap_or(geometric);
         let normal = (mesh_from_world.transpose() * in_mesh).normalize_or(-direction);
@@ -54,7 +54,9 @@ impl Tracer {
             ),
         };
         let f0 = if material.is_glossy() {
-            Vec3::splat(dielectric_f0(material.ior)).lerp(base, metallic)
+            let tint = material.specular_color * self.lookup(material.specular_color_texture, &at).truncate();
+            let strength = material.specular * self.lookup(material.specular_texture, &at).w;
+            ((tint * dielectric_f0(material.ior)).min(Vec3::ONE) * strength).lerp(base, metallic)
         } else {
             Vec3::ZERO
         };
@@ -65,13 +67,15 @@ impl Tracer {
             emissive,
             f0,
             roughness: (material.roughness * metallic_roughness.y).clamp(0.0, 1.0),
+            transmission: material.transmission * self.lookup(material.transmission_texture, &at).x,
         }
     }
 
     /// Linear texture value; white where there is no texture.
-    fn lookup(&self, reference: Option<TextureRef>, at: &Footprint) -> Vec4 {
+    fn lookup(&self, reference: Option<TextureRef>, at: &[Footprint; 2]) -> Vec4 {
         let found = reference.and_then(|r| Some((r, self.textures.get(r.texture as usize)?)));
         let Some((reference, chain)) = found else { return Vec4::ONE };
+        let at = &at[usize::from(reference.uv_set.min(1))];
         let level = chain.level(transform_duv(&reference, at.dx), transform_duv(&reference, at.dy));
         chain.sample(transform_uv(&reference, at.uv), level)
     }
@@ -83,7 +87,7 @@ impl Tracer {
         mesh: &Mesh,
         material: &Material,
         corners: &Corners,
-        at: &Footprint,
+        at: &[Footprint; 2],
     ) -> Option<DVec3> {
         let normal = corners.blend(&mesh.normals)?.as_dvec3().try_normalize()?;
         if material.normal_texture.is_none() {
@@ -101,17 +105,17 @@ impl Tracer {
     }
 }
 
-/// Texture coordinates and their derivatives. `rays` are the direction and its two differences in mesh space, where t
+/// Texture coordinates of a mesh at a point and their derivatives. `rays` are the direction and its two differences in mesh space, where t
 /// counts the world's unit direction, so that ranges equal the world's.
 fn footprint(
-    mesh: &Mesh,
+    uvs: &[Vec2],
     corners: &Corners,
     edges: [DVec3; 2],
     geometric: DVec3,
     [direction, dx, dy]: [DVec3; 3],
     range: f64,
 ) -> Footprint {
-    let Some([a, b, c]) = corners.each(&mesh.uvs) else {
+    let Some([a, b, c]) = corners.each(uvs) else {
         return Footprint { uv: Vec2::ZERO, dx: Vec2::ZERO, dy: Vec2::ZERO };
     };
     let duv = |difference: DVec3| {
@@ -123,5 +127,5 @@ fn footprint(
         let third = edges[0].cross(moved).dot(geometric) / area;
         (b - a) * second as f32 + (c - a) * third as f32
     };
-    Footprint { uv: corners.blend(&mesh.uvs).unwrap_or(a), dx: duv(dx), dy: duv(dy) }
+    Footprint { uv: corners.blend(uvs).unwrap_or(a), dx: duv(dx), dy: duv(dy) }
 }

@@ -13,7 +13,7 @@ use super::triangle::{Crossing, ShearedRay};
 use crate::shading::{diffuse_radiance, reflected_lights, reflected_sky, sky_radiance};
 use crate::texture::{MipChain, mip_chains, transform_uv};
 use crate::transparency::{Layer, cut, is_met, shown};
-use crate::{Bounds, Instance, Material, Mesh, Pose, Scene};
+use crate::{Bounds, Instance, Material, Mesh, Pose, Scene, TextureRef};
 
 /// The nearest surface along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -143,6 +143,7 @@ struct Placed {
     origin: DVec3,
     culled: bool,
     passes_light: bool,
+    passes_light_in_parts: bool,
     cutoff: Option<f32>,
 }
 
@@ -363,6 +364,9 @@ impl Tracer {
         if placed.culled && !crossing.front && !search.of_light {
             return false;
         }
+        if search.of_light && placed.passes_light_in_parts && self.is_clear_glass(placed, hit) {
+            return false;
+        }
         let coverage = self.coverage(placed, hit.triangle, crossing);
         if coverage == 0.0 || coverage >= 1.0 {
             return coverage >= 1.0;
@@ -389,12 +393,32 @@ impl Tracer {
     /// Alpha of a surface point: factor × texture (level 0) × vertex colour.
     fn alpha(&self, mesh: &Mesh, material: &Material, triangle: u32, barycentric: DVec2) -> f32 {
         let corner = Corners::new(mesh, triangle, barycentric);
-        let texture = material.base_color_texture.map_or(1.0, |reference| {
-            let uv = transform_uv(&reference, corner.blend(&mesh.uvs).unwrap_or(Vec2::ZERO));
-            self.textures.get(reference.texture as usize).map_or(1.0, |chain| chain.alpha(uv))
-        });
+        let texture = self.read_level_0(mesh, &corner, material.base_color_texture, MipChain::alpha);
         let color = corner.blend(&mesh.colors).map_or(1.0, |color| color.w);
         material.base_color.w * texture * color
+    }
+
+    /// Whether light passes through a surface point that passes it in parts.
+    fn is_clear_glass(&self, placed: &Placed, hit: &Hit) -> bool {
+        let mesh = &self.scene.meshes[placed.mesh as usize];
+        let material = &self.scene.materials[mesh.material as usize];
+        let corner = Corners::new(mesh, hit.triangle, hit.barycentric);
+        let red = self.read_level_0(mesh, &corner, material.transmission_texture, MipChain::red);
+        material.transmission * red >= 0.5
+    }
+
+    /// A channel of a texture's level 0; 1 without a texture.
+    fn read_level_0(
+        &self,
+        mesh: &Mesh,
+        corner: &Corners,
+        reference: Option<TextureRef>,
+        channel: impl Fn(&MipChain, Vec2) -> f32,
+    ) -> f32 {
+        let found = reference.and_then(|r| Some((r, self.textures.get(r.texture as usize)?)));
+        let Some((reference, chain)) = found else { return 1.0 };
+        let uv = corner.blend(mesh.uvs_of(reference.uv_set)).unwrap_or(Vec2::ZERO);
+        channel(chain, transform_uv(&reference, uv))
     }
 
     /// Linear radiance that arrives at `origin` from the unit direction `direction`.
@@ -519,6 +543,7 @@ impl Placed {
             origin: mesh.origin,
             culled: !material.double_sided,
             passes_light: material.passes_light(),
+            passes_light_in_parts: material.passes_light_in_parts(),
             cutoff: material.alpha_cutoff(),
         })
     }

@@ -108,6 +108,28 @@ fn every_wrap_mode_continues_the_texture_across_its_border() {
 }
 
 #[test]
+fn a_nearest_texture_shows_whole_texels_up_close_and_their_mean_from_afar() {
+    let linear = texture(4, 1, false, |x, _| [x as u8 * 60, 0, 0, x as u8 * 60]);
+    for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
+        let chain = chain(&Texture { wrap: [wrap; 2], filter: Filter::Nearest, ..linear.clone() });
+        let texel = |u: f32| (chain.sample(Vec2::new(u, 0.5), 0.0).x * 255.0).round() as u32 / 60;
+        assert_eq!([0.0, 0.24, 0.26, 0.49, 0.5, 0.99].map(texel), [0, 0, 1, 1, 2, 3], "{wrap:?}");
+        let beyond = match wrap {
+            Wrap::Repeat => [3, 0, 1],
+            Wrap::Clamp => [0, 3, 3],
+            Wrap::Mirror => [0, 3, 2],
+        };
+        assert_eq!([-0.01, 1.01, 1.26].map(texel), beyond, "{wrap:?}");
+        for u in [0.1, 0.24, 0.26, 0.9] {
+            let uv = Vec2::new(u, 0.5);
+            let [red, alpha] = [chain.red(uv), chain.alpha(uv)].map(|x| (x * 255.0).round() as u32 / 60);
+            assert_eq!([red, alpha], [texel(u); 2]);
+        }
+        assert_eq!(chain.sample(Vec2::splat(0.3), 2.0), self::chain(&linear).sample(Vec2::splat(0.3), 2.0));
+    }
+}
+
+#[test]
 fn non_finite_coordinates_and_levels_read_a_defined_texel() {
     for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
         let chain =

@@ -1,7 +1,9 @@
 // Alpha test of cut-outs. Equals the rasteriser's: `identify_cutout` of `visibility.wgsl`.
 
-import package::shared::geometry::{attributes, color_of, indices, instances, materials, meshes, uv_of};
-import package::shared::texture::{sample_alpha, slots};
+import package::shared::geometry::{
+    HAS_UVS, TESTS_SECOND_UVS, attributes, color_of, indices, instances, materials, meshes, second_uv_of, uv_of,
+};
+import package::shared::texture::{has_second_uvs, sample_alpha, slots};
 import package::shared::trace::trees::MIRRORED;
 import package::shared::trace::triangle::Leaf;
 
@@ -13,10 +15,15 @@ struct Corners {
     material: u32,
 }
 
-// Texture coordinates and vertex alpha of a corner. `has`: whether the mesh has each of them.
+// Texture coordinates and vertex alpha of a corner. `has`: as in `MeshLayout`.
 fn corner_at(record: u32, has: vec4u) -> vec3f {
     let held = attributes[record];
-    return vec3f(select(vec2f(0.0), uv_of(held), has.x != 0u), select(1.0, color_of(held).a, has.y != 0u));
+    var uv = select(vec2f(0.0), uv_of(held), (has.x & HAS_UVS) != 0u);
+    if has_second_uvs {
+        let second = (has.x & TESTS_SECOND_UVS) != 0u;
+        uv = select(uv, second_uv_of(attributes[record + select(0u, 1u, second)]), second);
+    }
+    return vec3f(uv, select(1.0, color_of(held).a, has.y != 0u));
 }
 
 fn corners_of(leaf: Leaf, instance: u32) -> Corners {

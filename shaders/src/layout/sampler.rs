@@ -41,6 +41,30 @@ pub mod role {
     pub const METALLIC_ROUGHNESS: u32 = 2;
     /// Tangent-space normals.
     pub const NORMAL: u32 = 3;
+    /// Red: share of light that passes.
+    pub const TRANSMISSION: u32 = 4;
+    /// Alpha: strength of a dielectric's reflection.
+    pub const SPECULAR: u32 = 5;
+    /// Colour of a dielectric's reflection.
+    pub const SPECULAR_COLOR: u32 = 6;
+}
+
+/// Bits of the last word of [`TextureSlot::usage`]. Equal to those of `shared/texture.wgsl`.
+pub mod reads {
+    /// Level 0 shows the texel that a point lies in.
+    pub const NEAREST: u32 = 1;
+    /// The mesh's second set of texture coordinates is transformed.
+    pub const SECOND_UVS: u32 = 2;
+}
+
+/// Bits of the first word of [`MeshLayout::has`]. Equal to those of `shared/geometry.wgsl`.
+pub mod has {
+    /// Texture coordinates.
+    pub const UVS: u32 = 1;
+    /// A second set of them.
+    pub const SECOND_UVS: u32 = 2;
+    /// The alpha test reads the second set.
+    pub const TESTS_SECOND_UVS: u32 = 4;
 }
 
 mirror! {
@@ -52,7 +76,7 @@ mirror! {
         pub offset: [f32; 4],
         /// Width and height of level 0, index of level 0 among the levels' addresses, number of levels.
         pub extent: [u32; 4],
-        /// Addressing of u and v (0 repeat, 1 clamp, 2 mirror), role in the material ([`role`]).
+        /// Addressing of u and v (0 repeat, 1 clamp, 2 mirror), role in the material ([`role`]), bits of [`reads`].
         pub usage: [u32; 4],
     }
 }
@@ -62,7 +86,7 @@ mirror! {
     pub struct MeshLayout {
         /// First index, first vertex, first record of attributes, records of attributes per vertex.
         pub first: [u32; 4],
-        /// 1 if its vertices have texture coordinates, colours, tangents; index of its material.
+        /// Bits of [`has`]; 1 if its vertices have colours, tangents; index of its material.
         pub has: [u32; 4],
     }
 }
@@ -92,12 +116,13 @@ mirror! {
         pub emissive: [f32; 3],
         /// Metallic factor.
         pub metallic: f32,
-        /// Roughness, scale of the normal map, reflectance of the dielectric at normal incidence, alpha cutoff.
+        /// Roughness, scale of the normal map, transmitted share of light, alpha cutoff.
         pub factors: [f32; 4],
+        /// Reflectance of the dielectric at normal incidence before it is bounded by 1, and the factor after that.
+        pub f0: [f32; 4],
         /// Its textures among all slots: first and number of those encoded as sRGB, first and number of the others.
         pub textures: [u32; 4],
-        /// 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; transmitted share of light,
-        /// f32 bits; 1 if it is unlit.
+        /// 1 if it has a specular lobe; 1 + the slot of its base colour texture, 0 without one; unused; 1 if it is unlit.
         pub traits: [u32; 4],
     }
 }

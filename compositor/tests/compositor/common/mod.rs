@@ -89,6 +89,7 @@ impl Analytic {
             emissive: Vec3::ZERO,
             f0: Vec3::splat(self.f0),
             roughness: self.roughness,
+            transmission: 0.0,
         }
     }
 }

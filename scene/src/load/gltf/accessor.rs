@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytes::Bytes;
+use glam::Vec4;
 use gltf::json;
 use json::accessor::{ComponentType, Type};
 use json::validation::Checked;
@@ -23,7 +24,7 @@ pub(super) struct Reader<'a> {
     bundle: &'a Bundle,
     buffers: Vec<OnceLock<Result<Bytes, String>>>,
     /// Unpacked buffer views and Draco primitives, by buffer view.
-    document: &'a Document,
+    pub(super) document: &'a Document,
     unpacked: HashMap<usize, OnceLock<Result<Bytes, String>>>,
     primitives: HashMap<usize, OnceLock<Result<draco_core::Mesh, String>>>,
     /// Limit in bytes of an accessor without a buffer, which is all zeros.
@@ -269,6 +270,23 @@ impl<'a> Reader<'a> {
                 element
             })
             .collect())
+    }
+
+    /// Colours, with or without alpha. Integers are fractions of their largest value, even where an exporter forgot to say so.
+    pub(super) fn colors(&self, index: json::Index<json::Accessor>) -> Result<Vec<Vec4>, String> {
+        let read = self.floats::<4>(index, &[Type::Vec3, Type::Vec4])?;
+        let accessor = &self.root.accessors[index.value()];
+        let largest = match accessor.component_type {
+            Checked::Valid(kind) if !accessor.normalized => match kind.0 {
+                ComponentType::U8 => 255.0,
+                ComponentType::U16 => 65535.0,
+                _ => 1.0,
+            },
+            _ => 1.0,
+        };
+        let has_alpha = accessor.type_ == Checked::Valid(Type::Vec4);
+        let scale = Vec4::new(largest, largest, largest, if has_alpha { largest } else { 1.0 }).recip();
+        Ok(read.into_iter().map(|color| Vec4::from(color) * scale).collect())
     }
 
     /// Unsigned integers, one per element.

@@ -8,18 +8,26 @@ use serde_json::Value;
 
 use super::compressed::Compressed;
 
-/// Extensions that are supported, or that do not affect the image here. A file may require them.
-const KNOWN_EXTENSIONS: [&str; 16] = [
+/// Extensions that are supported, or that are warned of where a material uses them. A file may require them.
+const KNOWN_EXTENSIONS: [&str; 24] = [
     "EXT_meshopt_compression",
     "EXT_texture_avif",
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_iridescence",
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_texture_basisu",
@@ -36,6 +44,25 @@ const IMAGE_EXTENSIONS: [(&str, bool); 4] = [
     ("EXT_texture_avif", false),
 ];
 
+/// Extensions without which the first picture of a file is the same: data, sound, behaviour, and choices beside it.
+const BESIDE_THE_PICTURE: [&str; 11] = [
+    "EXT_instance_features",
+    "EXT_mesh_features",
+    "EXT_mesh_manifold",
+    "EXT_structural_metadata",
+    "KHR_audio_emitter",
+    "KHR_interactivity",
+    "KHR_materials_variants",
+    "KHR_node_hoverability",
+    "KHR_node_selectability",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+];
+
+fn is_known(extension: &str) -> bool {
+    KNOWN_EXTENSIONS.contains(&extension) || BESIDE_THE_PICTURE.contains(&extension)
+}
+
 /// A parsed document; its indices are not checked.
 pub(super) struct Document {
     pub(super) root: json::Root,
@@ -44,6 +71,8 @@ pub(super) struct Document {
     pub(super) compressed: Compressed,
     /// Whether a morph target moves more than positions, normals and tangents.
     pub(super) other_targets: bool,
+    /// The materials as they are written: `root` lacks some of their extensions.
+    pub(super) materials: Vec<Value>,
 }
 
 impl Document {
@@ -55,13 +84,14 @@ impl Document {
         check_version(&value)?;
         let other_targets = has_other_targets(&value);
         let compressed = Compressed::take(&mut value);
+        let materials = value.get("materials").and_then(Value::as_array).cloned().unwrap_or_default();
         let root = serde_json::from_value(value).map_err(|error| format!("is not glTF 2.0: {error}"))?;
-        Ok(Self { root, blob, compressed, other_targets })
+        Ok(Self { root, blob, compressed, materials, other_targets })
     }
 
     /// Rejects a document that requires an unknown extension.
     pub(super) fn check_extensions(&self) -> Result<(), String> {
-        let unknown = self.root.extensions_required.iter().find(|e| !KNOWN_EXTENSIONS.contains(&e.as_str()));
+        let unknown = self.root.extensions_required.iter().find(|extension| !is_known(extension));
         match unknown {
             Some(extension) => Err(format!("it requires the extension {extension}, which is not supported")),
             None => Ok(()),
@@ -71,7 +101,7 @@ impl Document {
     /// Returns the extensions that the document uses without requiring them, and that are ignored here; each once.
     pub(super) fn ignored_extensions(&self) -> BTreeSet<&str> {
         let used = self.root.extensions_used.iter().map(String::as_str);
-        used.filter(|extension| !KNOWN_EXTENSIONS.contains(extension)).collect()
+        used.filter(|extension| !is_known(extension)).collect()
     }
 }
 

@@ -10,6 +10,7 @@ mod compressed;
 mod document;
 mod material;
 mod nodes;
+mod object;
 mod primitive;
 mod skin;
 
@@ -99,10 +100,12 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
     let reader = accessor::Reader::new(&document, bundle, budget.left);
 
     let mut hierarchy = nodes::Hierarchy::new(root, &mut budget, warnings)?;
-    let (materials, textures) = material::read(&reader, bundle, warnings);
+    let used = primitive::used_materials(root, &hierarchy);
+    let material::Materials { all: materials, sets, textures } =
+        material::read(&reader, bundle, &used, warnings);
     let animations = animation::read(&reader, &hierarchy, &mut budget, warnings)?;
     let mut parts = Parts { materials, animations, ..Parts::default() };
-    primitive::place(&reader, &hierarchy, &mut parts, &mut budget, warnings)?;
+    primitive::place(&reader, &hierarchy, &sets, &mut parts, &mut budget, warnings)?;
     parts.textures = textures.decode(&mut parts.materials, warnings);
     parts.lights = nodes::lights(root, &mut hierarchy, warnings);
     parts.cameras = nodes::cameras(root, &hierarchy, &parts.animations, warnings);

@@ -1,6 +1,6 @@
 //! Reads each primitive once, in parallel, and places it wherever a node uses it.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use glam::{DAffine3, Vec2, Vec3, Vec4};
 use gltf::json;
@@ -12,16 +12,18 @@ use rayon::prelude::*;
 use super::accessor::Reader;
 use super::nodes::Hierarchy;
 use super::skin::{self, Moved, Skins};
-use super::{Budget, get, material, name};
+use super::{Budget, get, name};
 use crate::deformation::flattening;
 use crate::load::geometry::{MissingNormals, RawMesh};
+use crate::load::images::{label, named};
 use crate::load::{Parts, Warnings};
+use crate::material::TextureUse;
 use crate::scene::Instance;
 use crate::{Material, Mesh};
 
 /// Largest number of bytes that a vertex and an index take while a primitive is read.
-const VERTEX_BYTES: u64 = 2 * 68;
-const INDEX_BYTES: u64 = 4 + 68;
+const VERTEX_BYTES: u64 = 2 * 76;
+const INDEX_BYTES: u64 = 4 + 76;
 
 /// A primitive to be read, for all nodes that place it alike, or for one that moves its vertices.
 struct Wanted {
@@ -32,10 +34,25 @@ struct Wanted {
     moved: Option<Moved>,
 }
 
-/// Reads every drawn primitive into `parts.meshes` and places it in `parts.instances`.
+/// For each material of the document whether a drawn mesh has it.
+pub(super) fn used_materials(root: &json::Root, hierarchy: &Hierarchy) -> Vec<bool> {
+    let mut used = vec![false; root.materials.len()];
+    let meshes =
+        hierarchy.in_document.iter().filter_map(|&node| root.meshes.get(root.nodes[node].mesh?.value()));
+    for material in meshes.flat_map(|mesh| &mesh.primitives).filter_map(|primitive| primitive.material) {
+        if let Some(used) = used.get_mut(material.value()) {
+            *used = true;
+        }
+    }
+    used
+}
+
+/// Reads every drawn primitive into `parts.meshes` and places it in `parts.instances`. `sets` are those of
+/// [`super::material::Materials`].
 pub(super) fn place(
     reader: &Reader,
     hierarchy: &Hierarchy,
+    sets: &[[Option<u32>; 2]],
     parts: &mut Parts,
     budget: &mut Budget,
     warnings: &mut Warnings,
@@ -95,15 +112,16 @@ pub(super) fn place(
         }
     }
     let default_material = default_material(root, &wanted, parts);
+    let chosen = with_what_meshes_lack(root, &wanted, sets, default_material, parts, warnings);
     let materials = &parts.materials;
     let read: Vec<(Result<Option<Mesh>, String>, Warnings)> = wanted
         .par_iter()
-        .map(|Wanted { mesh, k, moved }| {
+        .zip(&chosen)
+        .map(|(Wanted { mesh, k, moved }, &(material, sets))| {
             let mut warnings = Warnings::default();
             let json = &root.meshes[*mesh];
             let primitive = &json.primitives[*k];
-            let material = primitive.material.map_or(default_material, |m| m.value() as u32);
-            let read = read(reader, primitive, name(&json.name), material, materials, &mut warnings);
+            let read = read(reader, primitive, name(&json.name), (material, sets), materials, &mut warnings);
             let read = read.and_then(|found| {
                 let Some((mut mesh, sources)) = found else { return Ok(None) };
                 if let Some(moved) = moved {
@@ -153,12 +171,53 @@ fn default_material(root: &json::Root, wanted: &[Wanted], parts: &mut Parts) -> 
     index
 }
 
+/// For each wanted primitive its material, and the sets of texture coordinates to read. A mesh that lacks a set gets a
+/// material of its own, which has lost the textures of that set.
+fn with_what_meshes_lack(
+    root: &json::Root,
+    wanted: &[Wanted],
+    sets: &[[Option<u32>; 2]],
+    default_material: u32,
+    parts: &mut Parts,
+    warnings: &mut Warnings,
+) -> Vec<(u32, [Option<u32>; 2])> {
+    let mut variants: BTreeMap<(u32, [bool; 2]), u32> = BTreeMap::new();
+    let mut chosen = Vec::with_capacity(wanted.len());
+    for &Wanted { mesh, k, .. } in wanted {
+        let primitive = &root.meshes[mesh].primitives[k];
+        let material = primitive.material.map_or(default_material, |m| m.value() as u32);
+        let sets = sets.get(material as usize).copied().unwrap_or_default();
+        let has = |set: u32| primitive.attributes.contains_key(&Checked::Valid(Semantic::TexCoords(set)));
+        let lacks = sets.map(|set| set.is_some_and(|set| !has(set)));
+        let Some(of_all) = parts.materials.get(material as usize).filter(|_| lacks != [false; 2]) else {
+            chosen.push((material, sets));
+            continue;
+        };
+        let mut variant = of_all.clone();
+        let known = variants.entry((material, lacks)).or_insert_with(|| {
+            let is_lost = |of: &TextureUse| of_all.texture(*of).is_some_and(|t| lacks[usize::from(t.uv_set)]);
+            let lost: Vec<TextureUse> = TextureUse::ALL.into_iter().filter(is_lost).collect();
+            lost.iter().for_each(|&of| variant.lose(of));
+            let ways: Vec<&str> = lost.iter().map(|of| of.lost()).collect();
+            let (mesh, of) = (name(&root.meshes[mesh].name), named(&[label(material as usize, of_all)]));
+            warnings
+                .add(format!("mesh {mesh:?} lacks texture coordinates: its {of} shown {}", ways.join(", ")));
+            parts.materials.len() as u32
+        });
+        chosen.push((*known, sets));
+        if *known as usize == parts.materials.len() {
+            parts.materials.push(variant);
+        }
+    }
+    chosen
+}
+
 /// Reads one primitive, and for each vertex its index in the file; `None` if it has no triangles.
 fn read(
     reader: &Reader,
     primitive: &json::mesh::Primitive,
     name: String,
-    material: u32,
+    (material, sets): (u32, [Option<u32>; 2]),
     materials: &[Material],
     warnings: &mut Warnings,
 ) -> Result<Option<(Mesh, Vec<u32>)>, String> {
@@ -189,19 +248,15 @@ fn read(
     {
         raw.tangents = reader.floats::<4>(index, &[Type::Vec4])?.into_iter().map(Vec4::from).collect();
     }
-    let set = material::uv_set(reader.root, primitive.material);
-    if let (Some(index), Some(_)) = (attribute(Semantic::TexCoords(set)), any_texture(surface)) {
-        raw.uvs = reader.floats::<2>(index, &[Type::Vec2])?.into_iter().map(Vec2::from).collect();
+    for (set, uvs) in sets.into_iter().zip([&mut raw.uvs, &mut raw.uvs2]) {
+        if let Some(index) = set.and_then(|set| attribute(Semantic::TexCoords(set))) {
+            *uvs = reader.floats::<2>(index, &[Type::Vec2])?.into_iter().map(Vec2::from).collect();
+        }
     }
     if let Some(index) = attribute(Semantic::Colors(0)) {
-        raw.colors =
-            reader.floats::<4>(index, &[Type::Vec3, Type::Vec4])?.into_iter().map(Vec4::from).collect();
+        raw.colors = reader.colors(index)?;
     }
     Ok(raw.finish_with_sources(MissingNormals::Flat, surface.normal_texture, warnings))
-}
-
-fn any_texture(m: &Material) -> Option<crate::TextureRef> {
-    m.base_color_texture.or(m.metallic_roughness_texture).or(m.normal_texture).or(m.emissive_texture)
 }
 
 /// Triangle lists are kept; strips and fans are unrolled, with every second triangle of a strip reversed.

@@ -89,14 +89,92 @@ fn materials_keep_their_extensions() {
 }
 
 #[test]
-fn ignored_extensions_and_occlusion_textures_are_warned_of_once_each() {
-    let bytes = png();
-    let mut document = textured(json!({"uri": "wood.png"}));
-    document["extensionsUsed"] =
-        json!(["KHR_materials_clearcoat", "KHR_materials_ior", "KHR_materials_clearcoat"]);
-    document["materials"][0]["occlusionTexture"] = json!({"index": 0});
-    let scene = load_with(&document, &[("wood.png", &bytes)]).unwrap();
-    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
-    assert!(scene.warnings[0].contains("KHR_materials_clearcoat"), "{:?}", scene.warnings);
-    assert!(scene.warnings[1].contains("occlusion"), "{:?}", scene.warnings);
+fn a_lost_texture_makes_no_surface_glow_be_metal_or_be_glass() {
+    let mut document = square();
+    document["images"] = json!([{"uri": "x.png"}]);
+    document["textures"] = json!([{"source": 0}, {"source": 9}]);
+    document["meshes"][0]["primitives"][0]["material"] = json!(0);
+    // A file that is missing, an image that does not exist, a texture that does not exist, coordinates that are missing.
+    let whole = png();
+    let cases: [(Value, &[(&str, &[u8])]); 4] = [
+        (json!({"index": 0}), &[]),
+        (json!({"index": 1}), &[]),
+        (json!({"index": 7}), &[]),
+        (json!({"index": 0, "texCoord": 4}), &[("x.png", &whole)]),
+    ];
+    for (texture, files) in cases {
+        document["materials"] = json!([{
+            "name": "lamp", "emissiveFactor": [1, 1, 1], "emissiveTexture": texture,
+            "pbrMetallicRoughness": {"metallicRoughnessTexture": texture, "baseColorTexture": texture,
+                "baseColorFactor": [0.5, 0.25, 1, 1]},
+            "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1, "transmissionTexture": texture}},
+        }]);
+        let scene = load_with(&document, files).unwrap();
+        let material = &scene.materials[scene.meshes[0].material as usize];
+        let found = (material.emissive, material.metallic, material.transmission, material.roughness);
+        assert_eq!(found, (Vec3::ZERO, 0.0, 0.0, 1.0), "{texture}");
+        assert_eq!(material.base_color, Vec4::new(0.5, 0.25, 1.0, 1.0));
+        assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+        for words in ["material \"lamp\" is shown", "plain colour", "without metal", "without glow", "opaque"]
+        {
+            assert!(scene.warnings[0].contains(words), "{words}: {:?}", scene.warnings);
+        }
+    }
+}
+
+#[test]
+fn specular_and_gloss_become_a_dielectric_of_that_reflectance() {
+    let mut document = textured(json!({"uri": "x.png"}));
+    document["materials"][0] = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": {
+        "diffuseFactor": [1, 0.5, 0, 1], "specularFactor": [0.5, 0.25, 0.1], "glossinessFactor": 0.75}}});
+    let close = |a: Vec3, b: [f32; 3]| assert!((a - Vec3::from(b)).length() < 1e-5, "{a}");
+    let scene = load_with(&document, &[("x.png", &png())]).unwrap();
+    let material = &scene.materials[0];
+    close(material.dielectric_f0(), [0.5, 0.25, 0.1]);
+    close(material.base_color.truncate(), [0.5, 0.25, 0.0]);
+    assert_eq!((material.metallic, material.roughness), (0.0, 0.25));
+
+    // The texture of the test is opaque: gloss is the factor everywhere.
+    document["materials"][0]["extensions"]["KHR_materials_pbrSpecularGlossiness"]["specularGlossinessTexture"] =
+        json!({"index": 0});
+    let scene = load_with(&document, &[("x.png", &png())]).unwrap();
+    let material = &scene.materials[0];
+    let texel = |reference: Option<argus_scene::TextureRef>| {
+        let texture = &scene.textures[reference.unwrap().texture as usize];
+        (texture.srgb, texture.rgba[..4].to_vec())
+    };
+    assert_eq!(texel(material.specular_color_texture), (true, vec![200, 100, 50, 255]));
+    assert_eq!(texel(material.metallic_roughness_texture), (false, vec![0, 64, 0, 255]));
+    assert_eq!((material.roughness, material.metallic), (1.0, 0.0));
+    close(material.base_color.truncate(), [1.0, 0.5, 0.0]);
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+}
+
+#[test]
+fn what_many_materials_lack_is_one_warning_that_names_some() {
+    let mut document = square();
+    let coat = |i: usize| json!({"name": format!("paint {i}"), "extensions": {"KHR_materials_clearcoat": {"clearcoatFactor": 1}}});
+    document["materials"] = (0..6).map(coat).collect();
+    let primitive = document["meshes"][0]["primitives"][0].clone();
+    let with = |i: usize| {
+        let mut primitive = primitive.clone();
+        primitive["material"] = json!(i);
+        primitive
+    };
+    // The last one is not drawn.
+    document["meshes"][0]["primitives"] = (0..5).map(with).collect();
+    let scene = load(&document).unwrap();
+    assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+    assert!(
+        scene.warnings[0].starts_with("materials \"paint 0\", \"paint 1\", \"paint 2\" and 2 more are shown")
+    );
+}
+
+#[test]
+fn ignored_extensions_are_warned_of_once_each() {
+    let mut document = square();
+    document["extensionsUsed"] = json!(["ABC_unknown", "KHR_materials_clearcoat", "ABC_unknown"]);
+    let scene = load(&document).unwrap();
+    assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+    assert!(scene.warnings[0].contains("ABC_unknown"), "{:?}", scene.warnings);
 }

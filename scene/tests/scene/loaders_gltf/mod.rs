@@ -5,6 +5,7 @@ mod geometry;
 mod materials;
 mod nodes;
 mod poses;
+mod specification;
 
 use std::collections::BTreeMap;
 
