@@ -147,6 +147,8 @@ fn moments(drivers: &Drivers<'_>, nodes: usize) -> Option<Vec<f64>> {
     // An animation begins again in the moment of its last key.
     keys.retain(|&time| time > 0.0 && time < length);
     keys.extend([0.0, length.next_down().max(0.0)]);
+    // Margins follow the way between two moments, which is long between few keys.
+    keys.extend((1..64).map(|i| length * f64::from(i) / 64.0));
     keys.sort_by(f64::total_cmp);
     keys.dedup();
     let most = (MOST_POSES / (2 * nodes.max(1))).clamp(8, 256);
