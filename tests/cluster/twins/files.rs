@@ -78,6 +78,7 @@ impl Glb {
         for (name, attribute) in more {
             attributes[*name] = match attribute {
                 Attribute::Uv(values) => self.floats(values),
+                Attribute::Color(values) => self.floats(values),
             }
             .into();
         }
@@ -135,6 +136,7 @@ impl Glb {
 /// Values of each corner of each quad.
 pub(super) enum Attribute {
     Uv(Vec<[f32; 2]>),
+    Color(Vec<[f32; 4]>),
 }
 
 /// The corners of a quad on a texture whose v points down.

@@ -15,9 +15,13 @@ use crate::support::{Coordinator, json as run_json, run, say, stderr};
 
 /// Largest mean FLIP of twins.
 const ALIKE: f64 = 0.03;
+/// Largest mean FLIP of a scene and the same with something that changes nothing in view.
+const UNCHANGED: f64 = 0.02;
 /// Colours of faces.
 const COLORS: [[u8; 3]; 6] =
     [[200, 40, 30], [40, 170, 60], [50, 70, 200], [210, 190, 40], [180, 180, 180], [90, 60, 40]];
+const LINEAR: i32 = 9729;
+const NEAREST: i32 = 9728;
 
 /// Files that are shown alike, and from where.
 struct Twins {
@@ -50,6 +54,19 @@ fn text(path: &Path) -> &str {
 fn file(folder: &Path, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
     let path = folder.join(name);
     std::fs::write(&path, content).unwrap();
+    path
+}
+
+/// A box on the ground, and what `more` adds.
+fn box_scene(path: PathBuf, more: impl FnOnce(&mut Glb)) -> PathBuf {
+    let mut glb = Glb::new();
+    let [red, grey] = [[0.6, 0.2, 0.1], [0.5, 0.5, 0.5]].map(|color| glb.matt(color));
+    let cube = glb.quads(&cube(0.8), &[], red);
+    let floor = glb.quads(&[ground(5.0)], &[], grey);
+    glb.place(cube, json!({}));
+    glb.place(floor, json!({}));
+    more(&mut glb);
+    glb.write(&path);
     path
 }
 
@@ -96,6 +113,27 @@ fn ply_headers(folder: &Path) -> Twins {
     Twins { kind: "headers of PLY", files, camera: ["4,3,5", "0,0.8,0"], most: ALIKE }
 }
 
+fn unlit_colours(folder: &Path) -> Twins {
+    let colors = [[0.8, 0.05, 0.05, 1.0], [0.1, 0.6, 0.1, 1.0], [0.05, 0.1, 0.9, 1.0]];
+    let unlit = |color: [f32; 4]| json!({ "pbrMetallicRoughness": { "baseColorFactor": color }, "extensions": { "KHR_materials_unlit": {} } });
+    let make = |name: &str, by_vertices: bool| {
+        let mut glb = Glb::new();
+        glb.json["extensionsUsed"] = json!(["KHR_materials_unlit"]);
+        for (number, color) in colors.into_iter().enumerate() {
+            let material = glb.push("materials", unlit(if by_vertices { [1.0; 4] } else { color }));
+            let attribute = [("COLOR_0", Attribute::Color(vec![color; 4]))];
+            let quad = upright([number as f32 * 1.2 - 1.7, 0.2], [1.0, 1.6], 0.0);
+            let mesh = glb.quads(&[quad], if by_vertices { &attribute[..] } else { &[] }, material);
+            glb.place(mesh, json!({}));
+        }
+        let path = folder.join(name);
+        glb.write(&path);
+        path
+    };
+    let files = vec![make("factors.glb", false), make("vertices.glb", true)];
+    Twins { kind: "unlit vertex colours", files, camera: ["0,1,6", "0,1,0"], most: ALIKE }
+}
+
 /// An upright square with this material in its MTL, in front of a wall.
 fn obj(folder: &Path, name: &str, material: &str) -> PathBuf {
     let mtl = format!("newmtl wall\nKd 0.5 0.5 0.5\nnewmtl square\n{material}");
@@ -133,8 +171,64 @@ fn paths(folder: &Path) -> Twins {
     Twins { kind: "paths in OBJ materials", files, camera: ["0,1,4", "0,1,0"], most: ALIKE }
 }
 
+/// A textured upright square with this material and these attributes. `material` gets the file to add textures to.
+fn square(
+    path: PathBuf,
+    attributes: &[(&str, Attribute)],
+    material: impl FnOnce(&mut Glb) -> serde_json::Value,
+) -> PathBuf {
+    let mut glb = Glb::new();
+    let material = material(&mut glb);
+    let material = glb.push("materials", material);
+    let mesh = glb.quads(&[upright([-1.0, 0.0], [2.0, 2.0], 0.0)], attributes, material);
+    glb.place(mesh, json!({}));
+    glb.write(&path);
+    path
+}
+
 fn whole(name: &'static str) -> (&'static str, Attribute) {
     (name, Attribute::Uv(WHOLE.to_vec()))
+}
+
+fn filters(folder: &Path) -> Twins {
+    let colors = [[220, 30, 30, 255], [30, 200, 40, 255], [30, 40, 210, 255], [230, 220, 60, 255]];
+    let make = |name: &str, side: u32, filter: i32| {
+        square(folder.join(name), &[whole("TEXCOORD_0")], |glb| {
+            // Repeating, the sides of a small image would blend.
+            let sampler = json!({ "magFilter": filter, "minFilter": filter, "wrapS": 33071, "wrapT": 33071 });
+            let texture = glb.texture(&squares(&colors, 2, side), sampler);
+            json!({ "pbrMetallicRoughness": {
+                "baseColorTexture": { "index": texture }, "metallicFactor": 0, "roughnessFactor": 1 } })
+        })
+    };
+    let files = vec![make("upscaled.glb", 128, LINEAR), make("nearest.glb", 1, NEAREST)];
+    Twins { kind: "textures that are not filtered", files, camera: ["0,1,3.2", "0,1,0"], most: ALIKE }
+}
+
+fn uv_sets(folder: &Path) -> Twins {
+    let checks = [[120, 120, 120, 255], [70, 70, 70, 255], [70, 70, 70, 255], [120, 120, 120, 255]];
+    let glow = |column: u32| {
+        let orange = [255, 120, 20, 255];
+        RgbaImage::from_fn(64, 64, move |x, y| {
+            Rgba(if x / 16 == column && y / 16 == 1 { orange } else { [0, 0, 0, 255] })
+        })
+    };
+    let mirrored = || Attribute::Uv(WHOLE.map(|[u, v]| [1.0 - u, v]).to_vec());
+    let make = |name: &str, set: u32| {
+        square(folder.join(name), &[whole("TEXCOORD_0"), ("TEXCOORD_1", mirrored())], |glb| {
+            let sampler = || json!({ "magFilter": LINEAR, "minFilter": 9987 });
+            let base = glb.texture(&squares(&checks, 2, 32), sampler());
+            // The third column from the left is the second from the right.
+            let glow = glb.texture(&glow(if set == 0 { 2 } else { 1 }), sampler());
+            json!({
+                "pbrMetallicRoughness": {
+                    "baseColorTexture": { "index": base }, "metallicFactor": 0, "roughnessFactor": 1 },
+                "emissiveTexture": { "index": glow, "texCoord": set }, "emissiveFactor": [1, 1, 1],
+            })
+        })
+    };
+    let files = vec![make("one-set.glb", 0), make("two-sets.glb", 1)];
+    Twins { kind: "a second set of texture coordinates", files, camera: ["0,1,3.2", "0,1,0"], most: ALIKE }
 }
 
 fn transmission(folder: &Path) -> Twins {
@@ -197,7 +291,72 @@ fn transmission(folder: &Path) -> Twins {
     }
 }
 
-const KINDS: [fn(&Path) -> Twins; 4] = [face_colours, masks, paths, ply_headers];
+fn flat_things(folder: &Path) -> Twins {
+    let make = |name: &str, scale: f32| {
+        box_scene(folder.join(name), |glb| {
+            let blue = glb.matt([0.1, 0.2, 0.7]);
+            let mesh = glb.quads(&cube(0.7), &[], blue);
+            glb.place(mesh, json!({ "translation": [2.2, 0.0, 1.2], "scale": [1, 1, scale] }));
+        })
+    };
+    let files = vec![make("thin.glb", 1e-4), make("flat.glb", 0.0)];
+    Twins { kind: "a scale of zero", files, camera: ["4,3,6", "0.8,0.8,0"], most: ALIKE }
+}
+
+fn lamps(folder: &Path) -> Twins {
+    let led = |glb: &mut Glb| {
+        let green = json!({
+            "emissiveFactor": [0, 1, 0.1],
+            "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 3 } }
+        });
+        glb.json["extensionsUsed"] = json!(["KHR_materials_emissive_strength"]);
+        let material = glb.push("materials", green);
+        let mesh = glb.quads(&[upright([0.6, 0.1], [0.03, 0.03], 0.81)], &[], material);
+        glb.place(mesh, json!({}));
+    };
+    let dark = |glb: &mut Glb| {
+        glb.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+        glb.json["extensions"] =
+            json!({ "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": 0 }] } });
+        let light =
+            json!({ "extensions": { "KHR_lights_punctual": { "light": 0 } }, "translation": [0, 3, 0] });
+        let node = glb.push("nodes", light);
+        glb.json["scenes"][0]["nodes"].as_array_mut().unwrap().push(node.into());
+    };
+    let files = vec![
+        box_scene(folder.join("plain.glb"), |_| {}),
+        box_scene(folder.join("led.glb"), led),
+        box_scene(folder.join("dark.glb"), dark),
+    ];
+    Twins { kind: "lamps that light nothing", files, camera: ["4,3,5", "0,0.8,0"], most: UNCHANGED }
+}
+
+fn outliers(folder: &Path) -> Twins {
+    let make = |name: &str, distance: f32| {
+        box_scene(folder.join(name), |glb| {
+            let grey = glb.matt([0.5; 3]);
+            let mesh = glb.quads(&[upright([0.0, 0.0], [1.0, 1.0], 0.0)], &[], grey);
+            glb.place(mesh, json!({ "translation": [distance, 0.0, -distance] }));
+        })
+    };
+    let files =
+        vec![box_scene(folder.join("plain.glb"), |_| {}), make("km.glb", 1e3), make("ten-km.glb", 1e4)];
+    Twins { kind: "something far away", files, camera: ["4,3,5", "0,0.8,0"], most: UNCHANGED }
+}
+
+const KINDS: [fn(&Path) -> Twins; 11] = [
+    face_colours,
+    unlit_colours,
+    masks,
+    filters,
+    transmission,
+    uv_sets,
+    paths,
+    outliers,
+    ply_headers,
+    flat_things,
+    lamps,
+];
 
 #[test]
 fn twins_are_shown_alike() {
