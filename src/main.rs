@@ -97,7 +97,7 @@ impl Command {
         match self {
             Self::Serve(_) | Self::Coordinator(_) => "coordinator",
             Self::Worker(_) => "worker",
-            _ => "client",
+            _ => telemetry::CLIENT,
         }
     }
 }

@@ -34,16 +34,20 @@ const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORT
 /// Environment variables with the certificate authority of the trace collector, for `https://`.
 const AUTHORITIES: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_CERTIFICATE", "OTEL_EXPORTER_OTLP_CERTIFICATE"];
 
+/// The part of commands that serve nobody.
+pub(crate) const CLIENT: &str = "client";
+
 /// Sends the remaining traces when it is finished.
 pub(crate) struct Telemetry(Option<SdkTracerProvider>);
 
-/// Starts logging at the level of `verbosity` (the number of `-v`); `ARGUS_LOG` overrides it. Exports traces if the
-/// environment names a collector. Must be called within the runtime that exports them.
+/// Starts logging at the level of `verbosity` (the number of `-v`); `ARGUS_LOG` overrides it. A command that serves nobody
+/// logs warnings alone. Exports traces if the environment names a collector. Must be called within the runtime that exports them.
 ///
 /// # Errors
 /// The collector's address is invalid.
 pub(crate) fn start(verbosity: u8, format: LogFormat, part: &str) -> anyhow::Result<Telemetry> {
     let default = match verbosity {
+        0 if part == CLIENT => "warn,wgpu_hal=error",
         0 => "warn,argus=info,wgpu_hal=error",
         1 => "info,argus_cluster=debug,wgpu_core=warn,wgpu_hal=warn,naga=warn",
         _ => "debug",

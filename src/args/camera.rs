@@ -54,7 +54,7 @@ impl Picture {
     /// The camera has no image, or the size is 0 or beyond 16384 pixels a side.
     pub(crate) fn camera(&self, scene: &Scene) -> anyhow::Result<Camera> {
         let camera = self.viewpoint.camera(scene.default_camera());
-        camera.validate()?;
+        camera.validate().map_err(|error| bad_arguments(error.to_string()))?;
         if self.size.iter().any(|side| !(1..=16384).contains(side)) {
             return Err(bad_arguments("--size: must be 1 to 16384 pixels a side"));
         }

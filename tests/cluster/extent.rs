@@ -91,18 +91,16 @@ fn a_stray_triangle_or_a_wide_ground_leaves_views_from_samples_as_they_are() {
 }
 
 #[test]
-fn views_from_samples_that_are_too_far_away_say_so() {
-    let served = Served::start(500.0, None, &["--rig", "tile-corners"]);
-    for view in VIEWS {
-        let bounded = ["--search", "splat", "--max-error", "0.05"];
-        let coarse = served.view(view, "coarse.png", &bounded);
-        let traced = served.view(view, "traced.png", &[&bounded[..], &["--holes", "trace"]].concat());
-        served.view(view, "direct.png", &["--direct"]);
-        let [missed, kept] =
-            ["coarse.png", "traced.png"].map(|name| flip(&served.path(name), &served.path("direct.png")));
-        assert!(missed > 0.05 && kept < 0.03, "{view:?}: {missed} {kept}");
-        assert!(coarse["unresolved_fraction"].as_f64().unwrap() > 0.3, "{coarse:#}");
-        assert!(coarse["predicted"]["error"].as_f64().unwrap() > 0.05, "{coarse:#}");
-        assert!(traced["predicted"]["error"].as_f64().unwrap() < 0.05, "{traced:#}");
-    }
+fn views_from_samples_that_are_too_coarse_say_so() {
+    let served = Served::start(500.0, None, &["--rig", "cell", "--face", "8"]);
+    let bounded = ["--search", "splat", "--max-error", "0.05"];
+    let coarse = served.view(VIEWS[1], "coarse.png", &bounded);
+    let traced = served.view(VIEWS[1], "traced.png", &[&bounded[..], &["--holes", "trace"]].concat());
+    served.view(VIEWS[1], "direct.png", &["--direct"]);
+    let [missed, kept] =
+        ["coarse.png", "traced.png"].map(|name| flip(&served.path(name), &served.path("direct.png")));
+    assert!(missed > 0.05 && kept < 0.6 * missed, "{missed} {kept}");
+    assert!(coarse["unresolved_fraction"].as_f64().unwrap() > 0.3, "{coarse:#}");
+    assert!(coarse["predicted"]["error"].as_f64().unwrap() > 0.05, "{coarse:#}");
+    assert_eq!(traced["unresolved_fraction"], 0.0, "{traced:#}");
 }

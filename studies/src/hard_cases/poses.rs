@@ -53,7 +53,12 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             Camera { eye: own.eye + DVec3::splat(1e-7), ..own },
             Limits::new(0.01, 0.01),
         ),
-        Pose::new("outside the rig", look(DVec3::new(-19.0, 5.0, -17.0), DVec3::ZERO), good),
+        Pose::new(
+            "outside the rig",
+            look(DVec3::new(-19.0, 5.0, -17.0), DVec3::ZERO),
+            Limits::new(0.035, 0.02)
+                .because("depths are refined along a plane, which is off beside silhouettes"),
+        ),
         Pose::new("behind the rig", look(own.eye * 3.0, DVec3::ZERO), good),
         Pose::new(
             "from below the ground",
@@ -70,7 +75,11 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
             Camera { up: DVec3::X, ..look(DVec3::new(0.5, 12.0, 0.5), DVec3::new(0.5, 0.0, 0.5)) },
             good,
         ),
-        Pose::new("fov 1°", Camera { fov_deg: 1.0, ..usual }, good),
+        Pose::new(
+            "fov 1°",
+            Camera { fov_deg: 1.0, ..usual },
+            Limits::new(0.02, 1.0).because("a texel of the samples covers more than 16 pixels to a side"),
+        ),
         Pose::new("fov 179°", Camera { fov_deg: 179.0, ..usual }, good),
         Pose::new(
             "from another continent",

@@ -106,8 +106,8 @@ impl ServedSet {
         self.state.lock().scene.clone()
     }
 
-    /// Serves another set, in the environment of the scene, which does not travel with sets. Forgets the samples of the
-    /// previous one. A new version of the same set keeps them. Returns whether the set needs another sampler.
+    /// Serves another set. The environment and the reach of its sky are the scene's: they do not travel with sets. Forgets the
+    /// samples of the previous set. A new version of the same set keeps them. Returns whether the set needs another sampler.
     pub(in crate::worker) fn serve(
         &self,
         scene: &Arc<Scene>,
@@ -116,6 +116,7 @@ impl ServedSet {
     ) -> bool {
         let mut state = self.state.lock();
         set.lighting.sky.map = scene.lighting.sky.map.clone();
+        set.lighting.sky.reach = scene.lighting.sky.reach;
         let set = Arc::new(set);
         // A sampler is made for one scene, one number of sub-samples, one kind of light, and one exposure.
         let of_sampler =
