@@ -126,7 +126,7 @@ impl LightChoice {
 }
 
 impl fmt::Display for LightChoice {
-    /// All of the choice, which hashes are over.
+    /// For people: a reach is rounded.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.added {
             AddedLight::None => f.write_str("file")?,
@@ -230,7 +230,8 @@ impl SceneHash {
         let mut hasher = blake3::Hasher::new();
         hasher.update(b"light");
         hasher.update(&self.0);
-        hasher.update(choice.to_string().as_bytes());
+        // Steps and stops as whole numbers: the words for people round them.
+        hasher.update(format!("{choice:?}").as_bytes());
         Self(*hasher.finalize().as_bytes())
     }
 

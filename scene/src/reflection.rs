@@ -435,7 +435,7 @@ mod tests {
     fn points_follow_the_viewers_of_the_rig() {
         let knobs = Reflections { source: ProbeSource::POINTS, ..Reflections::default() };
         let set = ReflectionProbeSet::of(&scene(), &cells(), knobs).unwrap().unwrap();
-        assert_eq!(set.eye, Some(ProbeEye { viewpoints: scene().bounds(), pixels: 192.0 }));
+        assert_eq!(set.eye, Some(ProbeEye { viewpoints: scene().extent(), pixels: 192.0 }));
         let bounds = scene().bounds();
         let above = Rig::TileCorners { bounds, tiles: [3, 2], height: 1.0, size: [400, 300] };
         let eye = ReflectionProbeSet::of(&scene(), &above, knobs).unwrap().unwrap().eye.unwrap();

@@ -17,8 +17,8 @@ fn ball() -> Analytic {
 /// Samples of the ball whose set has the extent of what is around it.
 fn samples(subject: &Analytic, cameras: &[SampleCamera]) -> SampleSet {
     let mut set = sample_set(subject, cameras, false, 1);
-    let about = |size: f64| Bounds { min: DVec3::new(-size, 0.0, -size), max: DVec3::new(size, 2.0, size) };
-    Arc::make_mut(&mut set.info).extent = about(4.0);
+    Arc::make_mut(&mut set.info).extent =
+        Bounds { min: DVec3::new(-4.0, 0.0, -4.0), max: DVec3::new(4.0, 2.0, 4.0) };
     set
 }
 

@@ -139,15 +139,15 @@ impl Surfaces {
         let weights = [1.0 - beta - gamma, beta, gamma].map(|w| w as f32);
         let uv = |set| blend(mesh.uvs_of(set), corners, weights).unwrap_or(Vec2::ZERO);
         let color = blend(&mesh.colors, corners, weights).unwrap_or(Vec4::ONE);
-        let base = material.base_color * self.texel(material.base_color_texture, &uv) * color;
-        let metallic = material.metallic * self.texel(material.metallic_roughness_texture, &uv).z;
+        let base = material.base_color * self.texel(material.base_color_texture, uv) * color;
+        let metallic = material.metallic * self.texel(material.metallic_roughness_texture, uv).z;
         let base = if material.unlit { Vec3::ZERO } else { sound(base.truncate()).min(Vec3::ONE) };
         Some(Point {
             side,
             normal: normal_at(placement, mesh, (corners, weights), side),
             albedo: base * (1.0 - metallic.clamp(0.0, 1.0)),
             base,
-            emissive: sound(material.emissive * self.texel(material.emissive_texture, &uv).truncate()),
+            emissive: sound(material.emissive * self.texel(material.emissive_texture, uv).truncate()),
         })
     }
 

@@ -172,16 +172,16 @@ fn skin(
     (mesh, sources): (&Mesh, &[u32]),
     warnings: &mut Warnings,
 ) -> Result<Skin, String> {
-    let mut all: Vec<(Vec<[f32; 4]>, Vec<[f32; 4]>)> = Vec::new();
+    let mut all: Vec<[Vec<[f32; 4]>; 2]> = Vec::new();
     for [numbers, weights] in sets(primitive) {
-        all.push((reader.floats::<4>(numbers, &[Type::Vec4])?, reader.floats::<4>(weights, &[Type::Vec4])?));
+        all.push([reader.floats::<4>(numbers, &[Type::Vec4])?, reader.floats::<4>(weights, &[Type::Vec4])?]);
     }
     let (mut first, mut influences) = (Vec::with_capacity(sources.len() + 1), Vec::new());
     let (mut outside, mut without) = (false, false);
     for &source in sources {
         let begin = influences.len();
         first.push(begin as u32);
-        for (numbers, weights) in &all {
+        for [numbers, weights] in &all {
             let of_vertex = numbers.get(source as usize).zip(weights.get(source as usize));
             for (&number, &weight) in
                 of_vertex.into_iter().flat_map(|(numbers, weights)| numbers.iter().zip(weights))

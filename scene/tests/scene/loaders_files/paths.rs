@@ -1,4 +1,6 @@
 //! Names of other systems and machines in scene files.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+#![allow(clippy::type_complexity)] // rows of a table
 
 use argus_scene::load::{bundle_files, load_bundle, load_path};
 use bytes::Bytes;

@@ -289,7 +289,7 @@ fn binary_data_that_begins_with_a_line_feed_is_read_after_every_line_end() {
 fn points_are_said_not_to_be_drawn() {
     let points = TWIN.split("element face").next().unwrap().to_owned()
         + "end_header\n"
-        + &TWIN.split_once("end_header\n").unwrap().1;
+        + TWIN.split_once("end_header\n").unwrap().1;
     let scene = load_text(&points);
     assert!(
         scene.warnings.iter().any(|line| line.contains("6 points without faces")),

@@ -2,6 +2,8 @@
 //!
 //! `cube.drc` is a unit cube of 24 vertices with normals and texture coordinates, by Google's encoder. The images show
 //! [`QUADRANTS`]; the KTX2 files are by the reference encoder of Basis Universal, and its decoder's texels are expected.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
+#![allow(clippy::type_complexity)] // rows of a table
 
 use argus_scene::{Mesh, Scene, Texture};
 use glam::{Vec2, Vec3};

@@ -1,4 +1,5 @@
 //! Textures and materials.
+#![allow(clippy::type_complexity)] // rows of a table
 
 use argus_scene::{AlphaMode, Material};
 use glam::{Vec3, Vec4};

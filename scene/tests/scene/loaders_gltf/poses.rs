@@ -1,4 +1,5 @@
 //! What moves vertices: skins, morph targets, and transforms that flatten.
+#![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 use std::sync::Arc;
 
