@@ -10,7 +10,7 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
-use super::tracer::Corners;
+use super::corners::Corners;
 use super::{Hit, Tracer};
 use crate::light_sampling::{cosine_direction, disc_point, r2};
 use crate::shading::{Surface, incident, sky_radiance};

@@ -19,10 +19,13 @@
 
 mod boxes;
 pub mod cache;
+mod corners;
 mod image;
 mod indirect;
 mod light;
+mod placed;
 mod reflection;
+mod search;
 mod sight;
 mod surface;
 mod tracer;
@@ -32,8 +35,9 @@ pub use self::image::{ReferenceImage, SurfaceImage};
 pub use indirect::Indirect;
 pub use light::DirectLight;
 pub use reflection::Reflecting;
+pub use search::{Hit, Seen};
 pub use sight::SceneSight;
-pub use tracer::{Hit, Seen, Tracer};
+pub use tracer::Tracer;
 
 /// Version of the tracer's images. Raise it when the same scene and camera give another image: stored images of an
 /// older version are not used.

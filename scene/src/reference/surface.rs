@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use super::tracer::Corners;
+use super::corners::Corners;
 use super::{Hit, Tracer};
 use crate::shading::{Surface, dielectric_f0};
 use crate::texture::{transform_duv, transform_uv};

@@ -1,37 +1,21 @@
-//! Rays through a scene: the nearest surface, and its radiance.
+//! Rays through a scene: what they see, and its radiance.
 
-use std::cmp::Ordering;
 use std::sync::{Arc, OnceLock};
 
-use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::boxes::BoxTree;
+use super::corners::Corners;
 use super::light::Lit;
+use super::placed::{MeshTree, Placed, place};
 use super::reflection::Reflecting;
+use super::search::{Hit, Partial, SAME_PLACE, Search, Seen, is_met_at, order, precedes};
 use super::triangle::{Crossing, ShearedRay};
 use crate::shading::{diffuse_radiance, reflected_lights, reflected_sky, sky_radiance};
 use crate::texture::{MipChain, mip_chains, transform_uv};
-use crate::transparency::{Layer, cut, is_met, shown};
-use crate::{Bounds, Instance, Material, Mesh, Pose, Scene, TextureRef};
-
-/// The nearest surface along a ray.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
-    /// Index into [`Scene::instances`].
-    pub instance: u32,
-    /// Index of the triangle in the instance's mesh.
-    pub triangle: u32,
-    /// Weights of the triangle's second and third corner; the first has what remains to 1.
-    pub barycentric: DVec2,
-    /// Distance from the ray's origin, metres.
-    pub range: f64,
-    /// World space, metres.
-    pub position: DVec3,
-    /// Whether the front is seen: the mesh's corners run counter-clockwise. A mirroring transform does not change a
-    /// mesh's front (glTF 2.0, section 3.7.2.1).
-    pub front: bool,
-}
+use crate::transparency::{Layer, cut};
+use crate::{Bounds, Material, Mesh, Pose, Scene, TextureRef};
 
 /// A scene prepared for rays.
 ///
@@ -52,99 +36,6 @@ pub struct Tracer {
     pub(super) reflecting: Option<Reflecting>,
     /// Effects of direct light.
     pub(super) lit: Option<Lit>,
-}
-
-/// Triangles of one mesh in the order of their tree, so that a leaf's triangles are adjacent.
-struct MeshTree {
-    tree: BoxTree,
-    corners: Vec<[Vec3; 3]>,
-    triangles: Vec<u32>,
-}
-
-/// What a search makes of surfaces that hide a part of what is behind them: [`crate::transparency`].
-enum Partial {
-    /// They are layers.
-    Layers(Vec<Layer<Hit>>),
-    /// One is met or not.
-    Chance,
-    /// The share that passes all of them.
-    Passed(f32),
-}
-
-/// The limits of a search along a ray, and its hit so far; metres.
-struct Search {
-    nearest: Option<Hit>,
-    partial: Partial,
-    /// The search ends at this range.
-    reach: f64,
-    /// A hit nearer than this ends the search.
-    enough: f64,
-    /// Whether the ray is one of light: single-sided triangles block it both ways, and glass lets it pass.
-    of_light: bool,
-}
-
-impl Search {
-    /// A search for the nearest surface at any range.
-    fn nearest(partial: Partial, of_light: bool) -> Self {
-        Self { nearest: None, partial, reach: f64::INFINITY, enough: 0.0, of_light }
-    }
-
-    /// A search for any surface up to a range.
-    fn any(partial: Partial, reach: f64, of_light: bool) -> Self {
-        Self { nearest: None, partial, reach, enough: f64::INFINITY, of_light }
-    }
-
-    /// Range from which a further hit no longer matters.
-    fn limit(&self) -> f64 {
-        match self.nearest {
-            None => self.reach,
-            Some(hit) if hit.range < self.enough => 0.0,
-            Some(hit) => (hit.range * (1.0 + SAME_PLACE)).min(self.reach),
-        }
-    }
-}
-
-/// What a ray of sight sees.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Seen {
-    /// Transparent surfaces, front to back.
-    pub layers: Vec<Layer<Hit>>,
-    /// The surface behind them; `None` for the sky.
-    pub behind: Option<Hit>,
-}
-
-impl Seen {
-    /// The surface that the ray shows.
-    pub fn shown(&self) -> Option<Hit> {
-        shown(&self.layers).map_or(self.behind, |layer| Some(self.layers[layer].surface))
-    }
-
-    /// Each surface, `None` for the sky, with its share of the ray's radiance.
-    pub fn shares(&self) -> impl Iterator<Item = (Option<&Hit>, f32)> {
-        let mut through = 1.0;
-        let front = self.layers.iter().map(|layer| (Some(&layer.surface), layer.alpha));
-        let all = front.chain([(self.behind.as_ref(), 1.0)]);
-        let shares = all.map(move |(surface, alpha)| {
-            let share = through * alpha;
-            through *= 1.0 - alpha;
-            (surface, share)
-        });
-        shares.filter(|&(_, share)| share > 0.0)
-    }
-}
-
-/// An instance whose transform can be inverted.
-struct Placed {
-    instance: u32,
-    mesh: u32,
-    /// Directions, and positions relative to `translation`, to mesh space.
-    mesh_from_world: DMat3,
-    translation: DVec3,
-    origin: DVec3,
-    culled: bool,
-    passes_light: bool,
-    passes_light_in_parts: bool,
-    cutoff: Option<f32>,
 }
 
 impl Tracer {
@@ -460,148 +351,5 @@ impl Tracer {
     pub(super) fn material_of(&self, hit: &Hit) -> &Material {
         let instance = &self.pose.instances[hit.instance as usize];
         &self.scene.materials[self.scene.meshes[instance.mesh as usize].material as usize]
-    }
-}
-
-/// The instances that can be seen, in the order of their hierarchy.
-fn place(scene: &Scene, pose: &Pose, boxes: &[Bounds]) -> (Vec<Placed>, BoxTree) {
-    let (boxes, unordered): (Vec<Bounds>, Vec<Placed>) = (0u32..)
-        .zip(&pose.instances)
-        .filter_map(|(index, instance)| {
-            let placed = Placed::new(scene, index, instance)?;
-            let bounds = placed_bounds(scene, instance, boxes[instance.mesh as usize])?;
-            Some((bounds, placed))
-        })
-        .unzip();
-    let top = BoxTree::new(&boxes, 1);
-    let mut unordered: Vec<_> = unordered.into_iter().map(Some).collect();
-    let placed = top.order().iter().filter_map(|&i| unordered[i as usize].take()).collect();
-    (placed, top)
-}
-
-/// Whether `a` is nearer; of equal ranges, whether it has the lower (instance, triangle).
-fn precedes(a: &Hit, b: &Hit) -> bool {
-    order(a, b).is_lt()
-}
-
-fn order(a: &Hit, b: &Hit) -> Ordering {
-    a.range.total_cmp(&b.range).then((a.instance, a.triangle).cmp(&(b.instance, b.triangle)))
-}
-
-/// Ranges of an instance that differ by less than this share are of one place.
-const SAME_PLACE: f64 = 1e-9;
-
-fn is_met_at(hit: &Hit, coverage: f32) -> bool {
-    let weights = [hit.barycentric.x as f32, hit.barycentric.y as f32];
-    is_met(coverage, [hit.instance, hit.triangle], weights)
-}
-
-/// A triangle costs about as much as a box: obvhs' own choice for its "medium" build.
-const TRIANGLES_A_LEAF: u32 = 8;
-
-impl MeshTree {
-    /// The triangles that can be seen, and their box; none if not `used`.
-    fn new(mesh: &Mesh, used: bool) -> (Arc<Self>, Bounds) {
-        let count = if used { mesh.triangles() as u32 } else { 0 };
-        let mut all = Bounds::EMPTY;
-        let (mut boxes, mut corners, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
-        for triangle in 0..count {
-            let indices = triangle_indices(mesh, triangle);
-            let [Some(a), Some(b), Some(c)] = indices.map(|i| mesh.positions.get(i as usize).copied()) else {
-                continue;
-            };
-            let area = (b - a).as_dvec3().cross((c - a).as_dvec3());
-            if !(a.is_finite() && b.is_finite() && c.is_finite() && area != DVec3::ZERO) {
-                continue;
-            }
-            let bounds = Bounds { min: a.min(b).min(c).as_dvec3(), max: a.max(b).max(c).as_dvec3() };
-            all.extend(bounds.min);
-            all.extend(bounds.max);
-            boxes.push(bounds);
-            corners.push([a, b, c]);
-            triangles.push(triangle);
-        }
-        let tree = BoxTree::new(&boxes, TRIANGLES_A_LEAF);
-        let corners = tree.order().iter().map(|&i| corners[i as usize]).collect();
-        let triangles = tree.order().iter().map(|&i| triangles[i as usize]).collect();
-        (Arc::new(Self { tree, corners, triangles }), all)
-    }
-}
-
-impl Placed {
-    fn new(scene: &Scene, index: u32, instance: &Instance) -> Option<Self> {
-        let mesh = &scene.meshes[instance.mesh as usize];
-        let material = &scene.materials[mesh.material as usize];
-        let mesh_from_world = instance.world_from_mesh.matrix3.inverse();
-        let translation = instance.world_from_mesh.translation;
-        let usable = mesh_from_world.is_finite() && translation.is_finite() && mesh.origin.is_finite();
-        usable.then_some(Self {
-            instance: index,
-            mesh: instance.mesh,
-            mesh_from_world,
-            translation,
-            origin: mesh.origin,
-            culled: !material.double_sided,
-            passes_light: material.passes_light(),
-            passes_light_in_parts: material.passes_light_in_parts(),
-            cutoff: material.alpha_cutoff(),
-        })
-    }
-}
-
-/// Coordinates beyond this, metres, are not seen: their squares would overflow.
-const FARTHEST: f64 = 1e150;
-
-/// The world's box of a placed mesh's box; `None` if it is empty or reaches beyond [`FARTHEST`].
-fn placed_bounds(scene: &Scene, instance: &Instance, in_mesh: Bounds) -> Option<Bounds> {
-    if in_mesh.is_empty() {
-        return None;
-    }
-    let origin = scene.meshes[instance.mesh as usize].origin;
-    let mut bounds = Bounds::EMPTY;
-    for corner in 0..8 {
-        let pick = |axis: usize| if corner >> axis & 1 == 0 { in_mesh.min[axis] } else { in_mesh.max[axis] };
-        let point = DVec3::new(pick(0), pick(1), pick(2));
-        let placed = instance.world_from_mesh.transform_point3(origin + point);
-        // A NaN is not within the limit either.
-        if !placed.abs().cmple(DVec3::splat(FARTHEST)).all() {
-            return None;
-        }
-        bounds.extend(placed);
-    }
-    Some(bounds)
-}
-
-/// Corners of a triangle, as indices into the mesh's attributes.
-fn triangle_indices(mesh: &Mesh, triangle: u32) -> [u32; 3] {
-    let first = 3 * triangle as usize;
-    [mesh.indices[first], mesh.indices[first + 1], mesh.indices[first + 2]]
-}
-
-/// A point on a triangle, at which attributes are read.
-pub(super) struct Corners {
-    pub(super) indices: [u32; 3],
-    weights: [f32; 3],
-}
-
-impl Corners {
-    pub(super) fn new(mesh: &Mesh, triangle: u32, barycentric: DVec2) -> Self {
-        let weights = [1.0 - barycentric.x - barycentric.y, barycentric.x, barycentric.y];
-        Self { indices: triangle_indices(mesh, triangle), weights: weights.map(|w| w as f32) }
-    }
-
-    /// The attribute at each corner; `None` if the mesh has no such attribute.
-    pub(super) fn each<T: Copy>(&self, attribute: &[T]) -> Option<[T; 3]> {
-        let [a, b, c] = self.indices.map(|i| attribute.get(i as usize).copied());
-        Some([a?, b?, c?])
-    }
-
-    /// The attribute at the point; `None` if the mesh has no such attribute.
-    pub(super) fn blend<T>(&self, attribute: &[T]) -> Option<T>
-    where
-        T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
-    {
-        let [a, b, c] = self.each(attribute)?;
-        Some(a * self.weights[0] + b * self.weights[1] + c * self.weights[2])
     }
 }
