@@ -10,7 +10,7 @@ use argus_cluster::coordinator::{Config, Prepared, prepare, serve_prepared};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_cluster::security::Security;
-use argus_scene::{Camera, EffectRequest, Rig, Sampling, Scene};
+use argus_scene::{Camera, Rig, Sampling, Scene};
 use argus_studies::calibration;
 use serde::Serialize;
 use tokio::net::TcpListener;
@@ -182,13 +182,8 @@ impl Service {
         let coordinator = &settings.coordinator;
         let spec = scene.to_owned();
         let sampling = &self.samples.sampling;
-        let request = EffectRequest {
-            effects: sampling.effects,
-            indirect: sampling.indirect.knobs()?,
-            ..EffectRequest::default()
-        };
-        let light = sampling.light;
-        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec, light, request.metering()));
+        let (light, metering) = (sampling.light, sampling.effects.metering(sampling.indirect.knobs()?));
+        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec, light, metering));
         let source = tokio::select! {
             source = opening => Arc::new(source.context("a task of this process failed")??),
             () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),

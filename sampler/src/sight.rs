@@ -7,8 +7,8 @@
 use std::fmt;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 
-use argus_scene::Scene;
 use argus_scene::rig::{Sight, Target};
+use argus_scene::{LightChoice, Scene};
 use glam::DVec3;
 
 use crate::packets::{PacketTracer, Ray};
@@ -43,8 +43,23 @@ impl PacketSight {
         Self { scene: scene.clone(), posed: RwLock::new(Posed { time_secs: 0.0, tracer }) }
     }
 
+    /// The triangles of the scene in another light, for a scene as it was opened. They are not built again. The scene is
+    /// copied only if others hold it.
+    #[must_use]
+    pub fn in_light(self, choice: LightChoice) -> Self {
+        if choice == self.scene.opened_light() {
+            return self;
+        }
+        let Self { scene, posed } = self;
+        let mut posed = posed.into_inner().unwrap_or_else(PoisonError::into_inner);
+        posed.tracer.set_scene(&Arc::default());
+        let scene = Arc::new(Arc::unwrap_or_clone(scene).in_light(choice));
+        posed.tracer.set_scene(&scene);
+        Self { scene, posed: RwLock::new(posed) }
+    }
+
     /// The scene whose triangles these are.
-    pub(crate) fn scene(&self) -> &Arc<Scene> {
+    pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use argus_cluster::coordinator::{Config, Prepared, prepare};
 use argus_cluster::{RoleFactory as _, SceneSource as _};
 use argus_scene::{
-    Cancel, EffectRequest, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob,
+    Cancel, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob,
 };
 
 use super::{Device, OpenScene};
@@ -40,12 +40,7 @@ impl Alone {
         // The device is opened while the scene is read.
         let source = std::thread::scope(|scope| {
             scope.spawn(|| device.open());
-            let request = EffectRequest {
-                effects: config.effects,
-                indirect: config.indirect,
-                ..EffectRequest::default()
-            };
-            OpenScene::open(spec, config.light, request.metering())
+            OpenScene::open(spec, config.light, config.effects.metering(config.indirect))
         })?;
         source.report();
         lap("open scene");

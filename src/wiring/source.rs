@@ -2,7 +2,7 @@
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use argus_cluster::SceneSource;
 use argus_sampler::PacketSight;
@@ -20,13 +20,12 @@ pub(super) fn environment_name(file: &str) -> Option<String> {
 
 /// An open scene, in the light that it is served in.
 pub(crate) struct OpenScene {
-    scene: Arc<Scene>,
+    /// The scene and its triangles.
+    sight: Arc<PacketSight>,
     /// The light and why it was chosen.
     light: String,
     /// What was metered when the light was chosen.
     metered: (Metering, Option<f64>),
-    /// Built when it is first needed.
-    sight: OnceLock<Arc<PacketSight>>,
 }
 
 impl OpenScene {
@@ -34,24 +33,17 @@ impl OpenScene {
     ///
     /// A generated scene keeps the light that it is generated with, unless sun and sky or the light of interiors is asked for.
     pub(crate) fn open(spec: &str, light: LightRequest, metering: Metering) -> Result<Self, LoadError> {
-        let scene = Arc::new(argus_scene::open(spec)?);
+        let sight = PacketSight::new(&Arc::new(argus_scene::open(spec)?));
         let is_generated = argus_scene::is_procedural(spec);
-        let packets = Arc::new(PacketSight::new(&scene));
         if is_generated && matches!(light, LightRequest::Auto | LightRequest::File) {
-            let metered = (metering, packets.metered(metering));
-            let light = format!("{}: it is generated with this light", scene.opened_light());
-            return Ok(Self { scene, light, metered, sight: OnceLock::from(packets) });
+            let metered = (metering, sight.metered(metering));
+            let light = format!("{}: it is generated with this light", sight.scene().opened_light());
+            return Ok(Self { light, metered, sight: Arc::new(sight) });
         }
-        let resolved = packets.resolve_light(light, metering);
+        let resolved = sight.resolve_light(light, metering);
         let light = format!("{}: {}", resolved.choice, resolved.reason);
         let metered = (metering, resolved.metered);
-        if resolved.choice == scene.opened_light() {
-            return Ok(Self { scene, light, metered, sight: OnceLock::from(packets) });
-        }
-        // Without a second copy of the scene, which rays would keep.
-        drop(packets);
-        let scene = Arc::new(Arc::unwrap_or_clone(scene).in_light(resolved.choice));
-        Ok(Self { scene, light, metered, sight: OnceLock::new() })
+        Ok(Self { light, metered, sight: Arc::new(sight.in_light(resolved.choice)) })
     }
 
     /// The light and why it was chosen, in one line.
@@ -61,35 +53,32 @@ impl OpenScene {
 
     /// The name given by the user.
     pub(crate) fn name(&self) -> &str {
-        &self.scene.name
-    }
-
-    fn packets(&self) -> &Arc<PacketSight> {
-        self.sight.get_or_init(|| Arc::new(PacketSight::new(&self.scene)))
+        &self.scene().name
     }
 
     /// Logs the scene's size, its light and the loader's warnings.
     pub(crate) fn report(&self) {
-        tracing::info!("{}: {} triangles, light: {}", self.scene.name, self.scene.triangles(), self.light);
-        for warning in &self.scene.warnings {
-            tracing::warn!("{}: {warning}", self.scene.name);
+        let scene = self.scene();
+        tracing::info!("{}: {} triangles, light: {}", scene.name, scene.triangles(), self.light);
+        for warning in &scene.warnings {
+            tracing::warn!("{}: {warning}", scene.name);
         }
     }
 }
 
 impl SceneSource for OpenScene {
     fn scene(&self) -> &Arc<Scene> {
-        &self.scene
+        self.sight.scene()
     }
 
     fn sight(&self) -> Option<Arc<dyn Sight>> {
-        Some(self.packets().clone())
+        Some(self.sight.clone())
     }
 
     fn metered(&self, metering: Metering) -> Option<f64> {
         match self.metered {
             (known, metered) if known == metering => metered,
-            _ => self.packets().metered(metering),
+            _ => self.sight.metered(metering),
         }
     }
 
@@ -98,14 +87,14 @@ impl SceneSource for OpenScene {
     }
 
     fn procedural(&self) -> Option<String> {
-        argus_scene::is_procedural(&self.scene.name).then(|| self.scene.name.clone())
+        argus_scene::is_procedural(self.name()).then(|| self.name().to_owned())
     }
 
     fn files(&self) -> Result<Vec<(String, PathBuf)>, String> {
         if self.procedural().is_some() {
             return Ok(Vec::new());
         }
-        let (alone, environment) = argus_scene::split_environment(&self.scene.name);
+        let (alone, environment) = argus_scene::split_environment(self.name());
         let mut files = Vec::new();
         if !argus_scene::is_procedural(alone) {
             let path = Path::new(argus_scene::base_of(alone));

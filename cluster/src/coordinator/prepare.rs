@@ -7,6 +7,8 @@ use argus_scene::{
     SampleSetInfo, Sampling, Version, Visibility, check_sub_samples,
 };
 
+use tracing::warn;
+
 use super::{Config, ServeError};
 use crate::SceneSource;
 
@@ -38,6 +40,11 @@ pub fn prepare(config: &Config, source: &dyn SceneSource) -> Result<Prepared, Se
     };
     let is_metered = config.exposure == Exposure::Auto;
     let metered = if is_metered { source.metered(request.metering()) } else { None };
+    if is_metered && metered.is_none() {
+        warn!(
+            "no light reaches a visible surface: views have the scene's own exposure. --light interior lights all"
+        );
+    }
     let exposure = config.exposure.factor(scene.lighting.exposure, metered);
     request.exposure = Some(exposure);
     // Once for the sample set: its light passes are built from this plan alone.

@@ -71,7 +71,7 @@ impl PacketTracer {
         Self { hierarchy, cutouts: Arc::new(Cutouts::new(scene)), near }
     }
 
-    /// The same, where packets meet surfaces that hide any part of what is behind them, too.
+    /// Builds a hierarchy as [`Self::new`] does. Its packets also meet surfaces that hide a part of what is behind them.
     pub(crate) fn meeting_any(scene: &Arc<Scene>, placements: &[Placement], near: f32) -> Self {
         let mut cutouts = Cutouts::new(scene);
         cutouts.least = f32::MIN_POSITIVE;
@@ -86,6 +86,13 @@ impl PacketTracer {
     /// Textures and coordinates for alpha tests.
     pub(crate) fn cutouts(&self) -> &Arc<Cutouts> {
         &self.cutouts
+    }
+
+    /// Reads alpha and transmission from another scene, whose triangles are the same.
+    pub(crate) fn set_scene(&mut self, scene: &Arc<Scene>) {
+        let mut cutouts = Cutouts::new(scene);
+        cutouts.least = self.cutouts.least;
+        self.cutouts = Arc::new(cutouts);
     }
 
     /// Moves instances.

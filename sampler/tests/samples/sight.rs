@@ -7,7 +7,7 @@ use argus_sampler::PacketSight;
 use argus_scene::procedural::{mirrors, terrain};
 use argus_scene::reference::SceneSight;
 use argus_scene::rig::{Sight, Survey, Target};
-use argus_scene::{Camera, Rig, Scene};
+use argus_scene::{AddedLight, Camera, LightChoice, Rig, Scene};
 use glam::{DVec2, DVec3};
 
 /// Points that are evenly spread, by the powers of the root of x⁴ = x + 1 (Roberts, 2018).
@@ -90,6 +90,18 @@ fn a_survey_far_from_the_origin_is_that_near_it() {
         (survey.coverage(&near), survey.choose(|_| true, 4))
     };
     assert_eq!(surveyed(DVec3::new(1048576.0, -131072.0, 2097152.0)), surveyed(DVec3::ZERO));
+}
+
+#[test]
+fn in_another_light_the_triangles_stay_and_the_light_is_new() {
+    let opened = Arc::new(mirrors(5));
+    let as_opened = SceneSight::new(&opened);
+    let choice = LightChoice { added: AddedLight::Sky, ..opened.opened_light() };
+    let lit = PacketSight::new(&opened).in_light(choice);
+    assert_eq!(lit.scene().lighting, opened.lighting_in(choice));
+    assert_ne!(lit.scene().hash, opened.hash);
+    let alike = agreement(&lit, &as_opened, &opened, 1.3);
+    assert!(alike[..2].iter().all(|&share| share >= MOST_ALIKE), "{alike:?}");
 }
 
 #[test]

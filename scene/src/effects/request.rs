@@ -119,9 +119,16 @@ pub struct EffectRequest {
 impl EffectRequest {
     /// The light by which exposure is metered: all that may be rendered.
     pub fn metering(&self) -> Metering {
-        let is_open = matches!(self.effects, Effects::Auto | Effects::All);
-        let asked = self.effects.most();
-        match self.indirect {
+        self.effects.metering(self.indirect)
+    }
+}
+
+impl Effects {
+    /// The light by which exposure is metered, with this method of indirect light: all that may be rendered.
+    pub fn metering(self, indirect: Option<Indirect>) -> Metering {
+        let is_open = matches!(self, Self::Auto | Self::All);
+        let asked = self.most();
+        match indirect {
             Some(Indirect::Off) => Metering { effects: asked, indirect: false },
             Some(indirect) => {
                 // However it is found, light from surfaces is light that reached them.

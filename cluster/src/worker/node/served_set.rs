@@ -106,8 +106,8 @@ impl ServedSet {
         self.state.lock().scene.clone()
     }
 
-    /// Serves another set. The environment and the reach of its sky are the scene's: they do not travel with sets. Forgets the
-    /// samples of the previous set. A new version of the same set keeps them. Returns whether the set needs another sampler.
+    /// Serves another set, under the sky of the scene, of which only a part travels with sets. Forgets the samples of the
+    /// previous set. A new version of the same set keeps them. Returns whether the set needs another sampler.
     pub(in crate::worker) fn serve(
         &self,
         scene: &Arc<Scene>,
@@ -115,8 +115,7 @@ impl ServedSet {
         limits: Limits,
     ) -> bool {
         let mut state = self.state.lock();
-        set.lighting.sky.map = scene.lighting.sky.map.clone();
-        set.lighting.sky.reach = scene.lighting.sky.reach;
+        set.lighting.sky = scene.lighting.sky.clone();
         let set = Arc::new(set);
         // A sampler is made for one scene, one number of sub-samples, one kind of light, and one exposure.
         let of_sampler =
