@@ -34,14 +34,14 @@ const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORT
 /// Environment variables with the certificate authority of the trace collector, for `https://`.
 const AUTHORITIES: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_CERTIFICATE", "OTEL_EXPORTER_OTLP_CERTIFICATE"];
 
-/// The part of commands that serve nobody.
+/// The part of commands that are no process of a service: clients, studies and tools.
 pub(crate) const CLIENT: &str = "client";
 
 /// Sends the remaining traces when it is finished.
 pub(crate) struct Telemetry(Option<SdkTracerProvider>);
 
-/// Starts logging at the level of `verbosity` (the number of `-v`); `ARGUS_LOG` overrides it. A command that serves nobody
-/// logs warnings alone. Exports traces if the environment names a collector. Must be called within the runtime that exports them.
+/// Starts logging at the level of `verbosity` (the number of `-v`); `ARGUS_LOG` overrides it. A [`CLIENT`] logs
+/// warnings alone. Exports traces if the environment names a collector. Must be called within the runtime that exports them.
 ///
 /// # Errors
 /// The collector's address is invalid.

@@ -2,8 +2,8 @@
 //!
 //! Visibility backends find opaque surfaces alone. Layers are found here, on the CPU, for every backend: so ids and ranges
 //! do not depend on the backend, on tiles or on threads. Packets of rays go through a hierarchy of the transparent meshes;
-//! each ray that meets some is traced again, in f64, for all of its layers and for the opaque surface behind. A scene without transparent meshes has no such hierarchy, and costs
-//! nothing. The rule is `argus_scene::transparency`.
+//! each ray that meets some is traced again, in f64, for all of its layers and for the opaque surface behind. A scene without
+//! transparent meshes has no such hierarchy, and costs nothing. The rule is `argus_scene::transparency`.
 
 use std::sync::Arc;
 

@@ -8,10 +8,11 @@
 //!    latter no triangle has more than [`MOST_SHARE`] of the weight, so that a ground of two triangles does not outweigh
 //!    what stands on it.
 //! 2. Fences at [`FENCE`] times the longest of the three interquartile ranges (or the median size of a triangle, if that is
-//!    longer) beyond the quartiles (Tukey, *Exploratory
-//!    Data Analysis*, 1977, section 2D: values beyond such fences are "far out"). The box of both fences holds the bulk.
+//!    longer) beyond the quartiles (Tukey, *Exploratory Data Analysis*, 1977, section 2D: values beyond such fences are "far
+//!    out"). The box of both fences holds the bulk.
 //! 3. Meshes that are flat or hollow, and [`BACKDROP`] times larger than all that is in the extent beside them, such as a
-//!    sky dome or a ground of many triangles, are left out, and the first two steps are repeated without them.
+//!    sky dome or a ground of many triangles, are left out, and the first two steps are repeated without them. Meshes that
+//!    the loader found to be backdrops ([`crate::Material::backdrop`]) never count.
 //!
 //! The extent is the box of all surfaces within the fences. Triangles that reach out of them are cut off there. Where no
 //! surface is far out, as in most scenes, the extent equals the bounds.
@@ -39,15 +40,18 @@ const MOMENTS: u32 = 4;
 
 impl Scene {
     /// The box of the surfaces that viewers look at, over all times of an animated scene; see the module [`crate::extent`].
-    /// Meshes that deform count in their shapes of time zero. It lies within the bounds of all that counts, and holds the eyes of the scene's cameras that lie within these. Empty if the
-    /// scene has no finite triangle.
+    /// Meshes that deform count in their shapes of time zero. It lies within the bounds of all that counts, and holds the
+    /// eyes of the scene's cameras that lie within these. Empty if the scene has no finite triangle.
     pub fn extent(&self) -> Bounds {
         let moments = if self.is_animated() { MOMENTS } else { 1 };
         let secs =
             self.animations.iter().map(Animation::length_secs).fold(0.0, f64::max) / f64::from(moments);
         let posed = (0..moments).flat_map(|moment| self.at(secs * f64::from(moment)).instances);
         let all: Vec<Part> = posed.filter_map(|instance| Part::new(self, &instance)).collect();
-        let mut parts: Vec<&Part> = all.iter().collect();
+        let mut parts: Vec<&Part> = all.iter().filter(|part| !part.is_backdrop(self)).collect();
+        if parts.is_empty() {
+            parts = all.iter().collect();
+        }
         let mut extent = extent_of(self, &parts);
         while let Some((rest, of_rest)) = without_backdrop(self, &parts, &extent) {
             (parts, extent) = (rest, of_rest);
@@ -88,6 +92,11 @@ impl Part {
             bounds.extend(instance.world_from_mesh.transform_point3(mesh.origin + position.as_dvec3()));
         }
         (!bounds.is_empty()).then_some(Self { instance: *instance, bounds })
+    }
+
+    fn is_backdrop(&self, scene: &Scene) -> bool {
+        let mesh = &scene.meshes[self.instance.mesh as usize];
+        scene.materials.get(mesh.material as usize).is_some_and(|material| material.backdrop)
     }
 
     /// Whether it is a level, or a wall.

@@ -200,6 +200,26 @@ pub struct Scene {
     pub warnings: Vec<String>,
 }
 
+impl Default for Scene {
+    /// A scene without a name and without triangles, under sun and sky.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            hash: SceneHash([0; 32]),
+            meshes: Vec::new(),
+            instances: Vec::new(),
+            materials: vec![Material::default()],
+            textures: Vec::new(),
+            nodes: Vec::new(),
+            animations: Vec::new(),
+            lighting: Lighting::default(),
+            cameras: Vec::new(),
+            rig: RigKind::Cell,
+            warnings: Vec::new(),
+        }
+    }
+}
+
 impl Scene {
     /// Number of triangles over all instances.
     pub fn triangles(&self) -> usize {
@@ -308,18 +328,9 @@ mod tests {
             ..Mesh::default()
         };
         Scene {
-            name: String::new(),
-            hash: SceneHash([0; 32]),
             meshes: vec![mesh],
             instances: vec![Instance { mesh: 0, node: None, world_from_mesh: DAffine3::from_scale(size) }],
-            materials: vec![Material::default()],
-            textures: Vec::new(),
-            nodes: Vec::new(),
-            animations: Vec::new(),
-            lighting: Lighting::default(),
-            cameras: Vec::new(),
-            rig: RigKind::Cell,
-            warnings: Vec::new(),
+            ..Scene::default()
         }
     }
 

@@ -148,7 +148,7 @@ mod tests {
 
     use super::*;
     use crate::material::{Filter, Wrap};
-    use crate::{Lighting, RigKind, SceneHash, Sky, Texture, TextureRef};
+    use crate::{Texture, TextureRef};
 
     fn layers(alphas: &[f32]) -> Vec<Layer<usize>> {
         alphas.iter().enumerate().map(|(surface, &alpha)| Layer { surface, alpha }).collect()
@@ -237,18 +237,10 @@ mod tests {
                 ..Mesh::default()
             };
             let mut scene = Scene {
-                name: String::new(),
-                hash: SceneHash([0; 32]),
                 meshes: vec![mesh],
-                instances: Vec::new(),
                 materials: vec![Material { base_color, base_color_texture, ..blend.clone() }],
                 textures: texels.map(texture).into_iter().collect(),
-                nodes: Vec::new(),
-                animations: Vec::new(),
-                lighting: Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: 1.0 },
-                cameras: Vec::new(),
-                rig: RigKind::Cell,
-                warnings: Vec::new(),
+                ..Scene::default()
             };
             assert_eq!(transparent_meshes(&scene), [expected], "{factor} {texels:?} {color:?}");
             scene.materials[0].alpha = AlphaMode::Mask(0.5);

@@ -114,7 +114,7 @@ impl Meter {
             .then(|| PacketTracer::new(scene, &placements, f32::MIN_POSITIVE));
         let tracer = whole.as_ref().unwrap_or(tracer);
         let surfaces = Surfaces::new(scene, &placements);
-        let extent = viewers::extent(&surfaces);
+        let extent = scene.extent();
         let rays = LightRays::new(tracer, Faces::Both)?;
         let (center, size) = (extent.center(), extent.size().length());
         let mut meter = Self { surfaces, rays, center, size, points: Vec::new() };

@@ -2,8 +2,7 @@ use std::sync::Arc;
 
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    AddedLight, Camera, Instance, Light as SceneLight, LightChoice, LightEffects, Material, Mesh, RigKind,
-    SceneHash, Sky,
+    AddedLight, Camera, Instance, Light as SceneLight, LightChoice, LightEffects, Material, Mesh, Sky,
 };
 use glam::{DAffine3, Vec4};
 
@@ -94,20 +93,7 @@ fn file(parts: Vec<(Mesh, Material)>) -> Scene {
     let (meshes, materials): (Vec<Mesh>, Vec<Material>) = parts.into_iter().unzip();
     let meshes: Vec<Mesh> = (0..).zip(meshes).map(|(material, mesh)| Mesh { material, ..mesh }).collect();
     let place = |mesh| Instance { mesh, node: None, world_from_mesh: DAffine3::IDENTITY };
-    Scene {
-        name: "test".to_owned(),
-        hash: SceneHash([7; 32]),
-        instances: (0..meshes.len() as u32).map(place).collect(),
-        meshes,
-        materials,
-        textures: Vec::new(),
-        nodes: Vec::new(),
-        animations: Vec::new(),
-        lighting: Lighting::default(),
-        cameras: Vec::new(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
-    }
+    Scene { instances: (0..meshes.len() as u32).map(place).collect(), meshes, materials, ..Scene::default() }
 }
 
 /// Boxes on a floor.

@@ -3,7 +3,8 @@
 //! [`Scene::at`] is a pure function of time, so every process with the scene has the same pose. Animations play together
 //! in loops: an animation's length is its last key, and time is taken modulo that. Before its first key a channel holds
 //! its first value, after its last key its last. An animation does not play if one before it moves a property that it
-//! moves, too: of the walk and the run of a character, one plays. Shapes are posed by [`Scene::posed`]. The file's cameras are not animated; the loader warns.
+//! moves, too: of the walk and the run of a character, one plays. Shapes are posed by [`Scene::posed`]. The file's cameras
+//! are not animated; the loader warns.
 
 mod sweep;
 mod track;

@@ -1,7 +1,7 @@
 use glam::{DAffine3, Vec3};
 
 use super::*;
-use crate::{Camera, Lighting, Material, Mesh, Rig, RigKind, RigKnobs, SceneHash, scene::NamedCamera};
+use crate::{Camera, Mesh, Rig, RigKnobs, scene::NamedCamera};
 
 /// A scene of meshes, each of triangles.
 fn scene(meshes: &[Vec<[DVec3; 3]>]) -> Scene {
@@ -12,20 +12,11 @@ fn scene(meshes: &[Vec<[DVec3; 3]>]) -> Scene {
         ..Mesh::default()
     };
     Scene {
-        name: String::new(),
-        hash: SceneHash([0; 32]),
         meshes: meshes.iter().map(mesh).collect(),
         instances: (0..meshes.len() as u32)
             .map(|mesh| Instance { mesh, node: None, world_from_mesh: DAffine3::IDENTITY })
             .collect(),
-        materials: vec![Material::default()],
-        textures: Vec::new(),
-        nodes: Vec::new(),
-        animations: Vec::new(),
-        lighting: Lighting::default(),
-        cameras: Vec::new(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

@@ -20,6 +20,9 @@ const PARTLY: RangeInclusive<u8> = 16..=239;
 /// A texture is blended if this share of its texels is partly transparent, or this many times as many as are opaque.
 const FAIR_SHARE: (f64, f64) = (0.2, 2.0);
 
+/// Distance from a texel's middle, in texels, within which an image is not blended: less than one step of a byte.
+const ON_TEXEL: f32 = 1.0 / 512.0;
+
 /// Decoded images by the names of their files, and the textures made of them.
 #[derive(Default)]
 pub(super) struct Maps {
@@ -186,6 +189,11 @@ impl Placed {
         let position =
             on_image * Vec2::new(self.pixels.size.width as f32, self.pixels.size.height as f32) - 0.5;
         let position = if position.is_finite() { position } else { Vec2::ZERO };
+        // Most masks lie texel on texel on their colours.
+        let nearest = position.round();
+        if (position - nearest).abs().max_element() < ON_TEXEL {
+            return self.texel(nearest.x as i64, nearest.y as i64);
+        }
         let (first, blend) = (position.floor(), position - position.floor());
         let (x, y) = (first.x as i64, first.y as i64);
         let row = |y| self.texel(x, y).lerp(self.texel(x + 1, y), blend.x);
