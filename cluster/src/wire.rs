@@ -90,6 +90,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         // A level that is not known here is better than those that are.
         light: light_level(wire.light, "light").unwrap_or_default(),
         direct_cost: wire.direct_cost.and_then(cost_from),
+        few_rays_cost: wire.few_rays_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
         backend_costs: wire
@@ -128,6 +129,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         sample_bytes: report.sample_bytes,
         light: wire_light_level(report.light).into(),
         direct_cost: report.direct_cost.map(cost),
+        few_rays_cost: report.few_rays_cost.map(cost),
         warp_cost: report.warp_cost.map(cost),
         probes: report.probed.count,
         probed_error: report.probed.error,

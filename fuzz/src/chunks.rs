@@ -59,7 +59,7 @@ fn frame() -> Frame {
         provenance: Provenance {
             scene: HASH,
             state: argus_scene::SceneState::of_epoch(1),
-            plan: Plan::Direct { samples_per_pixel: 4 },
+            plan: Plan::direct(4),
             specification: Some(set().specification()),
             device: "none".to_owned(),
             history: false,

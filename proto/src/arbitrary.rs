@@ -4,11 +4,12 @@ use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects, LightLevel,
-    Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane,
-    PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye, ProbeSource, Provenance,
-    ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash,
-    SceneState, Search, Served, Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
+    Bounds, Camera, Detail, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects,
+    LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan,
+    PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye,
+    ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId,
+    SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage, Version, View,
+    Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -291,6 +292,10 @@ fn holes() -> impl Strategy<Value = Holes> {
     prop::sample::select(vec![Holes::Mark, Holes::Trace])
 }
 
+fn detail() -> impl Strategy<Value = Detail> {
+    prop::sample::select(Detail::ALL.to_vec())
+}
+
 fn preset() -> impl Strategy<Value = Preset> {
     prop::sample::select(vec![Preset::Interactive, Preset::Balanced, Preset::Exact])
 }
@@ -299,13 +304,17 @@ pub(crate) fn plan_request() -> impl Strategy<Value = PlanRequest> {
     let number = || option::of(any::<u32>());
     let real = || option::of(any::<f64>().prop_filter("comparable", |x| !x.is_nan()));
     (
-        (any::<bool>(), option::of(search()), number(), number(), number()),
+        (any::<bool>(), option::of(detail()), option::of(search()), number(), number(), number()),
         (option::of(holes()), option::of(preset()), real(), real()),
     )
         .prop_map(
-            |((direct, search, steps, supersampling, samples), (holes, preset, max_error, deadline_ms))| {
+            |(
+                (direct, detail, search, steps, supersampling, samples),
+                (holes, preset, max_error, deadline_ms),
+            )| {
                 PlanRequest {
                     direct,
+                    detail,
                     search,
                     steps,
                     supersampling,
@@ -326,7 +335,8 @@ pub(crate) fn sample_id() -> impl Strategy<Value = SampleId> {
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {
     let samples = prop::collection::vec(sample_id(), 1..=8);
     prop_oneof![
-        (1..=16u32).prop_map(|side| Plan::Direct { samples_per_pixel: side * side }),
+        (1..=16u32, detail())
+            .prop_map(|(side, detail)| Plan::Direct { samples_per_pixel: side * side, detail }),
         (search(), 1..=4096u32, 1..=8u32, samples, holes(), prop::option::of(1..=63u32)).prop_map(
             |(search, steps, supersampling, samples, holes, bits)| {
                 let mask = bits.map(|bits| FaceMask::new(bits, "faces").unwrap());

@@ -31,6 +31,14 @@ impl Default for LightKnobs {
     }
 }
 
+impl LightKnobs {
+    /// With one of so many rays, at least one.
+    pub(crate) fn divided(self, divisor: u32) -> Self {
+        let rays = |rays: u32| rays.div_ceil(divisor.max(1));
+        Self { sky_rays: rays(self.sky_rays), emitter_rays: rays(self.emitter_rays), ..self }
+    }
+}
+
 /// Settings of samples. Each trades quality for time or bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SamplerKnobs {

@@ -10,6 +10,7 @@
 mod backend_timing;
 mod bvh;
 mod draws;
+mod enlarge;
 mod eye;
 pub mod eye_points;
 mod indirect;

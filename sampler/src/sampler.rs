@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, FaceMask, Frame, InvalidField, LightLevel, Lighting, PixelJob, Pixels, Plan, Plane,
-    PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling,
-    Scene, Specification, Stage, ViewJob, Visibility,
+    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, LightLevel, Lighting, Outputs, PixelJob, Pixels,
+    Plan, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler,
+    Sampling, Scene, Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -25,7 +25,7 @@ use tracing::warn;
 use self::probes::{ReflectFrom, SurfacePrograms};
 use self::tile_loop::{JobScene, Output, Part, wait};
 pub(crate) use self::tile_loop::{add_light, check_wanted};
-use crate::SamplerKnobs;
+use crate::enlarge::enlarged;
 use crate::eye::Eye;
 use crate::indirect::IndirectLight;
 use crate::light::DirectLight;
@@ -38,6 +38,7 @@ use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
 use crate::view::{Image, ViewParts, frame, grid_side};
 use crate::visibility::VisibilityBackends;
+use crate::{SamplerKnobs, timing};
 
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
 const BAND_SUB_SAMPLES: u32 = 1 << 16;
@@ -189,6 +190,7 @@ impl GpuSampler {
             time_secs: job.info.time_secs(),
             lighting: Some(lighting),
             light: job.info.version.state.light,
+            ray_divisor: 1,
             reflections: ReflectFrom::probes(reflections),
             visibility,
             is_shaded: true,
@@ -258,8 +260,27 @@ impl GpuSampler {
         Ok(pending.into_iter().map(host).collect())
     }
 
-    /// Renders one direct view. Range has one ray a pixel, through the pixel's centre.
+    /// Renders one direct view in its plan's detail. All images but the colours have all of their pixels.
     fn render_view(&mut self, view: &ViewJob, cancel: &Cancel) -> Result<Frame, RenderError> {
+        let (detail, size) = (detail_of(&view.plan), checked_size(view.width, view.height)?);
+        let [width, height] = detail.size(size);
+        if [width, height] == size || !view.outputs.color {
+            return self.render_all_pixels(view, cancel);
+        }
+        let camera = detail.camera(view.camera, size);
+        let small = ViewJob { camera, width, height, outputs: Outputs::COLOR, ..view.clone() };
+        let small = self.render_all_pixels(&small, cancel)?;
+        let outputs = Outputs { color: false, ..view.outputs };
+        let mut frame = self.render_all_pixels(&ViewJob { outputs, ..view.clone() }, cancel)?;
+        timing::add(&mut frame.stages, small.stages);
+        let begin = Instant::now();
+        frame.color = small.color.map(|color| enlarged(&color, detail, size).into());
+        timing::add_since(&mut frame.stages, "enlarge", begin);
+        Ok(frame)
+    }
+
+    /// Renders each pixel of a direct view. Range has one ray a pixel, through the pixel's centre.
+    fn render_all_pixels(&mut self, view: &ViewJob, cancel: &Cancel) -> Result<Frame, RenderError> {
         let side = grid_side(&view.plan)?;
         let size = checked_size(view.width, view.height)?;
         let faces = faces_of(view.camera, size);
@@ -268,6 +289,7 @@ impl GpuSampler {
             time_secs: view.time_secs,
             lighting: None,
             light: view.state.light,
+            ray_divisor: detail_of(&view.plan).ray_divisor(),
             reflections: ReflectFrom::of_view(view.reflections),
             visibility: view.visibility,
             is_shaded: view.outputs.color,
@@ -308,13 +330,14 @@ impl GpuSampler {
 
     /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.
     fn render_list(&mut self, job: &PixelJob, cancel: &Cancel) -> Result<Pixels, RenderError> {
-        let side = grid_side(&Plan::Direct { samples_per_pixel: job.samples_per_pixel })?;
+        let side = grid_side(&Plan::direct(job.samples_per_pixel))?;
         let faces = faces_of(job.camera, checked_size(job.width, job.height)?);
         let job_scene = JobScene {
             position: job.camera.eye,
             time_secs: job.time_secs,
             lighting: None,
             light: job.state.light,
+            ray_divisor: 1,
             // As views from samples, into which the pixels go.
             reflections: ReflectFrom::probes(job.reflections),
             // Lists are traced on the CPU.
@@ -511,6 +534,14 @@ fn checked_size(width: u32, height: u32) -> Result<[u32; 2], InvalidField> {
     match width == 0 || height == 0 {
         true => Err(InvalidField::new("width", "width and height must be at least 1")),
         false => Ok([width, height]),
+    }
+}
+
+/// How much of a view from triangles its plan has rendered.
+fn detail_of(plan: &Plan) -> Detail {
+    match plan {
+        Plan::Direct { detail, .. } => *detail,
+        Plan::Warp(_) => Detail::Full,
     }
 }
 

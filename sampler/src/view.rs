@@ -15,7 +15,7 @@ const MAX_SIDE: u32 = 8;
 /// # Errors
 /// The plan is not direct, or its number of samples is not a square up to 64.
 pub(crate) fn grid_side(plan: &Plan) -> Result<u32, InvalidField> {
-    let Plan::Direct { samples_per_pixel } = plan else {
+    let Plan::Direct { samples_per_pixel, .. } = plan else {
         return Err(InvalidField::new("plan", "a sampler renders direct views only"));
     };
     let side = samples_per_pixel.isqrt();

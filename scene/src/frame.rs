@@ -97,11 +97,13 @@ pub enum Reason {
     Kept,
     /// Unlike the last frame of a camera that stands still, since this plan is predicted to have less error.
     Upgrade,
+    /// From triangles in less detail, yet within the error bound, since more is asked of the service than it carries in full.
+    LessDetail,
 }
 
 impl Reason {
     /// All reasons, in the order of their numbers on the wire, from 1.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Requested,
         Self::Soonest,
         Self::NoSamples,
@@ -110,6 +112,7 @@ impl Reason {
         Self::TimeFirst,
         Self::Kept,
         Self::Upgrade,
+        Self::LessDetail,
     ];
 
     /// A phrase for users.
@@ -123,6 +126,7 @@ impl Reason {
             Self::TimeFirst => "time before error",
             Self::Kept => "as the frame before it",
             Self::Upgrade => "upgraded to less error",
+            Self::LessDetail => "less detail, since much is asked for",
         }
     }
 }

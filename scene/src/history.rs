@@ -180,7 +180,7 @@ mod tests {
         let nowhere = Camera { eye: DVec3::splat(f64::NAN), ..camera() };
         assert!(History::of(&whole, &nowhere, None).is_none());
         let mut direct = whole;
-        direct.provenance.plan = Plan::Direct { samples_per_pixel: 1 };
+        direct.provenance.plan = Plan::direct(1);
         assert!(History::of(&direct, &camera(), None).is_none(), "no sample served its pixels");
     }
 }

@@ -180,7 +180,7 @@ pub trait Sampler: Send {
                 width: job.width,
                 height: job.height,
                 outputs: Outputs { range: true, ..Outputs::COLOR },
-                plan: Plan::Direct { samples_per_pixel: job.samples_per_pixel },
+                plan: Plan::direct(job.samples_per_pixel),
                 state: job.state,
                 time_secs: job.time_secs,
                 visibility: Visibility::default(),

@@ -174,7 +174,7 @@ mod tests {
     #[test]
     fn each_field_changes_the_hash_and_is_named_as_the_difference() {
         let (usual, warp) = (Specification::default(), Plan::Warp(Warp::default()));
-        let direct = Plan::Direct { samples_per_pixel: 1 };
+        let direct = Plan::direct(1);
         for (field, other) in others() {
             assert_ne!(usual.hash(), other.hash(), "{field}");
             assert_eq!(usual.difference(&other, &warp).unwrap().field, field);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, FaceMasks, InvalidField, Provenance, SampleId};
+use crate::{Camera, Detail, FaceMasks, InvalidField, Provenance, SampleId};
 
 /// Method of a compositor to find a pixel's depth, before the depth-corrected inverse warping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
@@ -151,9 +151,30 @@ pub enum Plan {
     Direct {
         /// Samples per pixel on a regular grid, a square number: 1, 4, 16, ….
         samples_per_pixel: u32,
+        /// How much of it is rendered.
+        #[serde(default)]
+        detail: Detail,
     },
     /// Reconstructed from samples.
     Warp(Warp),
+}
+
+impl Plan {
+    /// From triangles, in full detail.
+    pub fn direct(samples_per_pixel: u32) -> Self {
+        Self::Direct { samples_per_pixel, detail: Detail::Full }
+    }
+
+    /// Sub-pixels that are rendered for a view of so many pixels.
+    pub fn sub_pixels(&self, pixels: u64) -> u64 {
+        match self {
+            Self::Direct { samples_per_pixel, detail } => {
+                let rendered = pixels.div_ceil(u64::from(detail.scale()).pow(2));
+                rendered.saturating_mul(u64::from(*samples_per_pixel))
+            }
+            Self::Warp(warp) => pixels.saturating_mul(u64::from(warp.supersampling).pow(2)),
+        }
+    }
 }
 
 /// Settings of a view's reconstruction from samples.
@@ -216,6 +237,8 @@ pub enum Preset {
 pub struct PlanRequest {
     /// Render from the triangles.
     pub direct: bool,
+    /// How much of a view from triangles is rendered; only with `direct`.
+    pub detail: Option<Detail>,
     /// Search for a pixel's depth.
     pub search: Option<Search>,
     /// Linear steps, 1 to 4096.
@@ -243,8 +266,13 @@ impl PlanRequest {
     /// Whether the service may choose between triangles and samples: the request names neither and sets no knob that
     /// only one of them has.
     pub fn leaves_way_open(&self) -> bool {
-        let Self { direct, search, steps, samples, holes, max_error, .. } = *self;
-        let names_one = direct || search.is_some() || steps.is_some() || samples.is_some() || holes.is_some();
+        let Self { direct, detail, search, steps, samples, holes, max_error, .. } = *self;
+        let names_one = direct
+            || detail.is_some()
+            || search.is_some()
+            || steps.is_some()
+            || samples.is_some()
+            || holes.is_some();
         !names_one && max_error.is_none()
     }
 }
@@ -308,6 +336,12 @@ impl View {
         within("plan.steps", self.plan.steps, 4096)?;
         within("plan.supersampling", self.plan.supersampling, 8)?;
         within("plan.samples", self.plan.samples, 8)?;
+        if self.plan.detail.is_some() && !self.plan.direct {
+            return Err(InvalidField::new(
+                "plan.detail",
+                "is of views from triangles: ask for `direct`, too",
+            ));
+        }
         // Written so that NaN is refused.
         if self.plan.max_error.is_some_and(|e| !(e > 0.0 && e <= 1.0)) {
             return Err(InvalidField::new("plan.max_error", "must be a mean FLIP above 0 and up to 1"));
@@ -320,8 +354,7 @@ impl View {
             return Err(InvalidField::new("pin.history", reason));
         }
         let (field, per_pixel) = match self.pin.as_ref().map(|pin| &pin.plan) {
-            Some(Plan::Direct { samples_per_pixel }) => ("pin.plan", u64::from(*samples_per_pixel)),
-            Some(Plan::Warp(warp)) => ("pin.plan", u64::from(warp.supersampling).pow(2)),
+            Some(plan) => ("pin.plan", plan.sub_pixels(1)),
             None => ("plan.supersampling", u64::from(self.plan.supersampling.unwrap_or(1)).pow(2)),
         };
         if pixels.saturating_mul(per_pixel) > limits.max_pixels.saturating_mul(16) {
@@ -357,6 +390,7 @@ mod tests {
         assert!([open, preset, finer].iter().all(PlanRequest::leaves_way_open));
         let named = [
             PlanRequest { direct: true, ..open },
+            PlanRequest { detail: Some(Detail::Half), ..open },
             PlanRequest { search: Some(Search::Splat), ..open },
             PlanRequest { steps: Some(8), ..open },
             PlanRequest { samples: Some(4), ..open },
@@ -382,6 +416,7 @@ mod tests {
         assert_eq!(field(|v| v.plan.steps = Some(0)), "plan.steps");
         assert_eq!(field(|v| v.plan.supersampling = Some(9)), "plan.supersampling");
         assert_eq!(field(|v| v.plan.samples = Some(0)), "plan.samples");
+        assert_eq!(field(|v| v.plan.detail = Some(Detail::Half)), "plan.detail");
         for wrong in [0.0, -1.0, 1.5, f64::NAN] {
             let wish = PlanRequest { max_error: Some(wrong), ..PlanRequest::default() };
             let rejected = View { plan: wish, ..view() }.validate(&limits).unwrap_err();
@@ -406,10 +441,10 @@ mod tests {
                 history: false,
             })
         };
-        let direct = pin(Plan::Direct { samples_per_pixel: 64 });
+        let direct = pin(Plan::direct(64));
         let pinned = View { width: 4096, height: 4096, pin: direct, ..view() };
         assert_eq!(pinned.validate(&limits).unwrap_err().field, "pin.plan");
-        let begun = pin(Plan::Direct { samples_per_pixel: 1 }).map(|pin| Provenance { history: true, ..pin });
+        let begun = pin(Plan::direct(1)).map(|pin| Provenance { history: true, ..pin });
         assert_eq!(View { pin: begun, ..view() }.validate(&limits).unwrap_err().field, "pin.history");
         view().validate(&limits).unwrap();
     }

@@ -1,6 +1,6 @@
 //! Flags of how a view is answered.
 
-use argus_scene::{Holes, Output, PlanRequest, Preset, Search};
+use argus_scene::{Detail, Holes, Output, PlanRequest, Preset, Search};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 /// How a view is answered. Without these flags the service chooses the fastest plan that is as good as a direct view.
@@ -19,6 +19,10 @@ pub(crate) struct Plan {
     /// workers hold, and so on other viewers
     #[arg(long)]
     pub(crate) direct: bool,
+    /// Render less of a view from triangles: few-rays (a quarter of the rays of light), half (the size), half-few-rays or
+    /// quarter (the size, with few rays). Needs --direct. By default all is rendered, but under load what there is time for
+    #[arg(long, value_name = "DETAIL", value_parser = detail(), requires = "direct")]
+    pub(crate) detail: Option<Detail>,
     /// Sub-pixels on a side of each pixel, 1 to 8; N costs about N² times as much
     #[arg(long, value_name = "N")]
     pub(crate) supersampling: Option<u32>,
@@ -48,6 +52,7 @@ impl Plan {
     pub(crate) fn request(&self) -> PlanRequest {
         PlanRequest {
             direct: self.direct,
+            detail: self.detail,
             search: self.search,
             steps: self.steps,
             supersampling: self.supersampling,
@@ -63,6 +68,11 @@ impl Plan {
 pub(crate) fn search() -> impl TypedValueParser<Value = Search> {
     PossibleValuesParser::new(Search::ALL.map(Search::name))
         .map(|name| Search::ALL.into_iter().find(|s| s.name() == name).unwrap_or_default())
+}
+
+fn detail() -> impl TypedValueParser<Value = Detail> {
+    PossibleValuesParser::new(Detail::ALL.map(Detail::name))
+        .map(|name| Detail::ALL.into_iter().find(|detail| detail.name() == name).unwrap_or_default())
 }
 
 fn holes() -> impl TypedValueParser<Value = Holes> {

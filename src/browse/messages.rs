@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! {"camera": 7, "eye": [0, 1, 5], "target": [0, 1, 0], "up": [0, 1, 0], "fov_deg": 60, "size": [640, 480],
-//! "direct": true}
+//! "direct": true, "deadline_ms": 80}
 //! {"shown": 7}
 //! ```
 //!
@@ -64,8 +64,9 @@ pub(super) fn read(text: &str, usual: Camera, plan: &PlanRequest) -> Result<Mess
                 plan = PlanRequest { direct: true, ..PlanRequest::default() };
             }
             "direct" => {}
+            "deadline_ms" => plan.deadline_ms = Some(field("deadline_ms", value)?),
             _ => {
-                let known = "camera, eye, target, up, fov_deg, size, direct and shown are";
+                let known = "camera, eye, target, up, fov_deg, size, direct, deadline_ms and shown are";
                 let name: String = name.chars().take(40).collect();
                 return Err(InvalidField::new(
                     "message",

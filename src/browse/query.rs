@@ -27,8 +27,12 @@ pub(super) fn view(query: &str, usual: Camera, plan: &PlanRequest) -> Result<Vie
             }
             "size" => size = args::size(&value).map_err(at_fault("size"))?,
             "direct" => plan = PlanRequest { direct: true, ..PlanRequest::default() },
+            "deadline_ms" => {
+                let ms = value.parse().map_err(|_| InvalidField::new("deadline_ms", "must be a number"))?;
+                plan.deadline_ms = Some(ms);
+            }
             _ => {
-                let known = "eye, target, up, fov_deg, size and direct are";
+                let known = "eye, target, up, fov_deg, size, direct and deadline_ms are";
                 return Err(InvalidField::new("query", format!("{name:?} is not known: {known}")));
             }
         }

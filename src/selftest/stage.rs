@@ -91,7 +91,7 @@ impl Stage {
 
     /// Renders all views from triangles.
     pub(super) fn direct(&mut self, backend: Visibility) -> Result<Vec<Frame>> {
-        let plan = Plan::Direct { samples_per_pixel: SAMPLES_PER_PIXEL };
+        let plan = Plan::direct(SAMPLES_PER_PIXEL);
         let jobs: Vec<_> =
             self.cameras.iter().map(|camera| self.job(*camera, plan.clone(), backend)).collect();
         Ok(self

@@ -10,6 +10,7 @@ mod capacity;
 mod cells;
 mod change;
 mod cluster;
+mod detail;
 mod device;
 mod effects;
 mod epr;
@@ -94,6 +95,7 @@ enum Study {
     Scenes(scenes::Scenes),
     Service(service::Service),
     Shadows(shadows::ShadowStudy),
+    Detail(detail::DetailStudy),
     Device(device::Device),
     Effects(effects::EffectStudy),
     Epr(epr::EprStudy),
@@ -149,6 +151,7 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
         Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
         Study::Shadows(study) => ("shadows", study.run(form.quick, &progress).await?),
         Study::Effects(study) => ("effects", study.run(form.quick, form.out.clone(), &progress).await?),
+        Study::Detail(study) => ("detail", study.run(form.quick, &progress).await?),
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
         Study::Epr(study) => ("epr", study.run(form.quick, form.out.clone(), &progress).await?),
         Study::EqualError(study) => ("equal-error", study.run(form.quick, &progress).await?),

@@ -193,7 +193,7 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
     Ok(Provenance {
         scene: description.scene_hash,
         state: SceneState { epoch: epoch_of(secs, description.epoch_secs)?, light: description.first_light },
-        plan: Plan::Direct { samples_per_pixel: side.saturating_mul(side) },
+        plan: Plan::direct(side.saturating_mul(side)),
         specification: None,
         device: String::new(),
         history: false,

@@ -57,7 +57,7 @@ impl Report {
     pub(super) fn of(taken: &Taken) -> Self {
         let Taken { camera, frame, worker, start, age_ms, total_ms, attempts, .. } = taken;
         let (search, samples, samples_per_pixel) = match &frame.provenance.plan {
-            Plan::Direct { samples_per_pixel } => ("direct", Vec::new(), *samples_per_pixel),
+            Plan::Direct { samples_per_pixel, .. } => ("direct", Vec::new(), *samples_per_pixel),
             Plan::Warp(warp) => {
                 let samples = warp.samples.iter().map(ToString::to_string).collect();
                 (warp.search.name(), samples, warp.supersampling.pow(2))

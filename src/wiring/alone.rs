@@ -71,8 +71,8 @@ impl Alone {
         }
     }
 
-    /// Renders a view in that light, of the epoch nearest to a scene time in seconds. Of the plan, only its supersampling
-    /// matters.
+    /// Renders a view in that light, of the epoch nearest to a scene time in seconds. Of the plan, its supersampling
+    /// and its detail matter.
     ///
     /// # Errors
     /// An invalid view, a time in a scene where nothing moves, or the error of rendering.
@@ -86,7 +86,10 @@ impl Alone {
             width: view.width,
             height: view.height,
             outputs: view.outputs,
-            plan: Plan::Direct { samples_per_pixel: side * side },
+            plan: Plan::Direct {
+                samples_per_pixel: side * side,
+                detail: view.plan.detail.unwrap_or_default(),
+            },
             state: SceneState { epoch, light },
             time_secs: epoch as f64 * set.epoch_secs,
             visibility: self.sampler.usual_visibility(),

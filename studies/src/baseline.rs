@@ -74,8 +74,8 @@ impl Effort for Options {
 
 /// The methods compared; each is a row.
 const METHODS: [Method; 5] = [
-    Method { name: "direct", plan: |_| Plan::Direct { samples_per_pixel: 1 } },
-    Method { name: "direct 16×", plan: |_| Plan::Direct { samples_per_pixel: 16 } },
+    Method { name: "direct", plan: |_| Plan::direct(1) },
+    Method { name: "direct 16×", plan: |_| Plan::direct(16) },
     Method { name: "splat", plan: |samples| warp(Search::Splat, 1, samples) },
     Method { name: "linear 64", plan: |samples| warp(Search::Linear, 64, samples) },
     Method { name: "linear 200", plan: |samples| warp(Search::Linear, 200, samples) },

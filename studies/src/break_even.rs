@@ -111,7 +111,7 @@ fn scene(
     }
     let direct = |bench: &Bench, camera: &Camera, visibility| ViewJob {
         visibility,
-        ..bench.job(*camera, options.size, Outputs::COLOR, Plan::Direct { samples_per_pixel: 1 })
+        ..bench.job(*camera, options.size, Outputs::COLOR, Plan::direct(1))
     };
     let warped = |bench: &Bench, camera: &Camera| {
         let samples = bench.sample_ids(camera, options.samples);

@@ -187,10 +187,8 @@ fn row(
             bench.job(*camera, options.size, outputs, plan)
         })
         .collect();
-    let direct: Vec<ViewJob> = jobs
-        .iter()
-        .map(|job| ViewJob { plan: Plan::Direct { samples_per_pixel: 1 }, ..job.clone() })
-        .collect();
+    let direct: Vec<ViewJob> =
+        jobs.iter().map(|job| ViewJob { plan: Plan::direct(1), ..job.clone() }).collect();
     let truth = |step: &Step| bench.truth(&step.camera, options.size, options.reference_samples, &[1]);
     let truths: Vec<_> = steps.iter().map(truth).collect();
     let mut judged = |jobs: &[ViewJob]| -> Result<Vec<FrameErrors>> {

@@ -16,6 +16,7 @@ pub mod capacity;
 pub mod cells;
 pub mod change;
 pub mod cluster;
+pub mod detail;
 pub mod device;
 pub mod effects;
 mod effort;

@@ -264,7 +264,7 @@ fn job(camera: Camera, [width, height]: [u32; 2]) -> ViewJob {
         width,
         height,
         outputs: Outputs::COLOR,
-        plan: Plan::Direct { samples_per_pixel: 1 },
+        plan: Plan::direct(1),
         state: SceneState::default(),
         time_secs: 0.0,
         visibility: Visibility::default(),

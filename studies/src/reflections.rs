@@ -216,7 +216,7 @@ impl Subject {
             let samples = self.bench.info.with_reflection_probes(self.bench.sample_ids(camera, SAMPLES));
             Plan::Warp(Warp { supersampling: SUPERSAMPLING, samples, ..Warp::default() })
         };
-        let direct = Plan::Direct { samples_per_pixel: SUPERSAMPLING * SUPERSAMPLING };
+        let direct = Plan::direct(SUPERSAMPLING * SUPERSAMPLING);
         let job = |camera: &Camera, plan| self.bench.job(*camera, self.size, Outputs::COLOR, plan);
         let warped: Vec<ViewJob> = self.views.iter().map(|camera| job(camera, plan(camera))).collect();
         let direct: Vec<ViewJob> = self.views.iter().map(|camera| job(camera, direct.clone())).collect();

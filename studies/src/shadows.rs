@@ -255,7 +255,7 @@ impl Subject<'_> {
             .views
             .iter()
             .map(|camera| {
-                let plan = Plan::Direct { samples_per_pixel };
+                let plan = Plan::direct(samples_per_pixel);
                 let job = self.bench.job(*camera, self.options.size, Outputs::COLOR, plan);
                 argus_scene::ViewJob { visibility: Visibility::Cpu, ..job }
             })

@@ -190,7 +190,7 @@ impl Bench {
                     width: size[0],
                     height: size[1],
                     outputs: Outputs::COLOR,
-                    plan: Plan::Direct { samples_per_pixel: samples },
+                    plan: Plan::direct(samples),
                     state: SceneState::default(),
                     time_secs: 0.0,
                     visibility: backend,

@@ -103,7 +103,7 @@ enum Setting {
 impl Setting {
     fn plan(self, bench: &Bench, camera: &Camera) -> Plan {
         match self {
-            Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
+            Self::Direct { samples_per_pixel } => Plan::direct(samples_per_pixel),
             Self::Warp { search, steps, samples, side } => Plan::Warp(Warp {
                 search,
                 steps: steps.unwrap_or(Warp::default().steps),
@@ -525,7 +525,7 @@ mod tests {
             width: i,
             height: 1,
             outputs: Outputs::COLOR,
-            plan: Plan::Direct { samples_per_pixel: 1 },
+            plan: Plan::direct(1),
             state: SceneState::default(),
             time_secs: 0.0,
             visibility: Visibility::default(),

@@ -152,7 +152,7 @@ async fn session(url: &str, frames: usize) -> Vec<Frame> {
 }
 
 fn direct_at(epoch: u64, like: &Provenance) -> View {
-    let plan = Plan::Direct { samples_per_pixel: 4 };
+    let plan = Plan::direct(4);
     View {
         pin: Some(Provenance {
             state: SceneState::of_epoch(epoch),

@@ -83,7 +83,7 @@ mod tests {
     }
 
     fn direct() -> v1::FrameHeader {
-        header(Plan::Direct { samples_per_pixel: 1 })
+        header(Plan::direct(1))
     }
 
     fn warp() -> v1::FrameHeader {

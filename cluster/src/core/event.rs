@@ -156,6 +156,8 @@ pub struct Report {
     pub light: LightLevel,
     /// Cost of a view from triangles, measured before the worker is ready.
     pub direct_cost: Option<Cost>,
+    /// Cost of a view from triangles with few rays of light, by the pixels that are rendered.
+    pub few_rays_cost: Option<Cost>,
     /// Cost of a view from samples.
     pub warp_cost: Option<Cost>,
     /// Measured and predicted errors of probed frames.

@@ -284,7 +284,7 @@ impl Core {
         let mut round = self.views.begin_round();
         loop {
             let (views, cluster) = self.parts();
-            let Some(given) = views.next(&mut round, cluster) else { return };
+            let Some(given) = views.next(&mut round, cluster, now) else { return };
             let (sources, to_render) = self.samples.find(given.worker, &given.samples, &self.workers, now);
             self.workers.count(WorkKind::Samples, to_render);
             if let Some(kind) = given.decided {

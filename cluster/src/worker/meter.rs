@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use argus_scene::Plan;
 use parking_lot::Mutex;
 
 use crate::core::Report;
@@ -72,8 +73,10 @@ impl ViewCost {
         }
     }
 
-    fn cost(&self) -> Option<Cost> {
-        let factor = self.correction.value().unwrap_or(1.0);
+    /// The corrected cost. Until a view of the kind corrects it, by the correction of a like kind.
+    fn cost_like(&self, like: Option<&Self>) -> Option<Cost> {
+        let correction = self.correction.value().or_else(|| like?.correction.value());
+        let factor = correction.unwrap_or(1.0);
         self.measured.map(|cost| Cost {
             fixed_ms: cost.fixed_ms * factor,
             ms_per_megapixel: cost.ms_per_megapixel * factor,
@@ -81,9 +84,32 @@ impl ViewCost {
     }
 }
 
+/// Ways to answer a view that differ in their cost of a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum ViewKind {
+    /// From triangles.
+    Direct,
+    /// From triangles, with few rays of light.
+    FewRays,
+    /// From samples.
+    Warp,
+}
+
+impl ViewKind {
+    /// The kind of a plan.
+    pub(super) fn of(plan: &Plan) -> Self {
+        match plan {
+            Plan::Direct { detail, .. } if detail.ray_divisor() > 1 => Self::FewRays,
+            Plan::Direct { .. } => Self::Direct,
+            Plan::Warp(_) => Self::Warp,
+        }
+    }
+}
+
 #[derive(Debug, Default)]
 struct Sums {
     direct_cost: ViewCost,
+    few_rays_cost: ViewCost,
     warp_cost: ViewCost,
     samples: Work,
     direct: Work,
@@ -98,6 +124,16 @@ struct Sums {
     holding_ms: f64,
     received: u64,
     unpacking_ms: f64,
+}
+
+impl Sums {
+    fn cost_of(&mut self, kind: ViewKind) -> &mut ViewCost {
+        match kind {
+            ViewKind::Direct => &mut self.direct_cost,
+            ViewKind::FewRays => &mut self.few_rays_cost,
+            ViewKind::Warp => &mut self.warp_cost,
+        }
+    }
 }
 
 /// Kinds of work.
@@ -136,26 +172,15 @@ impl Meter {
     }
 
     /// Sets the cost of views of one kind, measured before the first request. `None` changes nothing.
-    pub(super) fn set_cost(&self, kind: Kind, cost: Option<Cost>) {
-        let mut sums = self.0.lock();
-        let view_cost = match kind {
-            Kind::View => &mut sums.warp_cost,
-            Kind::Direct => &mut sums.direct_cost,
-            Kind::Sample | Kind::Ray => return,
-        };
+    pub(super) fn set_cost(&self, kind: ViewKind, cost: Option<Cost>) {
         if cost.is_some() {
-            *view_cost = ViewCost { measured: cost, ..ViewCost::default() };
+            *self.0.lock().cost_of(kind) = ViewCost { measured: cost, ..ViewCost::default() };
         }
     }
 
-    /// Records the milliseconds of a view. `pixels` includes sub-pixels.
-    pub(super) fn observe_view(&self, kind: Kind, pixels: u64, ms: f64) {
-        let mut sums = self.0.lock();
-        match kind {
-            Kind::View => sums.warp_cost.observe(pixels, ms),
-            Kind::Direct => sums.direct_cost.observe(pixels, ms),
-            Kind::Sample | Kind::Ray => {}
-        }
+    /// Records the milliseconds of a view. `pixels` are those that were rendered, with sub-pixels.
+    pub(super) fn observe_view(&self, kind: ViewKind, pixels: u64, ms: f64) {
+        self.0.lock().cost_of(kind).observe(pixels, ms);
     }
 
     /// Records samples that were rendered in `count` slices, and the time of all slices.
@@ -184,7 +209,9 @@ impl Meter {
         report.ray_ms = sums.rays.mean_ms();
         report.part_ms = sums.parts.mean_ms();
         report.sample_progress = sums.sample_progress;
-        (report.direct_cost, report.warp_cost) = (sums.direct_cost.cost(), sums.warp_cost.cost());
+        (report.direct_cost, report.warp_cost) =
+            (sums.direct_cost.cost_like(None), sums.warp_cost.cost_like(None));
+        report.few_rays_cost = sums.few_rays_cost.cost_like(Some(&sums.direct_cost));
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;
@@ -205,18 +232,18 @@ mod tests {
     fn views_correct_a_measured_cost_and_set_none_without_a_measurement() {
         let meter = Meter::default();
         let mut report = Report::default();
-        meter.observe_view(Kind::Direct, 1_000_000, 40.0);
+        meter.observe_view(ViewKind::Direct, 1_000_000, 40.0);
         meter.fill(&mut report);
         assert_eq!((report.direct_cost, report.warp_cost), (None, None));
-        meter.set_cost(Kind::Direct, Some(Cost { fixed_ms: 2.0, ms_per_megapixel: 18.0 }));
+        meter.set_cost(ViewKind::Direct, Some(Cost { fixed_ms: 2.0, ms_per_megapixel: 18.0 }));
         meter.fill(&mut report);
         assert_eq!(report.direct_cost.unwrap().ms(1_000_000), 20.0);
-        (0..40).for_each(|_| meter.observe_view(Kind::Direct, 1_000_000, 40.0));
+        (0..40).for_each(|_| meter.observe_view(ViewKind::Direct, 1_000_000, 40.0));
         meter.fill(&mut report);
         assert!((report.direct_cost.unwrap().ms(1_000_000) - 40.0).abs() < 0.1);
         assert!((report.direct_cost.unwrap().ms(0) - 4.0).abs() < 0.1);
-        meter.set_cost(Kind::Direct, None);
-        meter.observe_view(Kind::Direct, 0, f64::NAN);
+        meter.set_cost(ViewKind::Direct, None);
+        meter.observe_view(ViewKind::Direct, 0, f64::NAN);
         meter.fill(&mut report);
         assert!(report.direct_cost.unwrap().ms(0).is_finite());
     }

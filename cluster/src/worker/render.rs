@@ -12,21 +12,20 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, FaceMask, Frame, LightLevel, PixelJob, Plan, RenderError, Sample, SampleId, SampleJob,
+    Compositor, FaceMask, Frame, LightLevel, PixelJob, RenderError, Sample, SampleId, SampleJob,
     SampleSetInfo, Sampler, Scene,
 };
 use tracing::{debug, info, warn};
 
 use super::claim::Batch;
 use super::health::Health;
-use super::meter::{Kind, Meter};
+use super::meter::{Kind, Meter, ViewKind};
 use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::slices::Slices;
 use super::store::Store;
-use super::warm;
+use super::warm::{self, DirectCosts};
 use crate::RoleFactory;
 use crate::core::Role;
-use crate::core::quality::Cost;
 use crate::rate_limited_log::RateLimitedLog;
 
 /// The state of the render thread.
@@ -88,7 +87,7 @@ enum Amount {
 }
 
 /// A thread that makes a sampler and measures its views.
-type Standby = JoinHandle<Result<(Box<dyn Sampler>, Option<Cost>), RenderError>>;
+type Standby = JoinHandle<Result<(Box<dyn Sampler>, DirectCosts), RenderError>>;
 
 /// A guard: while it lives, work that needs a sampler waits for one.
 struct BeingMade(Arc<Queue>);
@@ -259,11 +258,14 @@ impl Renderer {
             let made = self.queue.making_role(|| {
                 match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
                     Some(made) => Ok(made),
-                    None => made_sampler(factory, scene, &set).map(|sampler| (sampler, None)),
+                    None => {
+                        made_sampler(factory, scene, &set).map(|sampler| (sampler, DirectCosts::default()))
+                    }
                 }
             });
-            let (sampler, cost) = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
-            self.meter.set_cost(Kind::Direct, cost);
+            let (sampler, costs) = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
+            self.meter.set_cost(ViewKind::Direct, costs.full);
+            self.meter.set_cost(ViewKind::FewRays, costs.few_rays);
             // Its first views had the light of the set's version.
             self.light_rises = set.first_light() == LightLevel::Direct;
             self.light = if self.light_rises { set.version.state.light } else { LightLevel::Full };
@@ -450,7 +452,7 @@ impl Renderer {
             })
         });
         self.record(Kind::Direct, &results, began, began);
-        self.observe(Kind::Direct, &results);
+        self.observe(&results);
         deliver_frames(tasks, results, began);
     }
 
@@ -470,7 +472,7 @@ impl Renderer {
         let composing = Instant::now();
         let results = self.guarded(|own| Ok(own.compositor()?.compose(&jobs, &batch.cancel)));
         self.record(Kind::View, &results, composing, began);
-        self.observe(Kind::View, &results);
+        self.observe(&results);
         self.health.holds(self.held.len());
         deliver_frames(tasks, results, began);
     }
@@ -489,14 +491,11 @@ impl Renderer {
     }
 
     /// Records the time of each view.
-    fn observe(&self, kind: Kind, results: &Results<Frame>) {
+    fn observe(&self, results: &Results<Frame>) {
         for frame in results.iter().flatten().flatten() {
-            let per_pixel = match &frame.provenance.plan {
-                Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
-                Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
-            };
-            let pixels = u64::from(frame.width) * u64::from(frame.height) * per_pixel;
-            self.meter.observe_view(kind, pixels, frame.rendering_ms());
+            let plan = &frame.provenance.plan;
+            let pixels = plan.sub_pixels(u64::from(frame.width) * u64::from(frame.height));
+            self.meter.observe_view(ViewKind::of(plan), pixels, frame.rendering_ms());
         }
     }
 
@@ -541,14 +540,14 @@ fn warmed_sampler(
     factory: &dyn RoleFactory,
     scene: Arc<Scene>,
     info: &Arc<SampleSetInfo>,
-) -> Result<(Box<dyn Sampler>, Option<Cost>), RenderError> {
+) -> Result<(Box<dyn Sampler>, DirectCosts), RenderError> {
     let mut sampler = made_sampler(factory, scene.clone(), info)?;
     let began = Instant::now();
     // A sampler that cannot render is not used.
     let warmed = warm::sampler(sampler.as_mut(), &scene, info);
-    let cost = warmed.inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
-    debug!(ms = ms_since(began), ?cost, "sampler warmed up");
-    Ok((sampler, cost))
+    let costs = warmed.inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
+    debug!(ms = ms_since(began), ?costs, "sampler warmed up");
+    Ok((sampler, costs))
 }
 
 fn ms_since(began: Instant) -> f64 {

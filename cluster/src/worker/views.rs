@@ -340,7 +340,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let (tracers, pinned) = (order.tracers, pin.is_some());
     let decision = order.decision.map(Decision::try_from).transpose()?;
     let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);
-    let fallback = fallback.then_some(Plan::Direct { samples_per_pixel: order.fallback_samples_per_pixel });
+    let fallback = fallback.then_some(Plan::direct(order.fallback_samples_per_pixel));
     let (history, outputs) = (name, asked);
     Ok(Ordered {
         job,

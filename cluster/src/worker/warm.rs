@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Camera, Cancel, Compositor, Output, Outputs, Plan, ProbeSource, ReflectionProbeSet, RenderError,
+    Camera, Cancel, Compositor, Detail, Output, Outputs, Plan, ProbeSource, ReflectionProbeSet, RenderError,
     SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Version, ViewJob, Visibility, Warp,
 };
 
@@ -35,7 +35,16 @@ const SAMPLES: usize = 4;
 /// Version number of the measured samples, which no set reaches.
 const LAST_VERSION: u64 = u64::MAX;
 
-/// Renders views from triangles, and measures their cost.
+/// Costs of views from triangles, by the pixels that are rendered. `None` where none could be measured.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct DirectCosts {
+    /// With all rays of light.
+    pub(super) full: Option<Cost>,
+    /// With few rays of light.
+    pub(super) few_rays: Option<Cost>,
+}
+
+/// Renders views from triangles, and measures their costs.
 ///
 /// # Errors
 /// The error of rendering.
@@ -43,15 +52,19 @@ pub(super) fn sampler(
     sampler: &mut dyn Sampler,
     scene: &Scene,
     info: &Arc<SampleSetInfo>,
-) -> Result<Option<Cost>, RenderError> {
+) -> Result<DirectCosts, RenderError> {
     let camera = scene.default_camera();
-    let plan = Plan::Direct { samples_per_pixel: 1 };
     let visibility = sampler.usual_visibility();
-    let render = |size| {
-        let view = view(info, camera, size, plan.clone(), visibility);
-        sampler.render_views(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
+    let mut measured_with = |detail| {
+        let plan = Plan::Direct { samples_per_pixel: 1, detail };
+        let render = |size| {
+            let view = view(info, camera, size, plan.clone(), visibility);
+            let frames = sampler.render_views(&[view], &Cancel::default());
+            frames.into_iter().try_for_each(|frame| frame.map(drop))
+        };
+        measured(render, &mut || {})
     };
-    measured(render, &mut || {})
+    Ok(DirectCosts { full: measured_with(Detail::Full)?, few_rays: measured_with(Detail::FewRays)? })
 }
 
 /// The job of small samples that views are measured from.

@@ -29,7 +29,7 @@ async fn a_batch_answers_every_camera_once_with_the_bytes_of_a_single_view() {
     assert!(frames.keys().copied().eq(0..40));
     for (index, result) in &frames {
         let (frame, _) = result.as_ref().unwrap();
-        assert_eq!(frame.provenance.plan, Plan::Direct { samples_per_pixel: 1 }, "one plan for all");
+        assert_eq!(frame.provenance.plan, Plan::direct(1), "one plan for all");
         if index % 8 == 0 {
             let (alone, _) = cluster.render(&direct(*index)).await.unwrap();
             assert_eq!(frame.color, alone.color, "camera {index}");

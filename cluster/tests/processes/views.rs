@@ -60,7 +60,7 @@ async fn one_process_and_a_cluster_make_the_same_bytes() {
     }
     assert_eq!(alone.knobs.samples_read_back.load(Ordering::SeqCst), 0, "alone, samples stay on the device");
     let (frame, _) = alone.render(&direct(3)).await.unwrap();
-    assert_eq!(frame.provenance.plan, Plan::Direct { samples_per_pixel: 1 });
+    assert_eq!(frame.provenance.plan, Plan::direct(1));
     let (same, _) = many.render(&pinned(3, frame.provenance.clone())).await.unwrap();
     assert_eq!(same.color, frame.color);
     let only_range = View { outputs: Outputs::only(Output::Range), ..view(1) };
@@ -161,7 +161,7 @@ async fn a_frame_from_insufficient_samples_is_replaced_by_one_from_triangles() {
     cluster.knobs.coarse.store(false, Ordering::SeqCst);
     cluster.knobs.unresolved_percent.store(6, Ordering::SeqCst);
     let with_holes = ordered().await;
-    assert_eq!(with_holes.provenance.plan, Plan::Direct { samples_per_pixel: 1 });
+    assert_eq!(with_holes.provenance.plan, Plan::direct(1));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -106,7 +106,7 @@ fn a_bare_fetch_answers_every_view_with_an_image() {
             assert!(color.chunks_exact(3).any(|pixel| pixel != &color[..3]));
         }
     }
-    let refused = ViewJob { plan: Plan::Direct { samples_per_pixel: 1 }, ..jobs[0].clone() };
+    let refused = ViewJob { plan: Plan::direct(1), ..jobs[0].clone() };
     assert!(bare_fetch.compose(&mut compositor, &[refused], &Cancel::new())[0].is_err());
 }
 
@@ -153,7 +153,7 @@ fn plans_that_no_compositor_can_follow_are_refused_by_field() {
     let warp = |steps, supersampling, samples| {
         Plan::Warp(Warp { search: Search::Linear, steps, supersampling, samples, ..Warp::default() })
     };
-    assert_eq!(field(Plan::Direct { samples_per_pixel: 1 }), "plan");
+    assert_eq!(field(Plan::direct(1)), "plan");
     assert_eq!(field(warp(64, 1, vec![])), "plan.samples");
     assert_eq!(field(warp(64, 1, vec![id(0); 9])), "plan.samples");
     assert_eq!(field(warp(64, 0, vec![id(0)])), "plan.supersampling");

@@ -93,7 +93,7 @@ proptest! {
 }
 
 fn frame() -> Frame {
-    let plan = argus_scene::Plan::Direct { samples_per_pixel: 1 };
+    let plan = argus_scene::Plan::direct(1);
     let hash = SceneHash([1; 32]);
     let device = String::new();
     Frame {

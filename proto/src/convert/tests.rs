@@ -125,7 +125,7 @@ fn an_invalid_pinned_plan_is_rejected_with_a_field_below_pin() {
         rejected(|v| v.pin = Some(provenance))
     };
     let direct = |samples_per_pixel| {
-        let kind = v1::plan::Kind::Direct(v1::DirectPlan { samples_per_pixel });
+        let kind = v1::plan::Kind::Direct(v1::DirectPlan { samples_per_pixel, ..Default::default() });
         Some(v1::Plan { kind: Some(kind) })
     };
     for samples_per_pixel in [0, 3, 289, u32::MAX] {

@@ -2,8 +2,8 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    FaceMask, FaceMasks, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset,
-    Provenance, SampleId, SceneState, Search, Served, Specification, View, Warp,
+    Detail, FaceMask, FaceMasks, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction,
+    Preset, Provenance, SampleId, SceneState, Search, Served, Specification, View, Warp,
 };
 
 use super::scene::{light_level, wire_light_level};
@@ -186,6 +186,7 @@ impl From<&PlanRequest> for v1::PlanRequest {
     fn from(plan: &PlanRequest) -> Self {
         Self {
             direct: plan.direct,
+            detail: plan.detail.map(wire_detail),
             search: plan.search.map(|search| v1::Search::from(search) as i32),
             steps: plan.steps,
             supersampling: plan.supersampling,
@@ -204,6 +205,7 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
     fn try_from(wire: v1::PlanRequest) -> Result<Self, InvalidField> {
         Ok(Self {
             direct: wire.direct,
+            detail: wire.detail.map(|number| detail(number, "plan.detail")).transpose()?,
             search: wire.search.map(search).transpose()?.flatten(),
             steps: wire.steps,
             supersampling: wire.supersampling,
@@ -213,6 +215,33 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
             max_error: wire.max_error,
             deadline_ms: wire.deadline_ms,
         })
+    }
+}
+
+/// A detail's number on the wire.
+fn wire_detail(detail: Detail) -> i32 {
+    match detail {
+        Detail::Full => v1::Detail::Unspecified,
+        Detail::FewRays => v1::Detail::FewRays,
+        Detail::Half => v1::Detail::Half,
+        Detail::HalfFewRays => v1::Detail::HalfFewRays,
+        Detail::Quarter => v1::Detail::Quarter,
+    }
+    .into()
+}
+
+/// The detail of a number from the wire.
+///
+/// # Errors
+/// [`InvalidField`] of `field` for an unknown number.
+fn detail(number: i32, field: &'static str) -> Result<Detail, InvalidField> {
+    match v1::Detail::try_from(number) {
+        Ok(v1::Detail::Unspecified) => Ok(Detail::Full),
+        Ok(v1::Detail::FewRays) => Ok(Detail::FewRays),
+        Ok(v1::Detail::Half) => Ok(Detail::Half),
+        Ok(v1::Detail::HalfFewRays) => Ok(Detail::HalfFewRays),
+        Ok(v1::Detail::Quarter) => Ok(Detail::Quarter),
+        Err(_) => Err(InvalidField::new(field, format!("{number} is not a known value"))),
     }
 }
 
@@ -244,9 +273,10 @@ impl From<&Plan> for v1::Plan {
     fn from(plan: &Plan) -> Self {
         use v1::plan::Kind;
         let kind = match plan {
-            Plan::Direct { samples_per_pixel } => {
-                Kind::Direct(v1::DirectPlan { samples_per_pixel: *samples_per_pixel })
-            }
+            Plan::Direct { samples_per_pixel, detail } => Kind::Direct(v1::DirectPlan {
+                samples_per_pixel: *samples_per_pixel,
+                detail: wire_detail(*detail),
+            }),
             Plan::Warp(warp) => Kind::Warp(v1::WarpPlan {
                 search: v1::Search::from(warp.search) as i32,
                 steps: warp.steps,
@@ -280,7 +310,7 @@ impl TryFrom<v1::Plan> for Plan {
                     let reason = format!("must be a square number, not {samples_per_pixel}");
                     return Err(InvalidField::new(field, reason));
                 }
-                Self::Direct { samples_per_pixel }
+                Self::Direct { samples_per_pixel, detail: detail(plan.detail, "plan.direct.detail")? }
             }
             Kind::Warp(plan) => {
                 // Reflection maps come on top, and at most once.

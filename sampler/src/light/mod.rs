@@ -51,6 +51,8 @@ pub(crate) use texels::{Texel, texel as texel_of_guides};
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
     tracing: Arc<LightTracing>,
+    /// Texels of an image cast one of so many of their rays.
+    ray_divisor: u32,
     is_glossy: bool,
     add: AddDirect,
 }
@@ -104,7 +106,7 @@ impl DirectLight {
             lighting: lighting.clone(),
         };
         let add = AddDirect::new(gpu, features);
-        Ok(Self { tracing: Arc::new(tracing), is_glossy: features.specular, add })
+        Ok(Self { tracing: Arc::new(tracing), ray_divisor: 1, is_glossy: features.specular, add })
     }
 
     /// Takes over the pose of a tracer.
@@ -125,6 +127,11 @@ impl DirectLight {
     /// Changes the rays.
     pub(crate) fn set_knobs(&mut self, knobs: LightKnobs) {
         Arc::make_mut(&mut self.tracing).knobs = knobs;
+    }
+
+    /// Has texels of images cast one of so many of their rays.
+    pub(crate) fn divide_rays(&mut self, divisor: u32) {
+        self.ray_divisor = divisor;
     }
 
     /// What rays need, to be shared.
@@ -172,13 +179,14 @@ impl DirectLight {
         let about = tracing.rays.about(eye);
         let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
         let mut traced = Vec::new();
-        let mut arriving = tracing.arriving(&texels, &about, eye, self.is_glossy, &mut traced);
+        let knobs = tracing.knobs.divided(self.ray_divisor);
+        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, self.is_glossy, &mut traced);
         // What no effect alone accounts for.
         let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
         timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);
         timing::add(stages, traced);
         let begin = Instant::now();
-        if let Some(indirect) = paths.and_then(|paths| paths.by_pi(&texels, &about, eye)) {
+        if let Some(indirect) = paths.and_then(|paths| paths.by_pi(&texels, &about, eye, self.ray_divisor)) {
             arriving.par_iter_mut().zip(&indirect).for_each(|([r, g, b, _], indirect)| {
                 (*r, *g, *b) = (*r + indirect.x, *g + indirect.y, *b + indirect.z);
             });
@@ -227,13 +235,13 @@ impl LightTracing {
     /// each effect that casts rays.
     fn arriving(
         &self,
-        texels: &Texels,
+        (texels, knobs): (&Texels, LightKnobs),
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         is_glossy: bool,
         stages: &mut Vec<Stage>,
     ) -> Vec<Arriving> {
-        let (effects, knobs) = (self.effects, self.knobs);
+        let effects = self.effects;
         // Only gloss asks which lights are seen.
         let mut words = is_glossy.then(|| VisibilityWords::new(&self.lighting, texels.all.len()));
         let add = |index: usize, lit: &[Vec3], shares: &[f32]| {

@@ -47,6 +47,13 @@ impl GpuSampler {
         Ok(stages)
     }
 
+    /// Has texels of images cast one of so many of their rays of light, until another job says otherwise.
+    pub(super) fn divide_rays(&mut self, divisor: u32) {
+        if let Some(direct) = &mut self.direct {
+            direct.divide_rays(divisor);
+        }
+    }
+
     /// Report on indirect light by VPLs, with the culling since the last call. `None` before it was first needed.
     ///
     /// # Errors

@@ -31,6 +31,8 @@ pub(super) struct JobScene<'a> {
     /// `None` for the scene's own lighting at that time.
     pub(super) lighting: Option<&'a Lighting>,
     pub(super) light: LightLevel,
+    /// Texels of an image cast one of so many of their rays of light.
+    pub(super) ray_divisor: u32,
     pub(super) reflections: ReflectFrom,
     pub(super) visibility: Visibility,
     /// Whether surfaces are shaded; otherwise neither indirect light nor reflections are prepared.
@@ -43,6 +45,7 @@ pub(super) struct ReadyScene {
     pub(super) time_secs: f64,
     pub(super) lighting: Lighting,
     light: LightLevel,
+    ray_divisor: u32,
     pub(super) reflections: ReflectFrom,
     /// Maps of what a view's reflectors see, if it is looked up there.
     pub(super) maps: Option<IndexedMaps>,
@@ -136,16 +139,38 @@ impl GpuSampler {
     ) -> Result<ReadyScene, RenderError> {
         let begin = Instant::now();
         self.check_alive()?;
-        let JobScene { position, time_secs, lighting, light, reflections, visibility, is_shaded } = job;
+        let JobScene {
+            position,
+            time_secs,
+            lighting,
+            light,
+            ray_divisor,
+            reflections,
+            visibility,
+            is_shaded,
+        } = job;
         let mut stages = self.pose(time_secs)?;
         let lighting = lighting.unwrap_or(&self.lighting).clone();
         if is_shaded {
             stages.extend(self.light(&lighting, light, time_secs)?);
             stages.extend(self.prepare_reflections(reflections, (&lighting, light), time_secs, cancel)?);
         }
+        self.divide_rays(ray_divisor);
         let eye = self.eye(position, &lighting)?;
         let backend = self.available_backend(visibility);
-        Ok(ReadyScene { begin, time_secs, lighting, light, reflections, maps: None, eye, backend, stages })
+        let maps = None;
+        Ok(ReadyScene {
+            begin,
+            time_secs,
+            lighting,
+            light,
+            ray_divisor,
+            reflections,
+            maps,
+            eye,
+            backend,
+            stages,
+        })
     }
 
     /// Renders parts one after another. `take` gets each part once it is submitted.
@@ -281,6 +306,7 @@ impl GpuSampler {
         }
         // It may also have shown another level of light.
         self.light(&scene.lighting, scene.light, scene.time_secs)?;
+        self.divide_rays(scene.ray_divisor);
         scene.begin += began.elapsed();
         Ok(())
     }

@@ -269,9 +269,9 @@ fn orders_that_cannot_be_honoured_say_which_field_is_at_fault() {
     let warp = Plan::Warp(Warp::default());
     for (plan, field) in [
         (warp, "plan"),
-        (Plan::Direct { samples_per_pixel: 2 }, "plan.samples_per_pixel"),
-        (Plan::Direct { samples_per_pixel: 0 }, "plan.samples_per_pixel"),
-        (Plan::Direct { samples_per_pixel: 81 }, "plan.samples_per_pixel"),
+        (Plan::direct(2), "plan.samples_per_pixel"),
+        (Plan::direct(0), "plan.samples_per_pixel"),
+        (Plan::direct(81), "plan.samples_per_pixel"),
     ] {
         let job = argus_scene::ViewJob { plan, ..view_job(camera, SIZE, 1) };
         match sampler.render_views(&[job], &Cancel::new()).remove(0) {

@@ -3,6 +3,7 @@
 mod common;
 
 mod against_reference;
+mod detail;
 mod environment;
 mod faces;
 mod hard_cases;

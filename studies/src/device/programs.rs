@@ -97,7 +97,7 @@ fn triangles(bench: &mut Bench, options: &Options) -> Result<Vec<Measure>> {
             Err(error) => return Err(error.into()),
         }
         bench.set_visibility(backend);
-        let job = bench.job(camera, options.size, Outputs::COLOR, Plan::Direct { samples_per_pixel: 1 });
+        let job = bench.job(camera, options.size, Outputs::COLOR, Plan::direct(1));
         let mut frames: Vec<Frame> = Vec::new();
         for round in 0..=options.rounds {
             let (_, rendered) = bench.time(std::slice::from_ref(&job))?;

@@ -61,7 +61,7 @@ fn encoders(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
         width,
         height,
         outputs: Outputs { range: true, ..Outputs::COLOR },
-        plan: Plan::Direct { samples_per_pixel: 1 },
+        plan: Plan::direct(1),
         state: SceneState::default(),
         time_secs: 0.0,
         visibility: Visibility::default(),

@@ -112,7 +112,7 @@ impl<'a> Subject<'a> {
     }
 
     pub(super) fn job(&self, camera: Camera, size: [u32; 2]) -> ViewJob {
-        let plan = Plan::Direct { samples_per_pixel: self.options.samples_per_pixel };
+        let plan = Plan::direct(self.options.samples_per_pixel);
         let job = self.bench.job(camera, size, Outputs::COLOR, plan);
         ViewJob { visibility: Visibility::Cpu, ..job }
     }

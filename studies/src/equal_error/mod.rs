@@ -252,7 +252,7 @@ impl<'a> Subject<'a> {
         let mut bench = bench(&self.gpu, &self.scene, resolution)?;
         let ids = bench.all_ids(&self.views, self.options.samples);
         // The leaf sides are lit by a view, so that no sample pays for them.
-        bench.time(&self.jobs(&bench, |_| Plan::Direct { samples_per_pixel: 1 })[..1])?;
+        bench.time(&self.jobs(&bench, |_| Plan::direct(1))[..1])?;
         let cost = bench.render_timed(ids, 1)?;
         let of_view =
             |view: &Camera| Warp { samples: bench.sample_ids(view, self.options.samples), ..Warp::default() };

@@ -59,7 +59,7 @@ impl Subject<'_> {
         for &samples_per_pixel in &self.options.direct {
             let name = format!("{samples_per_pixel} a pixel");
             progress.set_message(format!("direct views, {name}"));
-            let jobs: Vec<ViewJob> = self.jobs(bench, |_| Plan::Direct { samples_per_pixel });
+            let jobs: Vec<ViewJob> = self.jobs(bench, |_| Plan::direct(samples_per_pixel));
             // The first lights the leaf sides and compiles pipelines.
             bench.time(&jobs[..1])?;
             let (mut times, mut frames) = (Vec::new(), Vec::new());

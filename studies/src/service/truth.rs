@@ -171,7 +171,7 @@ fn direct_view(like: &Frame, camera: Camera, state: SceneState, side: u32) -> Vi
     let plan = PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() };
     let pin = Some(Provenance {
         state,
-        plan: Plan::Direct { samples_per_pixel: side * side },
+        plan: Plan::direct(side * side),
         // Any device.
         device: String::new(),
         history: false,

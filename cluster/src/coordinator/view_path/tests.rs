@@ -13,7 +13,7 @@ fn order(attempt: u32) -> Box<Order> {
         worker: WorkerId(attempt.into()),
         address: String::new(),
         state: SceneState::default(),
-        plan: Plan::Direct { samples_per_pixel: 1 },
+        plan: Plan::direct(1),
         sources: Vec::new(),
         tracers: Vec::new(),
         expected: None,

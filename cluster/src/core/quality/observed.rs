@@ -116,7 +116,7 @@ mod tests {
             provenance: Provenance {
                 scene: SceneHash([0; 32]),
                 state: SceneState::default(),
-                plan: Plan::Direct { samples_per_pixel: 1 },
+                plan: Plan::direct(1),
                 specification: None,
                 device: String::new(),
                 history: false,

@@ -31,7 +31,7 @@ impl Setting {
     /// The setting of a plan.
     pub fn of(plan: &Plan) -> Self {
         match plan {
-            Plan::Direct { samples_per_pixel } => Self::Direct { samples_per_pixel: *samples_per_pixel },
+            Plan::Direct { samples_per_pixel, .. } => Self::Direct { samples_per_pixel: *samples_per_pixel },
             Plan::Warp(warp) => Self::Warp {
                 search: warp.search,
                 steps: if warp.search.takes_steps() { warp.steps } else { 0 },
@@ -45,7 +45,7 @@ impl Setting {
     /// The plan of this setting with the given samples, at most [`Setting::samples`].
     pub fn plan(self, samples: Vec<SampleId>) -> Plan {
         match self {
-            Self::Direct { samples_per_pixel } => Plan::Direct { samples_per_pixel },
+            Self::Direct { samples_per_pixel } => Plan::direct(samples_per_pixel),
             Self::Warp { search, steps, supersampling, holes, .. } => {
                 // An unused number has the default's value.
                 let steps = if search.takes_steps() { steps } else { search.usual_steps() };

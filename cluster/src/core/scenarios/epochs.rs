@@ -190,7 +190,7 @@ fn pins_of_kept_epochs_are_repeated_and_others_refused() {
     assert!(reason.contains(&format!("epoch {} is not served", order.state.epoch)), "{reason}");
     // From triangles any epoch can be rendered.
     for epoch in [order.state.epoch, 0, 1 << 40] {
-        let direct = sim.pin(epoch, Plan::Direct { samples_per_pixel: 1 });
+        let direct = sim.pin(epoch, Plan::direct(1));
         assert_eq!(sim.orders[&direct].state.epoch, epoch);
     }
     // A pin whose samples are of another epoch is refused.
@@ -216,6 +216,6 @@ fn a_still_scene_needs_no_further_assignments() {
     let epochs = watch(&mut sim, 1500);
     assert_eq!(assigned(&sim), before);
     assert!(epochs.iter().all(|epoch| *epoch == 0));
-    let direct = sim.pin(3, Plan::Direct { samples_per_pixel: 1 });
+    let direct = sim.pin(3, Plan::direct(1));
     assert!(sim.refused.iter().any(|(t, fault)| *t == direct && matches!(fault, Fault::Pin(_))));
 }

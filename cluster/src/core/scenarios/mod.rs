@@ -1,6 +1,7 @@
 //! Tests of the machine by events: workers join and leave, demand rises and falls.
 
 mod copies;
+mod crowd;
 mod epochs;
 mod open;
 mod placement;

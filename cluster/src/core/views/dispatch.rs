@@ -5,11 +5,13 @@
 use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
 
 use super::pending::{BLOCKING_QUEUES, Pending};
+use super::planner::{Aim, worth_ms};
 use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
 use super::{Cluster, Views};
 use crate::core::event::{Order, Source, ViewId, WorkerId};
 use crate::core::samples::Access;
+use crate::core::time::Uptime;
 use crate::core::workers::{QueuedView, WorkKind};
 
 /// Most views bound to certain workers that are examined in one round.
@@ -84,13 +86,18 @@ impl Views {
 
     /// Dispatches the next view: the oldest first in each queue, until its first view finds no room. A view that is
     /// bound to certain workers blocks no other. `None`: all remaining views must wait.
-    pub(in crate::core) fn next(&mut self, round: &mut Round, cluster: Cluster<'_>) -> Option<Given> {
+    pub(in crate::core) fn next(
+        &mut self,
+        round: &mut Round,
+        cluster: Cluster<'_>,
+        now: Uptime,
+    ) -> Option<Given> {
         loop {
             let (view_id, queue) = match round.bound.next() {
                 Some(view_id) => (view_id, None),
                 None => self.waiting.first(&round.full).map(|(view_id, queue)| (view_id, Some(queue)))?,
             };
-            match self.place(view_id, cluster) {
+            match self.place(view_id, cluster, now) {
                 Attempt::Given(given) => {
                     self.waiting.remove(view_id);
                     return Some(given);
@@ -102,10 +109,10 @@ impl Views {
     }
 
     /// Finds a worker for an explicit view.
-    fn place(&mut self, view_id: ViewId, cluster: Cluster<'_>) -> Attempt {
+    fn place(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime) -> Attempt {
         let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         if view.open.is_some() {
-            return self.place_open(view_id, cluster);
+            return self.place_open(view_id, cluster, now);
         }
         if !view.is_direct() && cluster.workers.set_is_on_its_way() {
             return Attempt::Full;
@@ -121,17 +128,28 @@ impl Views {
             (sample, if dispensable { Access::Dispensable } else { Access::Needed })
         };
         let samples = view.samples().iter().map(access).collect();
+        if view.attempt == 0 {
+            let queued = QueuedView { predicted_ms: 0.0, direct: view.is_direct(), work: view.work() };
+            self.load.asks(cluster.workers.costs().expected_secs(&queued) * 1e3, now);
+        }
         Attempt::Given(Given { view_id, worker, samples, decided: None })
     }
 
     /// Chooses plan and worker of a view that leaves the way open.
-    fn place_open(&mut self, view_id: ViewId, cluster: Cluster<'_>) -> Attempt {
+    fn place_open(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime) -> Attempt {
         let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
         let offers = cluster.offers(view, open);
-        let Some((offer, decision)) = choose_after(offers, &open.aim, open.memory.as_ref()) else {
+        let worth_ms = worth_ms(&offers, &open.aim);
+        let most_ms = worth_ms.map_or(f64::INFINITY, |ms| cluster.most_ms(&self.load, ms, now));
+        let aim = Aim { most_ms, ..open.aim };
+        let Some((offer, decision)) = choose_after(offers, &aim, open.memory.as_ref()) else {
             return Attempt::Full;
         };
+        if view.attempt == 0 {
+            self.load.asks_openly(worth_ms.unwrap_or(0.0), now);
+            self.load.took(decision.render_ms, most_ms);
+        }
         self.in_flight.subtract(view);
         view.plan = offer.plan;
         view.version = cluster.samples.set().version;
@@ -195,7 +213,7 @@ impl Views {
             expected: view.expected,
             judged: view.target_search.as_ref().is_some_and(|target_search| target_search.judged),
             decision,
-            fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.samples_per_pixel),
+            fallback: view.fallback(),
         };
         Some((Box::new(order), queued))
     }

@@ -12,6 +12,7 @@ mod admission;
 mod choose;
 mod cluster;
 mod dispatch;
+mod load;
 mod new_view;
 mod open;
 mod open_view;
@@ -44,6 +45,7 @@ use super::quality::{Model, Pace};
 use super::samples::NeededVersions;
 use super::time::Uptime;
 use admission::Admission;
+use load::Load;
 use pending::{InFlight, Pending, Waiting};
 
 /// Most surveys for bundles in a tick. Demand for samples changes slowly.
@@ -85,6 +87,8 @@ pub(super) struct Views {
     bundle_surveys_left: Cell<u32>,
     /// Views from triangles since the last survey for a bundle.
     unsurveyed: u32,
+    /// What is asked of the cluster.
+    load: Load,
     /// Whether new views are refused.
     draining: bool,
     counts: ViewCounts,
@@ -103,6 +107,7 @@ impl Views {
             pace: Pace::new(config.smoothing),
             bundle_surveys_left: Cell::default(),
             unsurveyed: 0,
+            load: Load::default(),
             draining: false,
             counts: ViewCounts::default(),
             config: config.clone(),

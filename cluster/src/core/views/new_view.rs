@@ -8,7 +8,7 @@ use argus_scene::rig::Survey;
 use argus_scene::{Plan, Preset, SampleId, Version, View};
 
 use super::open_view::OpenView;
-use super::pending::{Pending, sub_pixels};
+use super::pending::Pending;
 use super::plan::plan;
 use super::targets::Planned;
 use super::{Cluster, Output, Views};
@@ -65,7 +65,7 @@ impl Views {
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
         let pixels = u64::from(view.width) * u64::from(view.height);
-        self.admission.enter(&client, pixels.saturating_mul(sub_pixels(&plan)), &self.config, now);
+        self.admission.enter(&client, plan.sub_pixels(pixels), &self.config, now);
         let open = OpenView::of(view, survey, last);
         let chooses = open.is_none() && view.pin.is_none() && matches!(plan, Plan::Warp(_));
         let pending = Pending {

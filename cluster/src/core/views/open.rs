@@ -3,17 +3,19 @@
 use std::collections::HashMap;
 
 use argus_scene::rig::{Among, Survey};
-use argus_scene::{Camera, FaceMask, Holes, Plan, SampleId, Search, View, Warp};
+use argus_scene::{Camera, Detail, FaceMask, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
+use super::load::Load;
 use super::open_view::OpenView;
 use super::output::Output;
 use super::pending::Pending;
-use super::planner::{MOST_SAMPLES, Offer, predicted_excess};
+use super::planner::{MOST_SAMPLES, Offer, excess_in, predicted_excess};
 use super::session_memory::Memory;
 use super::survey::SurveyWanted;
 use crate::core::event::{LastView, WorkerId};
 use crate::core::quality::Cost;
+use crate::core::time::Uptime;
 use crate::core::workers::Worker;
 
 /// Most workers that are asked for offers: of those with the shortest queues, and of those that hold the best sample.
@@ -101,7 +103,7 @@ impl Cluster<'_> {
     pub(super) fn savings(&self, view: &Pending, open: &OpenView, ms: f64) -> Option<Output> {
         let worker = view.worker.and_then(|id| self.workers.get(id))?;
         let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
-        let direct = self.direct_cost(worker)?;
+        let direct = self.direct_cost(worker, Detail::Full)?;
         Some(Output::Saved { cameras: view.cameras(), secs: (direct.ms(work) - ms) * 1e-3 })
     }
 
@@ -133,13 +135,17 @@ impl Cluster<'_> {
             let entry = worker.queue_entry();
             let tie_break = (entry.queued, entry.dispatched);
             let wait_ms = self.wait_before(worker);
-            let cost = self.direct_cost(worker);
             let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
-            let plan = Plan::Direct { samples_per_pixel: open.samples_per_pixel };
-            let render_ms = cost.map(|cost| cost.ms(work));
-            let repeats = self.repeats(worker, open, &plan);
-            let (id, excess, is_sound) = (worker.id(), 0.0, true);
-            let base = Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats };
+            let id = worker.id();
+            let in_detail = |detail: Detail| {
+                let plan = Plan::Direct { samples_per_pixel: open.samples_per_pixel, detail };
+                let cost = self.direct_cost(worker, detail);
+                let render_ms = cost.map(|cost| cost.ms(plan.sub_pixels(view.pixels)));
+                let (excess, is_sound) = excess_in(detail);
+                let repeats = self.repeats(worker, open, &plan);
+                Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats }
+            };
+            let base = in_detail(Detail::Full);
             let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
             for from_samples in self.plans_from_samples(worker, view, open, &mut cached) {
                 let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
@@ -149,6 +155,9 @@ impl Cluster<'_> {
                 offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
             }
             offers.push(base);
+            // Less detail is worth nothing until its cost is known.
+            let reduced = Detail::ALL.into_iter().skip(1).map(in_detail);
+            offers.extend(reduced.filter(|offer| offer.render_ms.is_some()));
         }
         offers
     }
@@ -186,13 +195,25 @@ impl Cluster<'_> {
         self.workers.iter().filter(|w| w.is_ready()).filter(has_room).collect()
     }
 
-    /// Cost of a view from triangles at a worker, as measured by it or by a worker with the same device.
-    fn direct_cost(&self, worker: &Worker) -> Option<Cost> {
+    /// Milliseconds that a view may take whose cheapest way within its bound takes `ms`.
+    pub(super) fn most_ms(&self, load: &Load, ms: f64, now: Uptime) -> f64 {
+        let answering = self.workers.queues().anyone().len();
+        let queued_ms: f64 = self.workers.iter().map(Worker::queued_ms).sum();
+        load.most_ms(ms, queued_ms, answering, now)
+    }
+
+    /// Cost of a view from triangles at a worker, by the pixels that are rendered: as measured by it or by a worker with the same
+    /// device.
+    fn direct_cost(&self, worker: &Worker, detail: Detail) -> Option<Cost> {
+        let of = |worker: &Worker| match detail.ray_divisor() {
+            1 => worker.report().direct_cost,
+            _ => worker.report().few_rays_cost,
+        };
         let alike = || {
             let same = self.workers.iter().filter(|other| other.hello().device == worker.hello().device);
-            same.take(MOST_ASKED).find_map(|other| other.report().direct_cost)
+            same.take(MOST_ASKED).find_map(of)
         };
-        worker.report().direct_cost.or_else(alike)
+        of(worker).or_else(alike)
     }
 
     /// Milliseconds until a worker can begin another view.

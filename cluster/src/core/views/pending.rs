@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
+use argus_scene::frame::Reason;
 use argus_scene::{Camera, FaceMask, Holes, Plan, Prediction, SampleId, Version};
 
 use super::open_view::OpenView;
@@ -122,14 +123,6 @@ impl InFlight {
     }
 }
 
-/// Sub-pixels rendered for each pixel.
-pub(super) fn sub_pixels(plan: &Plan) -> u64 {
-    match plan {
-        Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
-        Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
-    }
-}
-
 impl Pending {
     /// Starts anew with another plan, since the frame was rejected. Any worker may answer.
     pub(super) fn begin_again(&mut self, plan: Plan, expected: Prediction, target_search: Box<TargetSearch>) {
@@ -147,6 +140,14 @@ impl Pending {
         !self.device.is_empty() || !self.tried.is_empty()
     }
 
+    /// Samples per pixel of the view from triangles that replaces a frame from samples beyond the bound; `None` if such a frame is
+    /// delivered, since that was asked for, or since there was no time for a better one.
+    pub(super) fn fallback(&self) -> Option<u32> {
+        let open = self.open.as_ref().filter(|_| !self.is_direct())?;
+        let is_bounded = open.decision.is_none_or(|decision| decision.reason != Reason::TimeFirst);
+        is_bounded.then_some(open.samples_per_pixel)
+    }
+
     /// The kind of demand of an explicit view.
     pub(super) fn kind(&self) -> WorkKind {
         if self.is_direct() { WorkKind::Direct } else { WorkKind::Views }
@@ -158,7 +159,7 @@ impl Pending {
 
     /// Pixels to render, with sub-pixels.
     pub(super) fn work(&self) -> u64 {
-        self.pixels.saturating_mul(sub_pixels(&self.plan))
+        self.plan.sub_pixels(self.pixels)
     }
 
     pub(super) fn traces_holes(&self) -> bool {

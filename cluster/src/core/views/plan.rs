@@ -34,17 +34,18 @@ pub fn plan(
     let request = &view.plan;
     if request.leaves_way_open() {
         // Until the planner chooses by the samples that workers hold.
-        return Ok(Plan::Direct { samples_per_pixel: samples_per_pixel(request) });
+        return Ok(Plan::direct(samples_per_pixel(request)));
     }
     let exact = request.preset == Some(Preset::Exact);
     let side = request.supersampling.unwrap_or(if exact { 2 } else { 1 });
     if request.direct {
-        return Ok(Plan::Direct { samples_per_pixel: side * side });
+        let detail = request.detail.unwrap_or_default();
+        return Ok(Plan::Direct { samples_per_pixel: side * side, detail });
     }
     let open = (request.search, request.steps, request.samples, request.holes) == (None, None, None, None);
     if request.max_error.is_some() && open {
         let samples_per_pixel = request.supersampling.map_or(NEAR_THE_TRUTH, |side| side * side);
-        return Ok(Plan::Direct { samples_per_pixel });
+        return Ok(Plan::direct(samples_per_pixel));
     }
     let samples = match request.preset {
         Some(Preset::Interactive) => config.samples_per_view.min(INTERACTIVE_SAMPLES),
@@ -100,7 +101,7 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
         false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
     };
     match plan {
-        Plan::Direct { samples_per_pixel: n } => {
+        Plan::Direct { samples_per_pixel: n, .. } => {
             within("pin.plan.direct.samples_per_pixel", *n, 256)?;
             let side = n.isqrt();
             match side * side == *n {
@@ -196,7 +197,7 @@ mod tests {
     #[test]
     fn a_request_that_leaves_the_way_open_begins_as_a_direct_view() {
         let samples = |request| match plan(&View { plan: request, ..view() }).unwrap() {
-            Plan::Direct { samples_per_pixel } => samples_per_pixel,
+            Plan::Direct { samples_per_pixel, .. } => samples_per_pixel,
             Plan::Warp(_) => panic!("a direct view"),
         };
         let open = PlanRequest::default();
@@ -221,7 +222,7 @@ mod tests {
     fn a_direct_view_has_the_square_of_its_supersampling_as_samples_per_pixel() {
         let request = PlanRequest { direct: true, supersampling: Some(4), ..PlanRequest::default() };
         let plan = plan(&View { plan: request, ..view() }).unwrap();
-        assert_eq!(plan, Plan::Direct { samples_per_pixel: 16 });
+        assert_eq!(plan, Plan::direct(16));
     }
 
     #[test]
@@ -237,7 +238,7 @@ mod tests {
         assert_eq!(preset(Preset::Balanced), (1, 4, Holes::Mark));
         assert_eq!(preset(Preset::Exact), (2, 4, Holes::Trace), "a tile has four cameras");
         let bounded = PlanRequest { max_error: Some(0.01), ..PlanRequest::default() };
-        assert_eq!(plan(bounded), Plan::Direct { samples_per_pixel: 16 });
+        assert_eq!(plan(bounded), Plan::direct(16));
         let warped = plan(PlanRequest { search: Some(Search::Linear), ..bounded });
         assert!(
             matches!(warped, Plan::Warp(warp) if warp.search == Search::Linear),
@@ -249,7 +250,7 @@ mod tests {
     fn a_pinned_plan_is_not_changed() {
         let free = plan(&searched()).unwrap();
         assert_eq!(pinned(|_| ()).unwrap(), free);
-        let direct = Plan::Direct { samples_per_pixel: 9 };
+        let direct = Plan::direct(9);
         assert_eq!(pinned(|p| p.plan = direct.clone()).unwrap(), direct);
     }
 
@@ -260,7 +261,7 @@ mod tests {
         let refused = pinned(|p| p.specification = Some(mapped)).unwrap_err();
         assert!(matches!(&refused, Fault::Pin(text) if text.contains("sampling megaviews")), "{refused:?}");
         pinned(|p| p.specification = Some(usual)).unwrap();
-        let direct = Plan::Direct { samples_per_pixel: 1 };
+        let direct = Plan::direct(1);
         pinned(|p| (p.plan, p.specification) = (direct, Some(mapped))).unwrap();
     }
 
@@ -281,7 +282,7 @@ mod tests {
         // The pin of a view from triangles may name another backend, but no other indirect light.
         let direct = |specification| {
             pinned(|p| {
-                let plan = Plan::Direct { samples_per_pixel: 1 };
+                let plan = Plan::direct(1);
                 (p.plan, p.specification) = (plan, Some(specification));
             })
         };
@@ -298,7 +299,7 @@ mod tests {
             other => panic!("must be rejected by field, not {other:?}"),
         };
         for n in [0, 2, 63, 289] {
-            let field = reject(Plan::Direct { samples_per_pixel: n });
+            let field = reject(Plan::direct(n));
             assert_eq!(field, "pin.plan.direct.samples_per_pixel", "{n}");
         }
         let warp = |ids: &[(u64, u64)], steps, supersampling| {

@@ -7,7 +7,7 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::rig::Coverage;
-use argus_scene::{Plan, PlanRequest, Preset};
+use argus_scene::{Detail, Plan, PlanRequest, Preset};
 
 use crate::core::event::WorkerId;
 
@@ -43,6 +43,20 @@ const EXCESS_OF_UNCOVERED: f64 = 0.4;
 /// texels only, the measured excess is 0.12.
 const EXCESS_OF_COARSE: f64 = 0.15;
 
+/// Predicted excess of views from triangles of which less is rendered, by `study detail`.
+const fn excess_of(detail: Detail) -> f64 {
+    match detail {
+        Detail::Full => 0.0,
+        Detail::FewRays => 0.016,
+        Detail::Half => 0.025,
+        Detail::HalfFewRays => 0.045,
+        Detail::Quarter => 0.09,
+    }
+}
+
+/// Differences of predicted excess below this, mean FLIP, are within what predictions are off by.
+const ERROR_STEP: f64 = 0.005;
+
 /// The cluster is overloaded if the best offer within bound waits longer than this, milliseconds. Then an offer
 /// beyond the bound that keeps the rate is chosen, and labelled.
 const OVERLOADED_MS: f64 = 500.0;
@@ -56,6 +70,8 @@ pub struct Aim {
     pub deadline_ms: Option<f64>,
     /// Whether the earliest finish wins, whatever its error.
     pub time_first: bool,
+    /// Milliseconds of rendering that the cluster's load leaves for the view; infinite while all that is asked is carried.
+    pub most_ms: f64,
 }
 
 impl Aim {
@@ -66,7 +82,7 @@ impl Aim {
             Some(Preset::Balanced | Preset::Interactive) | None => BALANCED_EXCESS,
         };
         let time_first = request.preset == Some(Preset::Interactive);
-        Self { most_excess, deadline_ms: request.deadline_ms, time_first }
+        Self { most_excess, deadline_ms: request.deadline_ms, time_first, most_ms: f64::INFINITY }
     }
 }
 
@@ -102,6 +118,21 @@ impl Offer {
         self.is_sound && self.excess <= aim.most_excess
     }
 
+    /// Whether all of the view is rendered. Less is rendered only if there is no time for all.
+    fn is_whole(&self) -> bool {
+        !matches!(self.plan, Plan::Direct { detail, .. } if detail != Detail::Full)
+    }
+
+    /// Whether there is time for it, as far as its cost is known.
+    fn is_carried(&self, aim: &Aim) -> bool {
+        self.render_ms.is_none_or(|ms| ms <= aim.most_ms) && !self.is_late(aim)
+    }
+
+    /// Its error in steps that can be told apart. Within a step, the earliest finish wins, so that load spreads.
+    fn error_step(&self) -> i64 {
+        (self.excess / ERROR_STEP).ceil() as i64
+    }
+
     /// Whether its frame would be too late: after the deadline, or by so much that the cluster is overloaded.
     pub(super) fn is_late(&self, aim: &Aim) -> bool {
         self.wait_ms > OVERLOADED_MS || aim.deadline_ms.is_some_and(|most| self.finish_ms() > most)
@@ -116,51 +147,69 @@ pub fn predicted_excess(coverage: Option<Coverage>, factor: f64) -> (f64, bool) 
     (excess * factor, covered >= LEAST_COVERED && fine >= LEAST_FINE)
 }
 
+/// Predicted excess of a view from triangles in some detail, and whether it may be within a bound.
+pub(super) fn excess_in(detail: Detail) -> (f64, bool) {
+    (excess_of(detail), true)
+}
+
 /// The best offer, and the reason; `None` without offers.
+///
+/// That is the earliest finish within the bound, if there is time for it. Else it is the least error of those for which there is
+/// time, and if there is time for none, the earliest finish of all.
 pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
+    let whole = |offer: &&Offer| offer.is_whole();
     let within = |offer: &&Offer| offer.keeps_bound(aim);
-    let best_of = |offers: &mut dyn Iterator<Item = &Offer>| -> Option<Offer> {
-        offers
-            .min_by(|a, b| {
-                let key = |offer: &Offer| (offer.tie_break, offer.worker);
-                a.finish_ms().total_cmp(&b.finish_ms()).then(key(a).cmp(&key(b)))
-            })
-            .cloned()
+    let in_bound = earliest(offers.iter().filter(whole).filter(within));
+    let chosen = match in_bound {
+        _ if aim.time_first => earliest(offers.iter().filter(whole)),
+        Some(offer) if offer.is_carried(aim) => Some(offer),
+        _ => None,
     };
-    let in_bound = best_of(&mut offers.iter().filter(within));
-    let any = best_of(&mut offers.iter());
-    let (chosen, beyond) = match in_bound {
-        Some(offer) if !(aim.time_first || offer.is_late(aim)) => (offer, false),
-        in_bound => {
-            let any = any?;
-            // An offer beyond the bound is chosen only if it finishes earlier.
-            match in_bound.filter(|offer| offer.finish_ms() <= any.finish_ms()) {
-                Some(offer) => (offer, false),
-                None => (any, true),
-            }
-        }
+    let carried = || {
+        let carried = offers.iter().filter(|offer| offer.is_carried(aim));
+        let least = carried.clone().map(Offer::error_step).min()?;
+        earliest(carried.filter(|offer| offer.error_step() == least))
     };
-    let from_samples = offers.iter().filter(|offer| matches!(offer.plan, Plan::Warp(_)));
-    let reason = match (&chosen.plan, beyond) {
-        (_, true) => Reason::TimeFirst,
-        (Plan::Warp(_), false) => Reason::Soonest,
-        (Plan::Direct { .. }, false) => {
-            let (held, sound) =
-                from_samples.fold((false, false), |(_, sound), o| (true, sound || within(&o)));
-            match (held, sound) {
-                (false, _) => Reason::NoSamples,
-                (true, false) => Reason::SamplesFallShort,
-                (true, true) => Reason::Soonest,
-            }
-        }
-    };
+    let chosen = chosen.or_else(carried).or_else(|| earliest(offers.iter()))?;
     let decision = Decision {
-        reason,
+        reason: reason(chosen, &offers, aim),
         wait_ms: chosen.wait_ms,
         render_ms: chosen.render_ms.unwrap_or(0.0),
         excess: chosen.excess,
     };
-    Some((chosen, decision))
+    Some((chosen.clone(), decision))
+}
+
+/// Milliseconds of the cheapest way to render all of a view within its bound; `None` if no such cost is known.
+pub(super) fn worth_ms(offers: &[Offer], aim: &Aim) -> Option<f64> {
+    let within = offers.iter().filter(|offer| offer.is_whole() && offer.keeps_bound(aim));
+    within.filter_map(|offer| offer.render_ms).min_by(f64::total_cmp)
+}
+
+/// The offer with the earliest finish; of equal ones, that of the worker with the shorter queue.
+fn earliest<'a>(offers: impl Iterator<Item = &'a Offer>) -> Option<&'a Offer> {
+    offers.min_by(|a, b| {
+        let key = |offer: &Offer| (offer.tie_break, offer.worker);
+        a.finish_ms().total_cmp(&b.finish_ms()).then(key(a).cmp(&key(b)))
+    })
+}
+
+/// Why an offer was chosen among these.
+fn reason(chosen: &Offer, offers: &[Offer], aim: &Aim) -> Reason {
+    if !chosen.keeps_bound(aim) {
+        return Reason::TimeFirst;
+    }
+    if !chosen.is_whole() {
+        return Reason::LessDetail;
+    }
+    let from_samples = || offers.iter().filter(|offer| matches!(offer.plan, Plan::Warp(_)));
+    match &chosen.plan {
+        Plan::Direct { .. } if from_samples().next().is_none() => Reason::NoSamples,
+        Plan::Direct { .. } if !from_samples().any(|offer| offer.keeps_bound(aim)) => {
+            Reason::SamplesFallShort
+        }
+        Plan::Direct { .. } | Plan::Warp(_) => Reason::Soonest,
+    }
 }
 
 #[cfg(test)]
@@ -170,7 +219,7 @@ mod tests {
     use super::*;
 
     fn direct(worker: u64, wait_ms: f64, render_ms: Option<f64>) -> Offer {
-        let plan = Plan::Direct { samples_per_pixel: 1 };
+        let plan = Plan::direct(1);
         Offer {
             worker: WorkerId(worker),
             tie_break: (0, 0),
@@ -234,6 +283,51 @@ mod tests {
         let at = |wait| vec![direct(1, wait, Some(40.0)), warp(1, wait, Some(4.0), half)];
         assert_eq!(by_default(at(100.0)).2, Reason::SamplesFallShort);
         assert_eq!(by_default(at(2.0 * OVERLOADED_MS)), (1, true, Reason::TimeFirst));
+    }
+
+    /// An offer from triangles in some detail, which takes this share of the time in full.
+    fn reduced(detail: Detail, wait_ms: f64, render_ms: f64) -> Offer {
+        let (excess, is_sound) = excess_in(detail);
+        let plan = Plan::Direct { samples_per_pixel: 1, detail };
+        Offer { plan, excess, is_sound, ..direct(1, wait_ms, Some(render_ms)) }
+    }
+
+    #[test]
+    fn less_detail_is_chosen_only_if_load_leaves_no_time_for_all_and_then_as_much_as_it_leaves() {
+        let times =
+            [(Detail::Full, 100.0), (Detail::FewRays, 50.0), (Detail::Half, 26.0), (Detail::Quarter, 5.0)];
+        let chosen = |most_ms: f64| {
+            let offers = times.map(|(detail, ms)| reduced(detail, 0.0, ms)).to_vec();
+            let aim = Aim { most_ms, ..Aim::of(&PlanRequest::default()) };
+            let (offer, decision) = choose(offers, &aim).unwrap();
+            let Plan::Direct { detail, .. } = offer.plan else { panic!("from triangles") };
+            (detail, decision.reason)
+        };
+        assert_eq!(chosen(f64::INFINITY), (Detail::Full, Reason::NoSamples));
+        assert_eq!(chosen(60.0), (Detail::FewRays, Reason::LessDetail));
+        assert_eq!(chosen(40.0), (Detail::Half, Reason::LessDetail));
+        assert_eq!(chosen(10.0), (Detail::Quarter, Reason::TimeFirst), "beyond the bound");
+        assert_eq!(chosen(1.0), (Detail::Quarter, Reason::TimeFirst), "there is time for none");
+    }
+
+    #[test]
+    fn under_load_samples_within_the_bound_precede_less_detail_that_is_worse() {
+        let aim = Aim { most_ms: 30.0, ..Aim::of(&PlanRequest::default()) };
+        let offers = vec![reduced(Detail::Full, 0.0, 100.0), reduced(Detail::Half, 0.0, 25.0)];
+        let with_samples: Vec<Offer> =
+            offers.iter().cloned().chain([warp(1, 0.0, Some(16.0), FULL)]).collect();
+        assert!(matches!(choose(with_samples, &aim).unwrap().0.plan, Plan::Warp(_)));
+        let half = Coverage { covered: 0.5, fine: 0.5 };
+        let with_coarse: Vec<Offer> = offers.into_iter().chain([warp(1, 0.0, Some(1.0), half)]).collect();
+        assert!(matches!(choose(with_coarse, &aim).unwrap().0.plan, Plan::Direct { .. }));
+    }
+
+    #[test]
+    fn views_of_one_moment_spread_over_the_workers() {
+        let aim = Aim { most_ms: 60.0, ..Aim::of(&PlanRequest::default()) };
+        let busy = reduced(Detail::FewRays, 100.0, 50.0);
+        let idle = Offer { worker: WorkerId(2), ..reduced(Detail::FewRays, 0.0, 55.0) };
+        assert_eq!(choose(vec![busy, idle], &aim).unwrap().0.worker, WorkerId(2));
     }
 
     #[test]

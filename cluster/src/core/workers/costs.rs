@@ -72,7 +72,7 @@ impl MeasuredCosts {
     }
 
     /// Expected seconds of a queued view, by its kind and size.
-    pub(super) fn expected_secs(&self, view: &QueuedView) -> f64 {
+    pub(in crate::core) fn expected_secs(&self, view: &QueuedView) -> f64 {
         let (cost, usual) = match view.direct {
             true => (self.direct_secs().or(self.sample_secs()), self.direct_pixels.value()),
             false => (self.view_secs(), self.view_pixels.value()),

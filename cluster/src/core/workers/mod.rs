@@ -68,8 +68,8 @@ pub(super) struct Workers {
     visibility_is_settled: bool,
     /// Most samples in one piece of a worker's work.
     samples_per_batch: u64,
-    /// Ticks for which views from triangles took so much time that samples may be worth measuring.
-    steady_ticks: f64,
+    /// Ticks for which the cost of views from samples was not known of some worker.
+    unmeasured_ticks: f64,
     /// Whether prefetch lists may have changed.
     changed: bool,
     counts: WorkerCounts,
@@ -90,7 +90,7 @@ impl Workers {
             expected: 0,
             visibility_is_settled: config.visibility.is_some(),
             samples_per_batch,
-            steady_ticks: 0.0,
+            unmeasured_ticks: 0.0,
             changed: false,
             counts: WorkerCounts::default(),
             config: config.clone(),
@@ -165,7 +165,7 @@ impl Workers {
 
     /// Closes a tick. The busiest worker's time is compared with the formula's tick.
     pub(super) fn tick(&mut self, ticks: f64) {
-        self.count_steady_ticks(ticks);
+        self.count_unmeasured_ticks(ticks);
         self.rates.roll();
         let mut busiest = 0.0_f64;
         for worker in self.workers.values_mut() {

@@ -211,9 +211,10 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Whether it was ever asked to measure.
-    pub(super) fn was_asked_to_measure(&self) -> bool {
-        self.measure_sequence.is_some()
+    /// Whether the cost of its views from samples is not known, and it was not asked for it.
+    pub(super) fn is_unmeasured(&self) -> bool {
+        let unmeasured = self.report.direct_cost.is_some() && self.report.warp_cost.is_none();
+        unmeasured && self.measure_sequence.is_none()
     }
 
     /// Whether it is measuring, which delays views.

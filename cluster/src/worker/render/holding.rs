@@ -9,7 +9,7 @@ use tracing::{debug, warn};
 use super::{Amount, Held, Renderer, ms_since};
 use crate::core::quality::Cost;
 use crate::worker::claim::Batch;
-use crate::worker::meter::Kind;
+use crate::worker::meter::ViewKind;
 use crate::worker::queue::{BackendCosts, Background, Work};
 use crate::worker::slices::Slices;
 use crate::worker::warm;
@@ -94,7 +94,7 @@ impl Renderer {
     pub(super) fn background(&mut self, work: Background) {
         match work {
             Background::Measured { warp_cost, backend_costs, reply } => {
-                self.meter.set_cost(Kind::View, warp_cost);
+                self.meter.set_cost(ViewKind::Warp, warp_cost);
                 // The receiver is gone if a newer assignment arrived.
                 let _ = reply.send(backend_costs);
             }

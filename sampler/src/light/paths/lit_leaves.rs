@@ -122,12 +122,19 @@ impl LitLeaves {
         Ok(stages)
     }
 
-    /// Indirect irradiance / π at texels about an eye; `None` before the leaf sides are lit.
-    pub(super) fn by_pi(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Option<Vec<Vec3>> {
+    /// Indirect irradiance / π at texels about an eye, each by one of `divisor` of its rays; `None` before the leaf sides are
+    /// lit.
+    pub(super) fn by_pi(
+        &self,
+        texels: &Texels,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+        divisor: u32,
+    ) -> Option<Vec<Vec3>> {
         let (Posed { leaves, .. }, Lit { radiance, .. }) = (self.posed.as_ref()?, self.lit.as_ref()?);
         let from_eye = (eye - leaves.center()).as_vec3();
         let gatherer = Gatherer { leaves, radiance, about, from_eye };
-        Some(gatherer.by_pi(texels, self.knobs.gather as usize))
+        Some(gatherer.by_pi(texels, self.knobs.gather.div_ceil(divisor.max(1)) as usize))
     }
 }
 

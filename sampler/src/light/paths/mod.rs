@@ -152,9 +152,16 @@ impl PathLight {
         Ok(true)
     }
 
-    /// Indirect irradiance / π at texels about an eye; `None` where the present level has none.
-    pub(super) fn by_pi(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Option<Vec<Vec3>> {
-        self.at(self.light)?.by_pi(texels, about, eye)
+    /// Indirect irradiance / π at texels about an eye, each by one of `divisor` of its rays; `None` where the present level has
+    /// none.
+    pub(super) fn by_pi(
+        &self,
+        texels: &Texels,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+        divisor: u32,
+    ) -> Option<Vec<Vec3>> {
+        self.at(self.light)?.by_pi(texels, about, eye, divisor)
     }
 
     /// The leaf sides of a level; `None` for direct light.

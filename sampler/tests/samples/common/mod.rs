@@ -38,7 +38,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         width: size[0],
         height: size[1],
         outputs: Outputs { range: true, ..Outputs::COLOR },
-        plan: Plan::Direct { samples_per_pixel },
+        plan: Plan::direct(samples_per_pixel),
         state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,

@@ -17,7 +17,7 @@ fn direct(render_ms: f64) -> Offer {
     Offer {
         worker: WorkerId(1),
         tie_break: (0, 0),
-        plan: Plan::Direct { samples_per_pixel: 1 },
+        plan: Plan::direct(1),
         wait_ms: 0.0,
         render_ms: Some(render_ms),
         excess: 0.0,

@@ -1,0 +1,172 @@
+//! How much time a view may take, by what is asked of the cluster.
+//!
+//! Demand is counted in milliseconds of one process: each view that leaves the way open as its cheapest way within its error bound,
+//! all others as they are. While all of it fits into the time that the processes have, every view gets the way that it is worth. Beyond,
+//! a view gets its share of the time that there is, so that what is asked is carried and no queue grows. Ways take the times that they
+//! take: what one view leaves of its share is another's.
+
+use crate::core::time::Uptime;
+
+/// Least time over which demand is averaged, milliseconds. A crowd that arrives is noticed sooner, by its queue.
+const AVERAGE_MS: f64 = 2000.0;
+
+/// Views over whose time demand is averaged at least: a few large views are no crowd.
+const AVERAGE_VIEWS: f64 = 4.0;
+
+/// Part of the processes' time that views may ask for. More, and views would wait for one another longer than they are rendered.
+const CARRIED: f64 = 0.7;
+
+/// Milliseconds in which a queue shall be worked off, and the least number of views that may wait.
+const DRAIN_MS: f64 = 500.0;
+const DRAIN_VIEWS: f64 = 3.0;
+
+/// Milliseconds asked for in a millisecond, averaged over the last seconds.
+#[derive(Debug, Clone, Copy)]
+struct Rate {
+    per_ms: f64,
+    at: Uptime,
+    /// Milliseconds in which it fades to a third.
+    average_ms: f64,
+}
+
+impl Default for Rate {
+    fn default() -> Self {
+        Self { per_ms: 0.0, at: Uptime::default(), average_ms: AVERAGE_MS }
+    }
+}
+
+impl Rate {
+    /// The rate at a time. It fades while nothing is asked.
+    fn at(&self, now: Uptime) -> f64 {
+        self.per_ms * (-now.since(self.at).as_secs_f64() * 1e3 / self.average_ms).exp()
+    }
+
+    fn add(&mut self, ms: f64, now: Uptime) {
+        let before = self.at(now);
+        self.average_ms = AVERAGE_MS.max(AVERAGE_VIEWS * ms);
+        (self.per_ms, self.at) = (before + ms.max(0.0) / self.average_ms, now);
+    }
+}
+
+/// What is asked of the cluster.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Load {
+    /// Of views whose way is open.
+    open: Rate,
+    /// Of views that name their plan.
+    fixed: Rate,
+    /// Milliseconds that views left of their shares; negative where they took more.
+    left_ms: f64,
+}
+
+impl Load {
+    /// Counts a view that leaves the way open, by the milliseconds of its cheapest way within its bound.
+    pub(super) fn asks_openly(&mut self, ms: f64, now: Uptime) {
+        self.open.add(ms, now);
+    }
+
+    /// Counts what an open view, which might take `most_ms`, took.
+    pub(super) fn took(&mut self, ms: f64, most_ms: f64) {
+        // Nothing is saved up while all is carried, and no more than one view leaves.
+        let share_ms = most_ms - self.left_ms;
+        self.left_ms = if most_ms.is_finite() { (most_ms - ms).clamp(-share_ms, share_ms) } else { 0.0 };
+    }
+
+    /// Counts a view that names its plan, by its milliseconds.
+    pub(super) fn asks(&mut self, ms: f64, now: Uptime) {
+        self.fixed.add(ms, now);
+    }
+
+    /// The milliseconds that a view may take whose cheapest way within its bound takes `ms`; infinite while all that is asked
+    /// is carried. `queued_ms` is the time of the views that wait, `processes` the number of workers that answer views.
+    pub(super) fn most_ms(&self, ms: f64, queued_ms: f64, processes: usize, now: Uptime) -> f64 {
+        let there_is = CARRIED * processes as f64 - self.fixed.at(now);
+        let asked = self.open.at(now) + queued_ms / DRAIN_MS.max(DRAIN_VIEWS * ms);
+        // Written so that nothing asked is all carried.
+        if asked > there_is { ms * (there_is / asked).max(0.0) + self.left_ms } else { f64::INFINITY }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn secs(secs: f64) -> Uptime {
+        Uptime(Duration::from_secs_f64(secs))
+    }
+
+    /// The load after views of some milliseconds at some rate, for ten seconds.
+    fn after(ms: f64, per_sec: f64) -> (Load, Uptime) {
+        let mut load = Load::default();
+        let count = (10.0 * per_sec) as u32;
+        (0..count).for_each(|i| load.asks_openly(ms, secs(f64::from(i) / per_sec)));
+        (load, secs(10.0))
+    }
+
+    #[test]
+    fn slow_viewers_have_all_the_time() {
+        let (load, now) = after(150.0, 2.0);
+        assert_eq!(load.most_ms(150.0, 0.0, 2, now), f64::INFINITY);
+        assert_eq!(load.most_ms(150.0, 150.0, 2, now), f64::INFINITY, "one waits");
+        assert_eq!(Load::default().most_ms(150.0, 0.0, 0, now), f64::INFINITY, "nothing is asked of nobody");
+    }
+
+    #[test]
+    fn two_views_that_take_long_are_no_crowd() {
+        let (load, now) = after(5000.0, 0.2);
+        assert_eq!(load.most_ms(5000.0, 5000.0, 2, now), f64::INFINITY);
+    }
+
+    #[test]
+    fn under_load_the_times_of_all_views_are_what_the_processes_have() {
+        for times in [2.0, 4.0, 16.0] {
+            let (load, now) = after(100.0, times * 20.0);
+            let all = load.most_ms(100.0, 0.0, 2, now) * times * 20.0;
+            assert!((all / (CARRIED * 2000.0) - 1.0).abs() < 0.1, "{times}: {all}");
+        }
+    }
+
+    #[test]
+    fn a_queue_leaves_less_time_before_the_average_has_risen() {
+        let mut load = Load::default();
+        load.asks_openly(150.0, secs(0.0));
+        assert!(load.most_ms(150.0, 1500.0, 2, secs(0.1)) < 75.0);
+    }
+
+    #[test]
+    fn views_that_name_their_plan_leave_less() {
+        let (mut load, now) = after(100.0, 20.0);
+        let alone = load.most_ms(100.0, 0.0, 2, now);
+        (0..200).for_each(|i| load.asks(50.0, secs(f64::from(i) / 20.0)));
+        assert!(load.most_ms(100.0, 0.0, 2, now) < 0.5 * alone);
+        (0..2000).for_each(|_| load.asks(50.0, now));
+        assert_eq!(load.most_ms(100.0, 0.0, 2, now), 0.0, "nothing is left");
+    }
+
+    #[test]
+    fn what_views_leave_of_their_shares_others_take() {
+        let (mut load, now) = after(100.0, 80.0);
+        let share = load.most_ms(100.0, 0.0, 2, now);
+        // Ways that take more than the share and less.
+        let ways = [0.7 * share, 1.4 * share];
+        let mut taken = 0.0;
+        for _ in 0..100 {
+            let most = load.most_ms(100.0, 0.0, 2, now);
+            let took = ways.into_iter().filter(|way| *way <= most).fold(ways[0], f64::max);
+            load.took(took, most);
+            taken += took;
+        }
+        assert!((taken / (100.0 * share) - 1.0).abs() < 0.02, "{taken} of {share}");
+        load.took(0.0, f64::INFINITY);
+        assert_eq!(load.most_ms(100.0, 0.0, 2, now), share, "nothing is saved up while all is carried");
+    }
+
+    #[test]
+    fn demand_fades_when_viewers_leave() {
+        let (load, now) = after(100.0, 80.0);
+        assert!(load.most_ms(100.0, 0.0, 2, now) < 30.0);
+        assert_eq!(load.most_ms(100.0, 0.0, 2, secs(20.0)), f64::INFINITY);
+    }
+}

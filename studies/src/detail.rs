@@ -1,0 +1,159 @@
+//! Views from triangles in less detail: their time and error, which the planner weighs under load.
+//!
+//! Each scene is lit as the service lights it. The reference of a view is the view itself with many samples a pixel.
+
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::SamplerKnobs;
+use argus_scene::metrics::Comparison;
+use argus_scene::{
+    Camera, Detail, Frame, Indirect, LightEffects, Outputs, PathKnobs, Plan, RigKnobs, ViewJob, Visibility,
+    path,
+};
+use image::RgbImage;
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
+
+use crate::bench::{Bench, compare, image_of};
+use crate::median::{mean, median};
+use crate::metered::open_metered;
+use crate::{Effort, Machine, Report, report};
+
+/// What the study measures.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scenes, as [`argus_scene::open`] takes them.
+    pub scenes: Vec<String>,
+    /// Size of a view in pixels.
+    pub size: [u32; 2],
+    /// Views of each scene.
+    pub views: usize,
+    /// Measured rounds; each time is their median.
+    pub rounds: usize,
+    /// Samples a pixel of the references: a square number.
+    pub reference_samples: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            scenes: ["terrain:50000", "terrain:500000", "rooms"].map(str::to_owned).to_vec(),
+            size: [320, 240],
+            views: 4,
+            rounds: 3,
+            reference_samples: 16,
+        }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self {
+            scenes: vec!["terrain:20000".to_owned()],
+            size: [96, 72],
+            views: 2,
+            rounds: 1,
+            reference_samples: 16,
+        }
+    }
+}
+
+/// Runs the study; `progress` counts scenes × views.
+///
+/// # Errors
+/// A scene that cannot be opened, no GPU, or a render that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let gpu = Gpu::new(&GpuOptions::default())?;
+    progress.set_length((options.scenes.len() * options.views) as u64);
+    let mut rows = Vec::new();
+    for spec in &options.scenes {
+        progress.set_message(spec.clone());
+        rows.extend(rows_of(&gpu, spec, options, progress).with_context(|| spec.clone())?);
+    }
+    Ok(Report::new(options.scenes.join(" "), Machine::here(gpu.kind()), rows))
+}
+
+/// Times and errors of one detail.
+#[derive(Default)]
+struct Measured {
+    ms: Vec<f64>,
+    judged: Vec<Comparison>,
+}
+
+/// A row for each detail of a scene.
+fn rows_of(
+    gpu: &Arc<Gpu>,
+    spec: &str,
+    options: &Options,
+    progress: &ProgressBar,
+) -> Result<Vec<Map<String, Value>>> {
+    let knobs = SamplerKnobs {
+        effects: LightEffects::ALL,
+        indirect: Indirect::Paths(PathKnobs::default()),
+        ..SamplerKnobs::default()
+    };
+    let mut bench = Bench::with_scene(gpu, open_metered(spec)?, &RigKnobs::default(), knobs)?;
+    let mut measured = Detail::ALL.map(|_| Measured::default());
+    for camera in path::viewpoints(&bench.suggested(), options.views) {
+        let reference = reference(&mut bench, camera, options)?;
+        for round in 0..=options.rounds {
+            for (detail, measured) in Detail::ALL.into_iter().zip(&mut measured) {
+                let job = job(&bench, camera, options.size, Plan::Direct { samples_per_pixel: 1, detail });
+                let (ms, frames) = bench.time(&[job])?;
+                // The first round also compiles pipelines.
+                if round == 0 {
+                    let frame = frames.first().context("no frame came")?;
+                    measured.judged.push(compare(frame, &reference)?);
+                } else {
+                    measured.ms.push(ms);
+                }
+            }
+        }
+        progress.inc(1);
+    }
+    let (whole_ms, whole) = (median(&measured[0].ms), mean(measured[0].judged.iter().map(|c| c.flip_mean)));
+    let row = |(detail, measured): (Detail, &Measured)| {
+        let flip = mean(measured.judged.iter().map(|c| c.flip_mean));
+        let ms = median(&measured.ms);
+        report::row(json!({
+            "scene": bench.scene.name,
+            "size": format!("{}x{}", options.size[0], options.size[1]),
+            "detail": detail.name(),
+            "view_ms": ms,
+            "per_full": ms / whole_ms,
+            "flip": flip,
+            "excess": flip - whole,
+            "psnr_db": mean(measured.judged.iter().map(|c| c.psnr_db)),
+            "ssim": mean(measured.judged.iter().map(|c| c.ssim)),
+        }))
+    };
+    Ok(Detail::ALL.into_iter().zip(&measured).map(row).collect())
+}
+
+fn job(bench: &Bench, camera: Camera, size: [u32; 2], plan: Plan) -> ViewJob {
+    ViewJob { visibility: Visibility::Cpu, ..bench.job(camera, size, Outputs::COLOR, plan) }
+}
+
+/// The view with many samples a pixel.
+fn reference(bench: &mut Bench, camera: Camera, options: &Options) -> Result<RgbImage> {
+    let job = job(bench, camera, options.size, Plan::direct(options.reference_samples));
+    let (_, frames): (f64, Vec<Frame>) = bench.time(&[job])?;
+    image_of(frames.first().context("no reference came")?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn less_detail_takes_less_time_and_errs_more() {
+        let report = run(&Options::quick(), &ProgressBar::hidden()).unwrap();
+        let column =
+            |name: &str| -> Vec<f64> { report.rows.iter().map(|row| row[name].as_f64().unwrap()).collect() };
+        let flips = column("flip");
+        assert!(flips[4] > flips[2] && flips[2] > flips[0], "{flips:?}");
+        assert!(column("per_full")[4] < 1.0, "{:?}", column("per_full"));
+    }
+}
