@@ -51,7 +51,7 @@ pub(crate) use texels::{Texel, texel as texel_of_guides};
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
     tracing: Arc<LightTracing>,
-    is_glossy: bool,
+    features: Features,
     add: AddDirect,
 }
 
@@ -93,18 +93,52 @@ impl DirectLight {
         (effects, knobs): (LightEffects, LightKnobs),
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
+        let rays = LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?;
+        Ok(Self::with_rays(gpu, scene, features, rays, (effects, knobs), (lighting, time_secs)))
+    }
+
+    /// Direct light that is found by these rays.
+    fn with_rays(
+        gpu: &Gpu,
+        scene: &Scene,
+        features: Features,
+        rays: LightRays,
+        (effects, knobs): (LightEffects, LightKnobs),
+        (lighting, time_secs): (&Lighting, f64),
+    ) -> Self {
         let emission = emission_textures(scene, effects);
         let tracing = LightTracing {
             effects,
             knobs,
-            rays: LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?,
+            rays,
             emitters: emitters_at(scene, &emission, effects, time_secs),
             emission,
             sky: SkyIrradiance::new(&lighting.sky),
             lighting: lighting.clone(),
         };
-        let add = AddDirect::new(gpu, features);
-        Ok(Self { tracing: Arc::new(tracing), is_glossy: features.specular, add })
+        Self { tracing: Arc::new(tracing), features, add: AddDirect::new(gpu, features) }
+    }
+
+    /// Reads alpha and transmission from another tracer's scene, whose triangles are the same.
+    pub(crate) fn share_textures(&mut self, tracer: &PacketTracer) {
+        Arc::make_mut(&mut self.tracing).rays.share_textures(tracer);
+    }
+
+    /// The direct light of the same triangles in another scene's light, without building trees again.
+    pub(crate) fn of_scene(
+        self,
+        gpu: &Gpu,
+        scene: &Scene,
+        features: Features,
+        tracer: &PacketTracer,
+        settings: (LightEffects, LightKnobs),
+        at: (&Lighting, f64),
+    ) -> Self {
+        let mut rays = Arc::unwrap_or_clone(self.tracing).rays;
+        rays.share_textures(tracer);
+        let lit = Self::with_rays(gpu, scene, features, rays, settings, at);
+        // Programs that were used are compiled.
+        if self.features == features { Self { add: self.add, ..lit } } else { lit }
     }
 
     /// Takes over the pose of a tracer.
@@ -172,7 +206,7 @@ impl DirectLight {
         let about = tracing.rays.about(eye);
         let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
         let mut traced = Vec::new();
-        let mut arriving = tracing.arriving(&texels, &about, eye, self.is_glossy, &mut traced);
+        let mut arriving = tracing.arriving(&texels, &about, eye, self.features.specular, &mut traced);
         // What no effect alone accounts for.
         let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
         timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);
