@@ -258,7 +258,7 @@ impl Service {
 }
 
 impl Ready {
-    /// Serves until the process must stop. Cancels `answers` once a worker can answer views.
+    /// Serves until the process must stop. Cancels `answers` once the service is ready for load.
     pub(crate) async fn serve(self, answers: CancellationToken) -> anyhow::Result<()> {
         let Self { config, prepared, listener, source, registry, shutdown, .. } = self;
         Ok(serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await?)

@@ -41,7 +41,7 @@ pub(crate) struct Start<'a> {
     pub(crate) settings: &'a Settings,
     /// The scene to be served, which the first worker opens at once.
     pub(crate) scene: &'a str,
-    /// Cancelled once the first worker can answer views; the remaining ones start then.
+    /// Cancelled once the service is ready for load with the first worker; the remaining ones start then.
     pub(crate) answers: CancellationToken,
 }
 

@@ -47,8 +47,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
         ..settings.worker.clone()
     };
     let of_workers = Settings { worker, ..settings.clone() };
-    // The first worker opens the scene at the same time as this process, and answers the first view. The remaining
-    // workers would compete for the same cores, so they start once it can.
+    // The first worker opens and prepares the scene while this process meters its light, and answers the first view. The
+    // remaining workers would compete for the same cores, so they start once it has measured what views cost.
     let answers = CancellationToken::new();
     let start = processes::Start { count, settings: &of_workers, scene, answers: answers.clone() };
     let kept = processes::keep(start, shutdown.clone());

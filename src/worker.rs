@@ -36,8 +36,9 @@ pub(crate) struct Args {
     /// `advertised` means the address for other workers
     #[arg(long, value_name = "URL")]
     public_address: Option<String>,
-    /// Open this scene at once, before the coordinator has named the served one
-    #[arg(long, value_name = "S", hide = true)]
+    /// Open this scene and prepare to render it at once, while the coordinator meters its light: the first view comes sooner.
+    /// Useless work if the coordinator serves another scene [default: wait for the coordinator to name it]
+    #[arg(long, value_name = "S")]
     preload: Option<String>,
     /// Folder that is searched for the scene, and that keeps fetched scenes [default: the user's cache]
     #[arg(long, value_name = "DIR")]
@@ -72,6 +73,10 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
     let config = Config { security, ..worker.config(coordinator, &limits) };
     let device = Arc::new(Device::new(settings::mib(worker.gpu_samples_mib)));
-    let opener = Arc::new(SceneFolder::new(worker.scenes).preloading(args.preload));
+    let opener = SceneFolder::new(worker.scenes).preloading(args.preload, {
+        let device = device.clone();
+        move |scene| device.prepare(scene)
+    });
+    let opener = Arc::new(opener);
     Ok(run_worker(config, listener, device, opener, shutdown).await?)
 }

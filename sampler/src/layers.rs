@@ -78,6 +78,11 @@ impl LayerTracer {
         })
     }
 
+    /// Reads alpha from another scene, whose triangles are the same.
+    pub(crate) fn set_scene(&mut self, scene: &Arc<Scene>) {
+        self.transparent.set_scene(scene);
+    }
+
     /// Moves instances to their current transforms.
     pub(crate) fn pose(&mut self, scene: &Scene, resident: &Resident) {
         self.transparent.pose(scene, &transparent(&self.is_transparent, &resident.instances));

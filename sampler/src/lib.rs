@@ -50,5 +50,5 @@ pub use pass_plan::PassPlan;
 pub use point_based::PointReport;
 pub use radiosity::IndirectReport;
 pub use ray_timing::{RayCost, RayKind, RayTracer, RayWork, ray_costs};
-pub use sampler::GpuSampler;
+pub use sampler::{GpuSampler, PreparedSampler};
 pub use sight::PacketSight;

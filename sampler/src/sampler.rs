@@ -4,6 +4,7 @@ mod light;
 mod octree_samples;
 mod part_shading;
 mod point_probes;
+mod prepared;
 mod probes;
 mod rays;
 mod tile_loop;
@@ -22,6 +23,7 @@ use bytes::Bytes;
 use glam::DVec3;
 use tracing::warn;
 
+pub use self::prepared::PreparedSampler;
 use self::probes::{ReflectFrom, SurfacePrograms};
 use self::tile_loop::{JobScene, Output, Part, wait};
 pub(crate) use self::tile_loop::{add_light, check_wanted};

@@ -52,6 +52,17 @@ impl VisibilityBackends {
         };
     }
 
+    /// Reads alpha and transmission from another scene, whose triangles are the same.
+    pub(crate) fn set_scene(&mut self, scene: &Arc<Scene>) {
+        self.scene = Arc::clone(scene);
+        if let Some(packets) = &mut self.packets {
+            packets.set_scene(scene);
+        }
+        if let Some(layers) = &mut self.layers {
+            layers.set_scene(scene);
+        }
+    }
+
     /// Milliseconds of each supported backend for a tile.
     pub(crate) fn measure(
         &mut self,

@@ -34,13 +34,22 @@ impl SceneFolder {
         Self { folder: folder.unwrap_or_else(cache), preloaded: None }
     }
 
-    /// Starts to open a scene that will probably be requested.
-    pub(crate) fn preloading(self, scene: Option<String>) -> Self {
+    /// Starts to open a scene that will probably be requested, and to prepare it: `prepare` does what does not depend on its
+    /// light, and keeps no reference to it.
+    pub(crate) fn preloading(
+        self,
+        scene: Option<String>,
+        prepare: impl FnOnce(&Arc<Scene>) + Send + 'static,
+    ) -> Self {
         let begin = |name: String| {
             let spec = name.clone();
+            let open = move || {
+                let scene = Arc::new(argus_scene::open(&spec)?);
+                prepare(&scene);
+                Ok(Arc::unwrap_or_clone(scene))
+            };
             let thread = std::thread::Builder::new().name("preload".to_owned());
-            let opening = thread.spawn(move || argus_scene::open(&spec)).ok();
-            (name, Mutex::new(opening))
+            (name, Mutex::new(thread.spawn(open).ok()))
         };
         Self { preloaded: scene.map(begin), ..self }
     }

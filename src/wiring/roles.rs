@@ -5,25 +5,36 @@ use std::sync::{Arc, Mutex, PoisonError};
 use argus_cluster::RoleFactory;
 use argus_compositor::{CompositorKnobs, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, PreparedSampler, SamplerKnobs};
 use argus_scene::{Compositor, RenderError, SampleSetInfo, Sampler, Scene};
 
 /// This machine's device, opened for the first role and shared by both, so that samples can stay on it.
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
     compositing: CompositorKnobs,
+    /// A sampler of the scene that will probably be rendered.
+    prepared: Mutex<Option<PreparedSampler>>,
 }
 
 impl Device {
     /// A device whose compositor holds at most this many bytes of samples.
     pub(crate) fn new(max_sample_bytes: u64) -> Self {
         let compositing = CompositorKnobs { max_sample_bytes, ..CompositorKnobs::default() };
-        Self { gpu: Mutex::default(), compositing }
+        Self { gpu: Mutex::default(), compositing, prepared: Mutex::default() }
     }
 
     /// Opens the device ahead of its first use. An error is reported at that use.
     pub(crate) fn open(&self) {
         let _ = self.gpu();
+    }
+
+    /// Prepares a sampler of a scene, as it was opened, that will probably be rendered. An error is reported when the sampler is
+    /// made.
+    pub(crate) fn prepare(&self, scene: &Arc<Scene>) {
+        let began = std::time::Instant::now();
+        let prepared = self.gpu().and_then(|gpu| PreparedSampler::new(gpu, scene));
+        tracing::debug!(ms = began.elapsed().as_secs_f64() * 1e3, ok = prepared.is_ok(), "sampler prepared");
+        *self.prepared.lock().unwrap_or_else(PoisonError::into_inner) = prepared.ok();
     }
 
     fn gpu(&self) -> Result<Arc<Gpu>, RenderError> {
@@ -42,7 +53,13 @@ impl Device {
 
 impl RoleFactory for Device {
     fn sampler(&self, scene: Arc<Scene>, set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError> {
-        Ok(Box::new(GpuSampler::with_knobs(self.gpu()?, scene, SamplerKnobs::of(set))?))
+        let (gpu, knobs) = (self.gpu()?, SamplerKnobs::of(set));
+        let prepared = self.prepared.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let sampler = match prepared.filter(|prepared| prepared.is_of(&gpu, &scene)) {
+            Some(prepared) => prepared.in_light(scene, knobs),
+            None => GpuSampler::with_knobs(gpu, scene, knobs),
+        };
+        Ok(Box::new(sampler?))
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {

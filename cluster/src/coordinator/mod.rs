@@ -85,7 +85,8 @@ pub async fn serve(
     serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await
 }
 
-/// Serves a scene that is prepared by this configuration, like [`serve`]. Cancels `answers` once a worker can answer views.
+/// Serves a scene that is prepared by this configuration, like [`serve`]. Cancels `answers` once it is ready for load:
+/// a worker can answer views, and knows what they cost.
 ///
 /// # Errors
 /// [`ServeError`].
@@ -189,7 +190,7 @@ pub(crate) fn learn(header: &argus_proto::v1::FrameHeader) -> (u64, f64) {
     (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
-/// Sends the core its ticks, ten times a tick and at least ten times a second. Cancels `answers` once it can answer views.
+/// Sends the core its ticks, ten times a tick and at least ten times a second. Cancels `answers` once it is ready for load.
 async fn tick(shared: &SharedCore, config: &Config, answers: &CancellationToken) {
     // An epoch begins at most a fifth of its duration late.
     let finest =
@@ -201,7 +202,7 @@ async fn tick(shared: &SharedCore, config: &Config, answers: &CancellationToken)
     loop {
         interval.tick().await;
         shared.step(Event::Tick);
-        if !answers.is_cancelled() && shared.read(Core::can_answer) {
+        if !answers.is_cancelled() && shared.read(Core::is_ready_for_load) {
             answers.cancel();
         }
         shared.frame_metrics.ticked();

@@ -18,7 +18,7 @@ pub(super) struct Monitor(pub(super) Arc<SharedCore>);
 impl Monitored for Monitor {
     fn ready(&self) -> Result<(), String> {
         self.0.check_leading().map_err(|fault| fault.to_string())?;
-        self.0.read(|core| match (core.is_draining(), core.can_answer()) {
+        self.0.read(|core| match (core.is_draining(), core.is_ready_for_load()) {
             (true, _) => Err("the coordinator is shutting down".to_owned()),
             (_, true) => Ok(()),
             (_, false) => Err("no worker is ready to render; start one with `argus worker`".to_owned()),

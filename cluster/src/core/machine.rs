@@ -103,6 +103,17 @@ impl Core {
         !self.views.is_draining() && self.workers.members().any(Worker::seems_well)
     }
 
+    /// Whether new views could be answered now, and the planner knows what they cost: a worker measured it, or has rendered
+    /// views.
+    pub fn is_ready_for_load(&self) -> bool {
+        let is_priced = |worker: &Worker| {
+            let report = worker.report();
+            report.direct_cost.is_some() || report.direct_ms.is_some()
+        };
+        !self.views.is_draining()
+            && self.workers.members().any(|worker| worker.seems_well() && is_priced(worker))
+    }
+
     /// Whether a view is waiting or in work.
     pub fn is_open(&self, view_id: ViewId) -> bool {
         self.views.is_open(view_id)

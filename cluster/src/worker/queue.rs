@@ -97,6 +97,8 @@ pub(super) enum Work {
 
 /// Background work. It is done in slices, and no view waits for it.
 pub(super) enum Background {
+    /// Measure the cost of views from triangles.
+    MeasureDirect,
     /// Upload a sample to the compositor before views need it. `reply` is sent when this is done or abandoned.
     Hold { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
     /// Report a measurement. It is queued behind samples that must be uploaded first.

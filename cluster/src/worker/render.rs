@@ -4,6 +4,7 @@
 //! view. A panic in a role counts as a lost device: both roles are recreated, and callers retry once.
 
 mod holding;
+mod measuring;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -20,10 +21,10 @@ use tracing::{debug, info, warn};
 use super::claim::Batch;
 use super::health::Health;
 use super::meter::{Kind, Meter, ViewKind};
-use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::slices::Slices;
 use super::store::Store;
-use super::warm::{self, DirectCosts};
+use super::warm;
 use crate::RoleFactory;
 use crate::core::Role;
 use crate::rate_limited_log::RateLimitedLog;
@@ -51,6 +52,8 @@ pub(super) struct Renderer {
     is_warm: bool,
     /// Whether the cost of views from samples was measured, or measuring was abandoned.
     is_measured: bool,
+    /// The cost of views from triangles is being measured, or will be as soon as no view waits.
+    measures_direct: bool,
     /// The best light that the sampler has ready.
     light: LightLevel,
     /// Whether better light is being prepared.
@@ -86,8 +89,8 @@ enum Amount {
     Slice,
 }
 
-/// A thread that makes a sampler and measures its views.
-type Standby = JoinHandle<Result<(Box<dyn Sampler>, DirectCosts), RenderError>>;
+/// A thread that makes a sampler and compiles its programs.
+type Standby = JoinHandle<Result<Box<dyn Sampler>, RenderError>>;
 
 /// A guard: while it lives, work that needs a sampler waits for one.
 struct BeingMade(Arc<Queue>);
@@ -139,6 +142,7 @@ impl Renderer {
             unheld: Vec::new(),
             is_warm: false,
             is_measured: false,
+            measures_direct: false,
             light: LightLevel::Direct,
             light_rises: false,
             batches: 0,
@@ -186,8 +190,12 @@ impl Renderer {
         }
     }
 
-    /// Has the sampler prepare the next level of light beside other work, and notes which level is ready.
+    /// Has the sampler prepare the next level of light beside other work, and notes which level is ready. It begins once
+    /// the cost of views is known: it would take cores from the first view and from the measurement.
     fn prepare_light(&mut self) {
+        if self.measures_direct {
+            return;
+        }
         let (true, Some(next), true) = (self.light_rises, self.light.next(), self.sampler.is_some()) else {
             self.light_rises = false;
             return;
@@ -258,20 +266,19 @@ impl Renderer {
             let made = self.queue.making_role(|| {
                 match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
                     Some(made) => Ok(made),
-                    None => {
-                        made_sampler(factory, scene, &set).map(|sampler| (sampler, DirectCosts::default()))
-                    }
+                    None => made_sampler(factory, scene, &set),
                 }
             });
-            let (sampler, costs) = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
-            self.meter.set_cost(ViewKind::Direct, costs.full);
-            self.meter.set_cost(ViewKind::FewRays, costs.few_rays);
+            let sampler = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
             // Its first views had the light of the set's version.
             self.light_rises = set.first_light() == LightLevel::Direct;
             self.light = if self.light_rises { set.version.state.light } else { LightLevel::Full };
             self.queue.set_light(self.light);
             self.queue.set_usual_visibility(sampler.usual_visibility());
             self.sampler = Some(sampler);
+            if !std::mem::replace(&mut self.measures_direct, true) {
+                self.queue.push_background(Background::MeasureDirect);
+            }
         }
         match &mut self.sampler {
             Some(sampler) => Ok(sampler.as_mut()),
@@ -534,20 +541,19 @@ fn made_sampler(
     Ok(sampler)
 }
 
-/// Makes a sampler and renders small views with it, so that its first view is not slow. Returns the cost of its
-/// views.
+/// Makes a sampler and renders a small view with it, so that its first view does not wait for a compiler.
 fn warmed_sampler(
     factory: &dyn RoleFactory,
     scene: Arc<Scene>,
     info: &Arc<SampleSetInfo>,
-) -> Result<(Box<dyn Sampler>, DirectCosts), RenderError> {
+) -> Result<Box<dyn Sampler>, RenderError> {
     let mut sampler = made_sampler(factory, scene.clone(), info)?;
     let began = Instant::now();
     // A sampler that cannot render is not used.
-    let warmed = warm::sampler(sampler.as_mut(), &scene, info);
-    let costs = warmed.inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
-    debug!(ms = ms_since(began), ?costs, "sampler warmed up");
-    Ok((sampler, costs))
+    warm::sampler(sampler.as_mut(), &scene, info)
+        .inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
+    debug!(ms = ms_since(began), "sampler warmed up");
+    Ok(sampler)
 }
 
 fn ms_since(began: Instant) -> f64 {

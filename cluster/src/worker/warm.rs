@@ -1,8 +1,9 @@
 //! Warms up a role before views wait for it, and measures the cost of its views.
 //!
 //! A driver compiles a program at its first use; the software driver needs a second or more for the programs of a
-//! frame. So a role first renders small views and discards them. It then renders views at two sizes again. Their
-//! times give the cost of a view before the first request, so the planner never has to guess.
+//! frame. So a role first renders a small view and discards it. It then renders views at two sizes, whose times give
+//! the cost of a view. Views that wait when a worker starts are answered between these, and the service is ready for
+//! load once the cost is known, so the planner has to guess for those first views alone.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -35,36 +36,49 @@ const SAMPLES: usize = 4;
 /// Version number of the measured samples, which no set reaches.
 const LAST_VERSION: u64 = u64::MAX;
 
-/// Costs of views from triangles, by the pixels that are rendered. `None` where none could be measured.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct DirectCosts {
-    /// With all rays of light.
-    pub(super) full: Option<Cost>,
-    /// With few rays of light.
-    pub(super) few_rays: Option<Cost>,
-}
-
-/// Renders views from triangles, and measures their costs.
+/// Renders a small view from triangles, which compiles its programs.
 ///
 /// # Errors
 /// The error of rendering.
 pub(super) fn sampler(
     sampler: &mut dyn Sampler,
     scene: &Scene,
-    info: &Arc<SampleSetInfo>,
-) -> Result<DirectCosts, RenderError> {
-    let camera = scene.default_camera();
-    let visibility = sampler.usual_visibility();
-    let mut measured_with = |detail| {
-        let plan = Plan::Direct { samples_per_pixel: 1, detail };
-        let render = |size| {
-            let view = view(info, camera, size, plan.clone(), visibility);
-            let frames = sampler.render_views(&[view], &Cancel::default());
-            frames.into_iter().try_for_each(|frame| frame.map(drop))
-        };
-        measured(render, &mut || {})
-    };
-    Ok(DirectCosts { full: measured_with(Detail::Full)?, few_rays: measured_with(Detail::FewRays)? })
+    info: &SampleSetInfo,
+) -> Result<(), RenderError> {
+    direct_view(sampler, scene, info, (SIZES[0], Detail::Full))
+}
+
+/// Measures the cost of views from triangles in some detail, by the pixels that are rendered, of a sampler whose programs are
+/// compiled. Calls `between` between views.
+///
+/// # Errors
+/// The error of rendering.
+pub(super) fn direct_cost(
+    sampler: &mut dyn Sampler,
+    scene: &Scene,
+    info: &SampleSetInfo,
+    detail: Detail,
+    between: &mut dyn FnMut(&mut dyn Sampler),
+) -> Result<Option<Cost>, RenderError> {
+    measured(
+        sampler,
+        &mut |sampler, size| direct_view(*sampler, scene, info, (size, detail)),
+        &mut |sampler| {
+            between(*sampler);
+        },
+    )
+}
+
+/// Renders a view from triangles, and discards it.
+fn direct_view(
+    sampler: &mut dyn Sampler,
+    scene: &Scene,
+    info: &SampleSetInfo,
+    (size, detail): ([u32; 2], Detail),
+) -> Result<(), RenderError> {
+    let plan = Plan::Direct { samples_per_pixel: 1, detail };
+    let view = view(info, scene.default_camera(), size, plan, sampler.usual_visibility());
+    sampler.render_views(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
 }
 
 /// The job of small samples that views are measured from.
@@ -112,11 +126,16 @@ pub(super) fn compositor(
         let outputs = Outputs::COLOR.with(Output::Range);
         let view = |size| ViewJob { outputs, ..view(info, camera, size, plan.clone(), info.visibility) };
         let ready = compositor.ready(&view(SIZES[0]), between);
-        let compose = |size| {
+        let compose = |compositor: &mut dyn Compositor, size| {
             let frames = compositor.compose(&[view(size)], &Cancel::default());
             frames.into_iter().try_for_each(|frame| frame.map(drop))
         };
-        let measured = ready.and_then(|()| measured(compose, between));
+        let measured = ready.and_then(|()| {
+            // The first rendering compiles programs.
+            compose(compositor, SIZES[0])?;
+            between();
+            measured(&mut *compositor, &mut |role, size| compose(*role, size), &mut |_| between())
+        });
         compositor.release(&ids);
         times.push((set.info.rig.sample_texels() as f64, measured?));
     }
@@ -126,14 +145,12 @@ pub(super) fn compositor(
     Ok(Some(Cost { fixed_ms: large.fixed_ms + ms_per_texel * (texels - many).max(0.0), ..large }))
 }
 
-/// Measures the cost of a view by its size. Neither the first rendering, which compiles programs, nor the time of
-/// `between` counts.
-fn measured(
-    mut render: impl FnMut([u32; 2]) -> Result<(), RenderError>,
-    between: &mut dyn FnMut(),
+/// Measures the cost of a role's views by their size. The time of `between`, which may use the role, does not count.
+fn measured<R>(
+    mut role: R,
+    render: &mut dyn FnMut(&mut R, [u32; 2]) -> Result<(), RenderError>,
+    between: &mut dyn FnMut(&mut R),
 ) -> Result<Option<Cost>, RenderError> {
-    render(SIZES[0])?;
-    between();
     let mut times: Vec<(u64, f64)> = Vec::new();
     for size in SIZES {
         let pixels = |size: [u32; 2]| u64::from(size[0]) * u64::from(size[1]);
@@ -142,9 +159,9 @@ fn measured(
         let mut fastest = f64::INFINITY;
         for _ in 0..ROUNDS {
             let began = Instant::now();
-            render(size)?;
+            render(&mut role, size)?;
             fastest = fastest.min(began.elapsed().as_secs_f64() * 1e3);
-            between();
+            between(&mut role);
             if fastest > SLOW_MS {
                 break;
             }
@@ -178,18 +195,18 @@ mod tests {
     #[test]
     fn time_between_two_slices_is_not_part_of_the_cost() {
         let mut pauses = 0;
-        let render = |_| {
+        let render = |_: &mut (), _| {
             std::thread::sleep(Duration::from_millis(2));
             Ok(())
         };
-        let mut between = || {
+        let mut between = |_: &mut ()| {
             pauses += 1;
             std::thread::sleep(Duration::from_millis(200));
         };
-        let cost = measured(render, &mut between).unwrap().unwrap();
+        let cost = measured((), &mut { render }, &mut between).unwrap().unwrap();
         assert!(cost.ms(320 * 240) < 100.0, "{cost:?}");
-        assert_eq!(pauses, 1 + SIZES.len() * ROUNDS);
-        let failing = |_| Err(RenderError::Internal("requested by the test".to_owned()));
-        assert!(measured(failing, &mut || {}).is_err());
+        assert_eq!(pauses, SIZES.len() * ROUNDS);
+        let mut failing = |_: &mut (), _| Err(RenderError::Internal("requested by the test".to_owned()));
+        assert!(measured((), &mut failing, &mut |_| {}).is_err());
     }
 }

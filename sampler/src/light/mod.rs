@@ -53,7 +53,7 @@ pub(crate) struct DirectLight {
     tracing: Arc<LightTracing>,
     /// Texels of an image cast one of so many of their rays.
     ray_divisor: u32,
-    is_glossy: bool,
+    features: Features,
     add: AddDirect,
 }
 
@@ -95,18 +95,52 @@ impl DirectLight {
         (effects, knobs): (LightEffects, LightKnobs),
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
+        let rays = LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?;
+        Ok(Self::with_rays(gpu, scene, features, rays, (effects, knobs), (lighting, time_secs)))
+    }
+
+    /// Direct light that is found by these rays.
+    fn with_rays(
+        gpu: &Gpu,
+        scene: &Scene,
+        features: Features,
+        rays: LightRays,
+        (effects, knobs): (LightEffects, LightKnobs),
+        (lighting, time_secs): (&Lighting, f64),
+    ) -> Self {
         let emission = emission_textures(scene, effects);
         let tracing = LightTracing {
             effects,
             knobs,
-            rays: LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?,
+            rays,
             emitters: emitters_at(scene, &emission, effects, time_secs),
             emission,
             sky: SkyIrradiance::new(&lighting.sky),
             lighting: lighting.clone(),
         };
-        let add = AddDirect::new(gpu, features);
-        Ok(Self { tracing: Arc::new(tracing), ray_divisor: 1, is_glossy: features.specular, add })
+        Self { tracing: Arc::new(tracing), ray_divisor: 1, features, add: AddDirect::new(gpu, features) }
+    }
+
+    /// Reads alpha and transmission from another tracer's scene, whose triangles are the same.
+    pub(crate) fn share_textures(&mut self, tracer: &PacketTracer) {
+        Arc::make_mut(&mut self.tracing).rays.share_textures(tracer);
+    }
+
+    /// The direct light of the same triangles in another scene's light, without building trees again.
+    pub(crate) fn of_scene(
+        self,
+        gpu: &Gpu,
+        scene: &Scene,
+        features: Features,
+        tracer: &PacketTracer,
+        settings: (LightEffects, LightKnobs),
+        at: (&Lighting, f64),
+    ) -> Self {
+        let mut rays = Arc::unwrap_or_clone(self.tracing).rays;
+        rays.share_textures(tracer);
+        let lit = Self::with_rays(gpu, scene, features, rays, settings, at);
+        // Programs that were used are compiled.
+        if self.features == features { Self { add: self.add, ..lit } } else { lit }
     }
 
     /// Takes over the pose of a tracer.
@@ -180,7 +214,8 @@ impl DirectLight {
         let texels = Texels::new(&surfaces, &materials, size, neighbours, &about);
         let mut traced = Vec::new();
         let knobs = tracing.knobs.divided(self.ray_divisor);
-        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, self.is_glossy, &mut traced);
+        let is_glossy = self.features.specular;
+        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, is_glossy, &mut traced);
         // What no effect alone accounts for.
         let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
         timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);

@@ -93,6 +93,11 @@ impl LightRays {
         if passes { 0.0 } else { self.cutouts.coverage(ids, beta, gamma) }
     }
 
+    /// Reads alpha and transmission from another tracer's scene, whose triangles are the same.
+    pub(crate) fn share_textures(&mut self, tracer: &PacketTracer) {
+        self.cutouts = Arc::clone(tracer.cutouts());
+    }
+
     /// Builds trees from a packet tracer's hierarchy, and shares its textures for alpha tests. `None` if the hierarchy is
     /// too large or too deep: 2²⁸ triangles, or 73 levels.
     pub(crate) fn new(tracer: &PacketTracer, faces: Faces) -> Option<Self> {

@@ -28,6 +28,8 @@ pub(crate) struct Resident {
     pub(crate) texels: wgpu::TextureView,
     pub(crate) texels_srgb: wgpu::TextureView,
     pub(crate) environment: EnvironmentTexture,
+    /// Where the textures are in the array, by which materials address them.
+    textures: Vec<texels::InstanceTransform>,
     /// One a mesh of the scene.
     pub(crate) runs: Vec<MeshRun>,
     /// Visible instances at the time of the last pose, in drawing order: by class, then by mesh.
@@ -202,11 +204,26 @@ impl Resident {
             texels: texels.linear,
             texels_srgb: texels.srgb,
             environment: EnvironmentTexture::new(gpu, &scene.lighting.sky)?,
+            textures: texels.textures,
             instances: placements(scene, &scene.at(0.0).instances, |mesh| is_filled(&runs[mesh])),
             runs,
             instance_count: scene.instances.len(),
             bounds: scene.bounds(),
         })
+    }
+
+    /// Takes over what light changes of the same scene: emission, and the sky. Triangles and textures stay.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub(crate) fn relight(&mut self, gpu: &Arc<Gpu>, scene: &Scene) -> Result<(), RenderError> {
+        let materials = materials::Materials::new(scene, &self.textures);
+        let storage = wgpu::BufferUsages::STORAGE;
+        self.features = Features::new(scene, &materials);
+        self.materials = upload(gpu, "materials", &materials.data, storage)?;
+        self.slots = upload(gpu, "texture slots", &materials.slots, storage)?;
+        self.environment = EnvironmentTexture::new(gpu, &scene.lighting.sky)?;
+        Ok(())
     }
 
     /// Uploads the vertices of the meshes of a posed scene that deform.

@@ -14,7 +14,7 @@ use super::{GpuSampler, check_wanted};
 use crate::passes::{ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::{ProbeBindings, ProbePrograms, ProbeRenderer};
 use crate::reflected_light::ReflectedScene;
-use crate::resident::{GuideUse, Resident};
+use crate::resident::{Features, GuideUse, Resident};
 use crate::tile::{Tile, tiles};
 use crate::view_reflections::ViewReflections;
 use crate::{SamplerKnobs, timing};
@@ -81,6 +81,17 @@ impl SurfacePrograms {
             of_views: None,
             reflected: None,
         }
+    }
+
+    /// Whether programs of these knobs and features are the same.
+    pub(super) fn are_of(knobs: [&SamplerKnobs; 2], features: [Features; 2]) -> bool {
+        let of = |knobs: &SamplerKnobs| (GuideUse::of(knobs), knobs.side(), knobs.effects.any());
+        of(knobs[0]) == of(knobs[1]) && features[0] == features[1]
+    }
+
+    /// Forgets reflections, which show the light of a scene.
+    pub(super) fn forget_reflections(&mut self) {
+        (self.probes, self.of_views, self.reflected) = (None, None, None);
     }
 
     /// The programs for a job with those reflections, once they are ready.

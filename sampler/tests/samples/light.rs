@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::{PreparedSampler, SamplerKnobs};
 use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
-    Camera, Cancel, EffectPlan, EffectRequest, Effects, Light, LightEffects, Lighting, Material, PixelJob,
-    PlaneKind, Sampler, Scene, SceneState, Sky, Visibility,
+    Camera, Cancel, EffectPlan, EffectRequest, Effects, Light, LightChoice, LightEffects, Lighting, Material,
+    PixelJob, PlaneKind, Sampler, Scene, SceneHash, SceneState, Sky, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use image::RgbImage;
@@ -277,4 +277,27 @@ fn all_visibility_backends_have_the_same_light() {
         let differ = image.pixels().zip(images[0].pixels()).filter(|(a, b)| a != b).count();
         assert!(differ <= 96 * 72 / 20, "{differ} pixels differ, where only edges may");
     }
+}
+
+#[test]
+fn a_sampler_that_was_prepared_before_the_light_was_known_renders_the_same_bytes() {
+    let opened = Arc::new(scene_with_lights());
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let job = view_job(camera, [96, 72], 1);
+    for choice in [LightChoice::FILE, LightChoice::SKY.with_own(-3), LightChoice::interior(1.0)] {
+        let scene = Arc::new((*opened).clone().in_light(choice));
+        for effects in
+            [LightEffects::ALL, LightEffects { shadows: true, ..LightEffects::NONE }, LightEffects::NONE]
+        {
+            let knobs = SamplerKnobs { effects, exposure: Some(1.5), ..SamplerKnobs::default() };
+            let prepared = PreparedSampler::new(gpu(), &opened).unwrap();
+            assert!(prepared.is_of(&gpu(), &scene));
+            assert_eq!(Arc::strong_count(&opened), 1, "who opened the scene may change it");
+            let found = direct(&mut prepared.in_light(scene.clone(), knobs).unwrap(), &job);
+            let expected = direct(&mut sampler_with(&scene, knobs), &job);
+            assert_eq!(found.color, expected.color, "{choice}, {effects}");
+        }
+    }
+    let other = Scene { hash: SceneHash([7; 32]), ..(*opened).clone() };
+    assert!(!PreparedSampler::new(gpu(), &opened).unwrap().is_of(&gpu(), &other));
 }

@@ -409,3 +409,17 @@ fn a_cluster_of_suspected_workers_is_not_ready() {
     sim.report(only);
     assert!(sim.core.can_answer());
 }
+
+#[test]
+fn a_cluster_answers_before_its_views_have_a_price_and_is_ready_for_load_with_it() {
+    let mut sim = Sim::with_workers(1);
+    let only = *sim.workers.keys().next().unwrap();
+    let report = |sim: &mut Sim, cost| {
+        let report = Report { direct_cost: cost, direct_ms: None, ..sim.workers[&only].report.clone() };
+        sim.step(Event::Reported { worker: only, report });
+    };
+    report(&mut sim, None);
+    assert!(sim.core.can_answer() && !sim.core.is_ready_for_load());
+    report(&mut sim, Some(quality::Cost { fixed_ms: 1.0, ms_per_megapixel: 10.0 }));
+    assert!(sim.core.is_ready_for_load());
+}

@@ -93,6 +93,7 @@ impl Renderer {
     /// Does a slice of background work, and queues the rest.
     pub(super) fn background(&mut self, work: Background) {
         match work {
+            Background::MeasureDirect => self.measure_direct(),
             Background::Measured { warp_cost, backend_costs, reply } => {
                 self.meter.set_cost(ViewKind::Warp, warp_cost);
                 // The receiver is gone if a newer assignment arrived.
