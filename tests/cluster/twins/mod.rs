@@ -3,6 +3,7 @@
 //! Each kind is one that programs in use write. The tests make both files, show both as a user would, and compare.
 
 mod files;
+mod light;
 
 use std::path::{Path, PathBuf};
 
