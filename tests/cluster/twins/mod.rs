@@ -4,6 +4,7 @@
 
 mod files;
 mod light;
+mod strangers;
 
 use std::path::{Path, PathBuf};
 
