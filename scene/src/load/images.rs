@@ -18,7 +18,7 @@ pub(super) use decode::{Pixels, Size};
 /// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;
 /// Bytes that the textures of any scene may take, and how many more for a byte of their files. Photographs have 16 to 30.
-/// Images that hold nothing have a thousand: without this bound a file of 2 MB took 2 GiB.
+/// Images that hold nothing have a thousand: without this bound a JPEG of 3 MB took 2 GiB.
 const MOST_ANYWAY: u64 = 384 << 20;
 const MOST_EACH: u64 = 64;
 /// Limit in bytes of what a scene's images take beyond the ratio to their files that every image may have.
