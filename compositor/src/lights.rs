@@ -1,5 +1,6 @@
 //! Lights of a view, relative to its eye.
 
+use argus_scene::shading::nearest_lit;
 use argus_scene::{Light, Lighting};
 use argus_shaders::layout::shared;
 use glam::DVec3;
@@ -28,21 +29,24 @@ pub(crate) fn light_about(light: &Light, visibility_byte: u32, eye: DVec3) -> sh
         cos_inner: 1.0,
         cos_outer: 0.0,
         visibility_byte,
-        _pad: [0.0; 2],
+        nearest: 0.0,
+        _pad: 0.0,
     };
     match *light {
         Light::Directional { direction, irradiance, .. } => {
             data.direction = direction.as_vec3().to_array();
             data.color = irradiance.to_array();
         }
-        Light::Point { position, intensity, range, .. } => {
+        Light::Point { position, intensity, range, radius } => {
             data.kind = 1;
+            data.nearest = nearest_lit(radius) as f32;
             data.position = (position - eye).as_vec3().to_array();
             data.range = cut_off(range);
             data.color = intensity.to_array();
         }
-        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, .. } => {
+        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius } => {
             data.kind = 2;
+            data.nearest = nearest_lit(radius) as f32;
             data.position = (position - eye).as_vec3().to_array();
             data.direction = direction.as_vec3().to_array();
             data.range = cut_off(range);

@@ -1,6 +1,7 @@
 //! The scene relative to one eye: uploaded for every camera.
 
 use argus_gpu::{Gpu, wgpu};
+use argus_scene::shading::nearest_lit;
 use argus_scene::{Light, Lighting, RenderError};
 use argus_shaders::layout::sampler::InstanceTransform;
 use argus_shaders::layout::shared::{self, Lighting as LightingData};
@@ -84,22 +85,26 @@ fn light_about(light: &Light, eye: DVec3) -> shared::Light {
             color: color(irradiance),
             ..none
         },
-        Light::Point { position, intensity, range, .. } => shared::Light {
+        Light::Point { position, intensity, range, radius } => shared::Light {
             kind: 1,
+            nearest: nearest_lit(radius) as f32,
             position: about(position),
             range: cut_off(range),
             color: color(intensity),
             ..none
         },
-        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, .. } => shared::Light {
-            kind: 2,
-            position: about(position),
-            direction: direction.as_vec3().to_array(),
-            range: cut_off(range),
-            color: color(intensity),
-            cos_inner: inner_cone.cos() as f32,
-            cos_outer: outer_cone.cos() as f32,
-            ..none
-        },
+        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius } => {
+            shared::Light {
+                kind: 2,
+                nearest: nearest_lit(radius) as f32,
+                position: about(position),
+                direction: direction.as_vec3().to_array(),
+                range: cut_off(range),
+                color: color(intensity),
+                cos_inner: inner_cone.cos() as f32,
+                cos_outer: outer_cone.cos() as f32,
+                ..none
+            }
+        }
     }
 }

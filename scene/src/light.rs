@@ -120,9 +120,6 @@ impl Light {
 
     /// Half the angle that the sun has in the sky of the earth, radians (0.265°).
     pub const SUN_RADIUS: f64 = 0.004_625;
-
-    /// Radius of a light bulb, metres: of a file's point and spot lights, whose extent no format tells.
-    pub const BULB_RADIUS: f64 = 0.03;
 }
 
 /// Whether a point of a box is nearer to a light than its range. What is not a number is in range.

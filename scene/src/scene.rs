@@ -265,8 +265,8 @@ impl Scene {
     }
 
     /// Whether a surface that shows its front lies in each of eight level directions and below a point, as in a room or a
-    /// courtyard; within a closed solid or below a terrain it would be a back. Backs that are culled are not seen. Tests every
-    /// triangle: called for a scene whose file recommends no viewpoint.
+    /// courtyard; within a closed solid or below a terrain it would be a back. Backs that are culled are not seen, and
+    /// backdrops, such as sky domes, are not walls. Tests every triangle: called for a scene whose file recommends no viewpoint.
     fn surrounds(&self, point: DVec3) -> bool {
         let turn = |i: u32| f64::from(i) * std::f64::consts::FRAC_PI_4 + 0.1;
         let level = (0..8).map(|i| DVec3::new(turn(i).cos(), 0.0, turn(i).sin()));
@@ -275,6 +275,9 @@ impl Scene {
         let mut nearest = vec![(f64::INFINITY, false); ways.len()];
         for instance in &self.instances {
             let mesh = &self.meshes[instance.mesh as usize];
+            if self.materials.get(mesh.material as usize).is_some_and(|material| material.backdrop) {
+                continue;
+            }
             let shows_backs = self.materials.get(mesh.material as usize).is_none_or(|m| m.double_sided);
             let is_mirrored = instance.world_from_mesh.matrix3.determinant() < 0.0;
             let at = |i: u32| {

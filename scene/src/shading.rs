@@ -83,12 +83,12 @@ pub fn dielectric_f0(ior: f32) -> f32 {
 pub fn incident(light: &Light, position: DVec3) -> (Vec3, Vec3) {
     match *light {
         Light::Directional { direction, irradiance, .. } => (-direction.as_vec3(), irradiance),
-        Light::Point { position: p, intensity, range, .. } => {
-            let (l, falloff) = towards(p, position, range);
+        Light::Point { position: p, intensity, range, radius } => {
+            let (l, falloff) = towards(p, radius, position, range);
             (l, intensity * falloff)
         }
-        Light::Spot { position: p, direction, intensity, range, inner_cone, outer_cone, .. } => {
-            let (l, falloff) = towards(p, position, range);
+        Light::Spot { position: p, direction, intensity, range, inner_cone, outer_cone, radius } => {
+            let (l, falloff) = towards(p, radius, position, range);
             // KHR_lights_punctual, reference code: squared ramp between the cones' cosines.
             let (inner, outer) = (inner_cone.cos() as f32, outer_cone.cos() as f32);
             let ramp = ((-l.dot(direction.as_vec3()) - outer) / (inner - outer).max(1e-4)).clamp(0.0, 1.0);
@@ -97,17 +97,32 @@ pub fn incident(light: &Light, position: DVec3) -> (Vec3, Vec3) {
     }
 }
 
-/// Unit direction from `position` to `light`, and 1/d² with KHR_lights_punctual's smooth cut-off.
-fn towards(light: DVec3, position: DVec3, range: Option<f64>) -> (Vec3, f32) {
+/// Unit direction from `position` to `light`, and its [`falloff`].
+fn towards(light: DVec3, radius: f64, position: DVec3, range: Option<f64>) -> (Vec3, f32) {
     let to_light = light - position;
     let distance = to_light.length();
     if !(distance > 0.0) {
         return (Vec3::Y, 0.0);
     }
-    // A surface closer than a millimetre is lit as from a millimetre, so that no pixel is infinite.
-    let d = distance.max(1e-3);
-    let window = range.map_or(1.0, |r| (1.0 - (d / r).powi(4)).clamp(0.0, 1.0));
-    ((to_light / distance).as_vec3(), (window / (d * d)) as f32)
+    ((to_light / distance).as_vec3(), falloff(distance, radius, range))
+}
+
+/// Distance in metres within which no light grows, so that none is infinite in single precision. It is no length of a scene:
+/// the light of a sphere ends to grow at its surface.
+const LEAST_DISTANCE: f64 = 1e-9;
+
+/// Distance in metres within which surfaces are lit as from that distance, for a light of this radius: irradiance at the
+/// surface of a sphere that shines is radiance · π, and there is no surface further in.
+pub fn nearest_lit(radius: f64) -> f64 {
+    radius.max(LEAST_DISTANCE)
+}
+
+/// Irradiance at a distance from a light of unit intensity and this radius, on a surface that faces it, per square metre:
+/// 1/d² with KHR_lights_punctual's smooth cut-off at `range`.
+pub fn falloff(distance: f64, radius: f64, range: Option<f64>) -> f32 {
+    let d = distance.max(nearest_lit(radius));
+    let window = range.map_or(1.0, |range| (1.0 - (d / range).powi(4)).clamp(0.0, 1.0));
+    (window / (d * d)) as f32
 }
 
 /// Radiance of `surface`, equal in all directions.
@@ -240,6 +255,20 @@ mod tests {
             assert!(specular_radiance(&mirror, to_eye, &lighting).is_finite(), "{to_eye}");
         }
         assert!(diffuse_radiance(&mirror, &lighting).is_finite());
+    }
+
+    #[test]
+    fn lamps_light_scenes_of_any_unit_alike() {
+        let at = |distance: f64, unit: f64| {
+            let (d, radius, range) = (distance * unit, 0.03 * unit, Some(9.0 * unit));
+            f64::from(falloff(d, radius, range)) * unit * unit
+        };
+        for distance in [0.0, 1e-3, 0.03, 0.5, 3.0, 8.9] {
+            let metres = at(distance, 1.0);
+            for unit in [1e-6, 1e-3, 1e3, 1e6] {
+                assert!((at(distance, unit) / metres - 1.0).abs() < 1e-5, "{distance}, {unit}");
+            }
+        }
     }
 
     #[test]

@@ -13,6 +13,8 @@ struct Light {
     cos_outer: f32,
     // Byte of a light visibility word that says which share of this light is seen.
     visibility_byte: u32,
+    // Surfaces that are nearer to a point or spot light are lit as from this distance.
+    nearest: f32,
 }
 
 struct Lighting {
@@ -120,7 +122,7 @@ fn incident(light: Light, position: vec3f) -> Incident {
         return Incident(vec3f(0.0, 1.0, 0.0), vec3f(0.0));
     }
     let to_light = offset / distance;
-    let d = max(distance, 1e-3);
+    let d = max(distance, light.nearest);
     var falloff = 1.0 / (d * d);
     if light.range > 0.0 {
         let x = d / light.range;

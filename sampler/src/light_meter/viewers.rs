@@ -5,7 +5,7 @@ use argus_scene::light_sampling::r2;
 use argus_scene::{Bounds, Camera, Scene};
 use glam::{DVec2, DVec3};
 
-use crate::packets::PacketTracer;
+use crate::packets::{Hit, PacketTracer};
 
 /// Rays of sight from inside or by cameras, about; from around a scene, where many miss it, twice as many.
 const RAYS: u32 = 4096;
@@ -28,8 +28,8 @@ pub(super) fn sights(scene: &Scene, extent: &Bounds, tracer: &PacketTracer) -> V
     }
     // What is seen first counts as much as the rest.
     let first = scene.default_camera();
-    if scene.bounds().contains(first.eye)
-        && let Some(rooms) = rooms(extent, tracer)
+    if extent.contains(first.eye)
+        && let Some(rooms) = rooms(scene, extent, tracer)
     {
         let around = |eye: DVec3, rays: u32| (0..rays).map(move |ray| (eye, sphere(ray)));
         let each = RAYS / 2 / rooms.len().max(1) as u32;
@@ -97,7 +97,7 @@ const DIRECTIONS: u32 = 48;
 const ENCLOSED: f64 = 0.6;
 
 /// Viewers in the widest places that fronts enclose; `None` if these are the inside of a solid.
-fn rooms(extent: &Bounds, tracer: &PacketTracer) -> Option<Vec<DVec3>> {
+fn rooms(scene: &Scene, extent: &Bounds, tracer: &PacketTracer) -> Option<Vec<DVec3>> {
     let [columns, rows, layers] = GRID;
     let places = (0..columns * rows * layers).map(|i| {
         let cell = DVec3::new(
@@ -107,17 +107,21 @@ fn rooms(extent: &Bounds, tracer: &PacketTracer) -> Option<Vec<DVec3>> {
         );
         extent.min + extent.size() * (cell + 0.5) / DVec3::new(columns.into(), rows.into(), layers.into())
     });
+    // A sky dome is no wall.
+    let nearest = |eye: DVec3, way: DVec3| {
+        tracer.nearest(eye, way, f64::INFINITY).filter(|hit| !is_backdrop(scene, hit))
+    };
     let (mut found, mut behind, mut shell) = (Vec::new(), 0u32, 0u32);
     for place in places {
         let mut distances = Vec::new();
         for way in (0..DIRECTIONS).map(sphere) {
-            let Some(hit) = tracer.nearest(place, way, f64::INFINITY) else { continue };
+            let Some(hit) = nearest(place, way) else { continue };
             if hit.front {
                 distances.push(hit.t);
             }
             let beyond = place + way * (hit.t * (1.0 + 1e-6));
             shell += 1;
-            behind += u32::from(tracer.nearest(beyond, way, f64::INFINITY).is_some());
+            behind += u32::from(nearest(beyond, way).is_some());
         }
         if distances.len() as f64 >= ENCLOSED * f64::from(DIRECTIONS) {
             distances.sort_by(f64::total_cmp);
@@ -132,4 +136,9 @@ fn rooms(extent: &Bounds, tracer: &PacketTracer) -> Option<Vec<DVec3>> {
     found.sort_by(|(a, _), (b, _)| b.total_cmp(a));
     found.truncate(MOST_INSIDE);
     Some(found.into_iter().map(|(_, place)| place).collect())
+}
+
+fn is_backdrop(scene: &Scene, hit: &Hit) -> bool {
+    let mesh = &scene.meshes[scene.instances[hit.instance as usize].mesh as usize];
+    scene.materials[mesh.material as usize].backdrop
 }

@@ -1,6 +1,7 @@
 //! Light sources of paths: the scene's lights and emissive triangles.
 
 use argus_scene::light_sampling::{cosine_direction, disc_point};
+use argus_scene::shading::falloff;
 use argus_scene::{Bounds, Light, Lighting, Material};
 use glam::{DVec2, DVec3, Vec3};
 
@@ -18,17 +19,15 @@ pub(crate) struct Emission {
     pub(crate) flux: Vec3,
     /// Normal of an emissive surface, which is a VPL itself; `None` for a light.
     pub(crate) surface: Option<DVec3>,
-    /// Whether flux falls off beyond 1/d²: by a light's range.
-    thins: Option<Option<f64>>,
+    /// Radius and range of the point or spot light that it leaves.
+    lamp: Option<(f64, Option<f64>)>,
 }
 
 impl Emission {
     /// Share of the flux at a distance: the factors of [`argus_scene::shading::incident`] beside 1/d².
     pub(crate) fn left_at(&self, distance: f64) -> f32 {
-        let Some(range) = self.thins else { return 1.0 };
-        let near = (distance / distance.max(1e-3)).powi(2);
-        let window = range.map_or(1.0, |r| (1.0 - (distance / r).powi(4)).clamp(0.0, 1.0));
-        (near * window) as f32
+        let Some((radius, range)) = self.lamp else { return 1.0 };
+        (f64::from(falloff(distance, radius, range)) * distance * distance) as f32
     }
 }
 
@@ -135,16 +134,16 @@ fn from_light(light: &Light, bounds: Bounds, [u, v, s, t]: [f64; 4]) -> Option<E
             let (corner, x, y, area) = window(direction, bounds);
             let flux = irradiance * area as f32;
             let origin = corner + x * u + y * v;
-            Some(Emission { origin, direction, flux, surface: None, thins: None })
+            Some(Emission { origin, direction, flux, surface: None, lamp: None })
         }
-        Light::Point { position, intensity, range, .. } => {
+        Light::Point { position, intensity, range, radius: bulb } => {
             let (z, turn) = (1.0 - 2.0 * s, std::f64::consts::TAU * t);
             let radius = (1.0 - z * z).max(0.0).sqrt();
             let direction = DVec3::new(radius * turn.cos(), radius * turn.sin(), z);
             let flux = intensity * (4.0 * std::f32::consts::PI);
-            Some(Emission { origin: position, direction, flux, surface: None, thins: Some(range) })
+            Some(Emission { origin: position, direction, flux, surface: None, lamp: Some((bulb, range)) })
         }
-        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, .. } => {
+        Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius: bulb } => {
             let (inner, outer) = (inner_cone.cos(), outer_cone.cos());
             let (z, turn) = (1.0 - s * (1.0 - outer), std::f64::consts::TAU * t);
             let radius = (1.0 - z * z).max(0.0).sqrt();
@@ -153,7 +152,8 @@ fn from_light(light: &Light, bounds: Bounds, [u, v, s, t]: [f64; 4]) -> Option<E
             // The squared ramp between the cones of KHR_lights_punctual, as in shading.
             let ramp = ((z - outer) / (inner - outer).max(1e-4)).clamp(0.0, 1.0);
             let flux = intensity * (cap(outer_cone) * ramp * ramp) as f32;
-            Some(Emission { origin: position, direction: along, flux, surface: None, thins: Some(range) })
+            let lamp = Some((bulb, range));
+            Some(Emission { origin: position, direction: along, flux, surface: None, lamp })
         }
     }
 }
@@ -206,7 +206,7 @@ impl Emissive {
             direction,
             flux,
             surface: Some(normal),
-            thins: None,
+            lamp: None,
         })
     }
 }

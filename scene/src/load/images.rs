@@ -17,6 +17,10 @@ pub(super) use decode::{Pixels, Size};
 
 /// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;
+/// Bytes that the textures of any scene may take, and how many more for a byte of their files. Photographs have 16 to 30.
+/// Images that hold nothing have a thousand: without this bound a JPEG of 3 MB took 2 GiB.
+const MOST_ANYWAY: u64 = 384 << 20;
+const MOST_EACH: u64 = 64;
 /// Limit in bytes of what a scene's images take beyond the ratio to their files that every image may have.
 const MOST_EXCESS: u64 = 256 << 20;
 
@@ -143,19 +147,30 @@ impl Textures {
 
 /// Decodes the used images. Sizes are added up before any memory is taken.
 pub(super) fn decode_used(images: &[(String, Bytes)], used: &[bool]) -> Vec<Option<Result<Pixels, String>>> {
-    let used_images = images.iter().zip(used);
+    let used_images = || images.iter().zip(used);
     let mut files: Vec<_> =
-        used_images.map(|((name, bytes), used)| used.then(|| ImageFile::inspect(name, bytes))).collect();
+        used_images().map(|((name, bytes), used)| used.then(|| ImageFile::inspect(name, bytes))).collect();
+    let most = most_decoded(
+        used_images().filter(|(_, used)| **used).map(|((_, bytes), _)| bytes.len() as u64).sum(),
+    );
     let (mut decoded, mut excess) = (0, 0);
     for file in &mut files {
         let Some(Ok(image)) = file else { continue };
-        decoded += image.decoded();
-        excess += image.excess();
-        if decoded > MOST_DECODED || excess > MOST_EXCESS {
-            *file = Some(Err("the scene has too many textures".to_owned()));
+        let with_it = (decoded + image.decoded(), excess + image.excess());
+        if with_it.0 > most || with_it.1 > MOST_EXCESS {
+            *file = Some(Err(
+                "the scene's textures would take too much memory for files of their size".to_owned()
+            ));
+        } else {
+            (decoded, excess) = with_it;
         }
     }
     files.into_par_iter().map(|file| Some(file?.and_then(|file| file.decode()))).collect()
+}
+
+/// Limit in bytes of the decoded textures of images whose files have so many bytes.
+fn most_decoded(files: u64) -> u64 {
+    files.saturating_mul(MOST_EACH).saturating_add(MOST_ANYWAY).min(MOST_DECODED)
 }
 
 /// How materials are shown without those of their textures for which `lost` holds.
@@ -226,6 +241,22 @@ pub(super) mod tests {
         }
         bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
         assert!(decode("x.png", &bytes).err().unwrap().contains("cannot be held"));
+    }
+
+    #[test]
+    fn a_few_large_even_images_are_shown_and_many_in_small_files_are_not() {
+        // 64 MiB each.
+        let even = ("even.png".to_owned(), png(4096, 4096, [9; 4]));
+        assert!(even.1.len() < 100_000);
+        let images = vec![even; 10];
+        let decoded = decode_used(&images, &[true; 10]);
+        let shown = decoded.iter().filter(|image| matches!(image, Some(Ok(_)))).count();
+        assert_eq!(
+            shown as u64,
+            most_decoded(images.iter().map(|(_, bytes)| bytes.len() as u64).sum()) >> 26
+        );
+        assert!((6..10).contains(&shown), "{shown}");
+        assert!(most_decoded(200 << 20) == MOST_DECODED, "large files are not bounded by it");
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! rather than by the counts that it claims, but for 256 MiB of even textures. A bad texture costs that texture and a warning.
 
 mod backdrop;
+mod bulbs;
 mod bundle;
 mod environment;
 mod error;
@@ -173,6 +174,7 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
     scene.begin();
     scene.not_playing_warning().iter().for_each(|line| warnings.add(line));
     backdrop::mark(&mut scene);
+    bulbs::measure(&mut scene);
     scene.rig = rig_of(&scene);
     scene.warnings = warnings.into_lines();
     Ok(scene)

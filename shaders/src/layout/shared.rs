@@ -24,8 +24,10 @@ mirror! {
         pub cos_outer: f32,
         /// Byte of a light visibility word that says which share of the light is seen.
         pub visibility_byte: u32,
+        /// Surfaces that are nearer to a point or spot light are lit as from this distance, metres.
+        pub nearest: f32,
         /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: [f32; 2],
+        pub _pad: f32,
     }
 }
 

@@ -3,6 +3,8 @@
 //! Each kind is one that programs in use write. The tests make both files, show both as a user would, and compare.
 
 mod files;
+mod light;
+mod strangers;
 
 use std::path::{Path, PathBuf};
 

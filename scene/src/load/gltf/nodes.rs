@@ -173,7 +173,8 @@ pub(super) fn lights(root: &json::Root, hierarchy: &mut Hierarchy, warnings: &mu
     lights
 }
 
-/// glTF's lights have no extent: a directional one is taken for the sun, others for light bulbs.
+/// glTF's lights have no extent: a directional one is taken for the sun. Others get theirs from the whole scene
+/// ([`super::super::bulbs`]).
 fn read_light(
     light: &json::extensions::scene::khr_lights_punctual::Light,
     world_from_node: &DAffine3,
@@ -192,15 +193,14 @@ fn read_light(
             Some(Light::Directional { direction, irradiance: radiant, angular_radius })
         }
         Checked::Valid(Type::Point) => {
-            Some(Light::Point { position, intensity: radiant, range, radius: Light::BULB_RADIUS })
+            Some(Light::Point { position, intensity: radiant, range, radius: 0.0 })
         }
         Checked::Valid(Type::Spot) => {
             let spot = light.spot.as_ref()?;
             let outer_cone = f64::from(spot.outer_cone_angle).clamp(1e-3, std::f64::consts::FRAC_PI_2);
             let inner_cone = f64::from(spot.inner_cone_angle).clamp(0.0, outer_cone - 1e-4);
-            let radius = Light::BULB_RADIUS;
             let intensity = radiant;
-            Some(Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius })
+            Some(Light::Spot { position, direction, intensity, range, inner_cone, outer_cone, radius: 0.0 })
         }
         Checked::Invalid => None,
     }
