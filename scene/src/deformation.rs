@@ -9,8 +9,12 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3, Vec4};
 
-use crate::animation::{Animation, Drivers, Node, Rest, Track};
-use crate::{Bounds, Mesh, Pose, Scene};
+#[cfg(feature = "loaders")]
+use crate::Pose;
+use crate::animation::Drivers;
+#[cfg(feature = "loaders")]
+use crate::animation::{Animation, Node, Rest, Track};
+use crate::{Bounds, Mesh, Scene};
 
 /// A transform is flat if its determinant is at most this share of the cube of its size (Frobenius norm).
 const FLAT: f64 = 1e-6;

@@ -1,14 +1,17 @@
 //! Burst: many views at once over gRPC, from a cluster that has rendered nothing yet.
 //!
-//! The cluster paper's 290 views (section 5). The time includes the samples; the baseline renders every view directly.
+//! The cluster paper's 290 views (section 5), one by one or as one batch, whose plan the service chooses. The time includes the
+//! samples; the baseline renders every view directly.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result, bail};
 use argus_client::load::{burst, path_views};
-use argus_client::{Answer, Client, ClientError, ClusterStatus, ConnectOptions, RenderOptions};
-use argus_scene::{LightLevel, PlanRequest};
+use argus_client::{Batch, Client, ClientError, ClusterStatus, ConnectOptions, RenderOptions};
+use argus_proto::v1::Encoding;
+use argus_scene::{Frame, LightLevel, Outputs, Plan, PlanRequest, View};
+use futures::StreamExt as _;
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -47,6 +50,29 @@ impl Effort for Options {
 /// Views in flight at once: enough for full batches on every worker, few enough that none is rejected.
 pub const IN_FLIGHT: usize = 128;
 
+/// How views are requested.
+#[derive(Debug, Clone, Copy)]
+enum Request {
+    /// One by one, with this plan.
+    Views(PlanRequest),
+    /// As one batch that leaves the way open.
+    Batch,
+}
+
+/// What the frames of a burst were.
+#[derive(Debug, Default)]
+struct Frames {
+    unresolved: Vec<f64>,
+    from_samples: Vec<f64>,
+}
+
+impl Frames {
+    fn add(&mut self, frame: &Frame) {
+        self.unresolved.push(frame.unresolved_fraction);
+        self.from_samples.push(f64::from(u8::from(matches!(frame.provenance.plan, Plan::Warp(_)))));
+    }
+}
+
 /// Runs the study with clusters of the program `argus`; `progress` counts rounds × methods.
 ///
 /// # Errors
@@ -55,41 +81,34 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let direct = PlanRequest { direct: true, ..PlanRequest::default() };
     // Once the samples are rendered, a sampler is idle unless it may also compose. Direct views are measured with the
     // cheapest visibility backend and with the rasteriser.
+    let (direct, splat) = (Request::Views(direct), Request::Views(PlanRequest::from_samples()));
     let methods = [
-        (
-            "splat, samplers also compose",
-            PlanRequest::from_samples(),
-            ["--samplers-composite=true", "--visibility=auto"],
-        ),
-        ("splat", PlanRequest::from_samples(), ["--samplers-composite=false", "--visibility=auto"]),
+        ("a batch, by default", Request::Batch, ["--samplers-composite=true", "--visibility=auto"]),
+        ("splat, samplers also compose", splat, ["--samplers-composite=true", "--visibility=auto"]),
+        ("splat", splat, ["--samplers-composite=false", "--visibility=auto"]),
         ("direct, cheapest way", direct, ["--samplers-composite=false", "--visibility=auto"]),
         ("direct, rasterised", direct, ["--samplers-composite=false", "--visibility=raster"]),
     ];
     progress.set_length((methods.len() * options.rounds) as u64);
     let mut secs = methods.map(|_| Vec::new());
-    let mut unresolved = methods.map(|_| 0.0);
+    let (mut unresolved, mut from_samples) = (methods.map(|_| 0.0), methods.map(|_| 0.0));
     let mut device = String::new();
     for _ in 0..options.rounds {
-        for (i, (name, plan, arguments)) in methods.into_iter().enumerate() {
+        for (i, (name, request, arguments)) in methods.into_iter().enumerate() {
             progress.set_message(name);
             let cluster =
                 LocalCluster::start(argus, &options.scene, options.workers, &arguments.map(str::to_owned))?;
             let client = connect(&cluster, options.workers).await?;
             device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
-            let views = path_views(client.description(), options.views, options.size, plan);
-            let mut fractions = Vec::new();
-            let unresolved_of = |_, answer: Answer| fractions.push(answer.frame.unresolved_fraction);
-            let outcome = burst(&client, views, IN_FLIGHT, &patient(), unresolved_of).await;
-            if let Some(error) = outcome.first_error {
-                bail!("{} of {} views were not answered: {error}", outcome.failed, outcome.views);
-            }
-            secs[i].push(outcome.total_ms / 1e3);
-            unresolved[i] = mean(fractions);
+            let mut frames = Frames::default();
+            secs[i].push(ask(&client, request, options, &mut frames).await?);
+            unresolved[i] = mean(frames.unresolved);
+            from_samples[i] = mean(frames.from_samples);
             cluster.stop()?;
             progress.inc(1);
         }
     }
-    let (cheapest_secs, rasterised_secs) = (median(&secs[2]), median(&secs[3]));
+    let (cheapest_secs, rasterised_secs) = (median(&secs[3]), median(&secs[4]));
     let rows = methods.iter().enumerate().map(|(i, (name, ..))| {
         let total_secs = median(&secs[i]);
         let row = json!({
@@ -102,11 +121,44 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
             "views_per_sec": f64::from(options.views) / total_secs,
             "per_direct": total_secs / rasterised_secs,
             "per_cheapest_direct": total_secs / cheapest_secs,
+            "from_samples": from_samples[i],
             "unresolved_fraction": unresolved[i],
         });
         report::row(row)
     });
     Ok(Report::new(options.scene.clone(), Machine::here(&device), rows.collect()))
+}
+
+/// Requests all views, and takes their frames. Returns the seconds until all were answered.
+///
+/// # Errors
+/// A view that is not answered.
+async fn ask(client: &Client, request: Request, options: &Options, frames: &mut Frames) -> Result<f64> {
+    let views = |plan| path_views(client.description(), options.views, options.size, plan);
+    let plan = match request {
+        Request::Batch => return ask_as_a_batch(client, views(PlanRequest::default()), frames).await,
+        Request::Views(plan) => plan,
+    };
+    let outcome =
+        burst(client, views(plan), IN_FLIGHT, &patient(), |_, answer| frames.add(&answer.frame)).await;
+    if let Some(error) = outcome.first_error {
+        bail!("{} of {} views were not answered: {error}", outcome.failed, outcome.views);
+    }
+    Ok(outcome.total_ms / 1e3)
+}
+
+async fn ask_as_a_batch(client: &Client, views: Vec<View>, frames: &mut Frames) -> Result<f64> {
+    let first = views.first().context("no views were asked for")?;
+    let (width, height, plan) = (first.width, first.height, first.plan);
+    let cameras = views.iter().map(|view| view.camera).collect();
+    let batch = Batch { cameras, width, height, outputs: Outputs::COLOR, plan };
+    let began = Instant::now();
+    let mut answers = std::pin::pin!(client.render_batch(batch, Encoding::Unspecified));
+    while let Some((index, answer)) = answers.next().await {
+        let (frame, _) = answer.with_context(|| format!("view {index} was not answered"))?;
+        frames.add(&frame);
+    }
+    Ok(began.elapsed().as_secs_f64())
 }
 
 /// Render options with a deadline of ten minutes: the last view of a burst waits for all the rest.

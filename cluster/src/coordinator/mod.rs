@@ -9,6 +9,7 @@
 //! keeps the lease. `monitor` and `frame_metrics` serve metrics and probes.
 
 mod batch;
+mod batch_plan;
 mod checks;
 mod cluster;
 mod config;

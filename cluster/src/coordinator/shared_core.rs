@@ -37,7 +37,7 @@ pub(super) struct SharedCore {
     pub(super) service: ServiceInfo,
     pub(super) channels: Channels,
     /// Answers rays into the scene, for surveys.
-    sight: Option<Arc<dyn Sight>>,
+    pub(super) sight: Option<Arc<dyn Sight>>,
     /// Send timeout of response streams.
     pub(super) read_within: Duration,
     /// Metrics of frames.

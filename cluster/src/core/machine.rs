@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 use argus_proto::Fault;
 use argus_proto::v1::StatusResponse;
-use argus_scene::rig::Sight;
-use argus_scene::{SampleSetInfo, Version, View};
+use argus_scene::rig::{Sight, Survey};
+use argus_scene::{Provenance, SampleSetInfo, Version, View};
 
 use super::config::Config;
 use super::event::{Action, Event, Hello, LastView, Report, ViewId, WorkerId};
@@ -142,6 +142,21 @@ impl Core {
     /// [`Event::Surveyed`] brings the result. `None` for most views: a few per tick are enough.
     pub fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
         self.views.bundle_survey_wanted(view, self.cluster())
+    }
+
+    /// The survey that tells which samples would serve a view of a batch.
+    pub fn batch_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+        self.cluster().bundle_survey_wanted(view)
+    }
+
+    /// Whether it is known what views cost from triangles and from samples.
+    pub fn has_prices(&self) -> bool {
+        self.workers.first_prices().is_some()
+    }
+
+    /// The pins of a batch's views, which are given with their surveys; `None` for those from triangles.
+    pub fn batch_pins(&self, views: &[(View, Option<Survey>)]) -> Vec<Option<Provenance>> {
+        self.cluster().batch_pins(views)
     }
 
     /// A snapshot of the cluster. The shell knows its scene, term and time of planning.

@@ -86,6 +86,15 @@ struct Ordered {
     is_bounded: bool,
 }
 
+impl Ordered {
+    /// Whether a frame from samples must be within the planner's bound. It is delivered as it is if the request named its plan, or
+    /// if the planner chose it beyond the bound, since there was no time for a better one.
+    fn is_judged(&self) -> bool {
+        let beyond = self.decision.is_some_and(|decision| decision.reason == Reason::TimeFirst);
+        self.fallback.is_some() && !beyond
+    }
+}
+
 /// Greatest number of sub-pixels of a pixel.
 const MOST_SUB_PIXELS: u32 = 256;
 
@@ -396,12 +405,12 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     let traces = warp.holes == Holes::Trace;
     let mut job = ordered.job.clone();
     job.outputs.mask |= traces;
-    if ordered.fallback.is_some() {
+    if ordered.is_judged() {
         // The frame is judged by these images.
         (job.outputs.range, job.outputs.source) = (true, true);
     }
     let mut frame = render(node, ordered, &ordered.samples, &job).await?;
-    if ordered.fallback.is_some()
+    if ordered.is_judged()
         && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?)
     {
         return Err(Fault::NotFound(reason));

@@ -127,7 +127,10 @@ impl Samples {
         let copies = self.copies(workers, now);
         let at_once = self.prepared(workers).into_iter().chain(copies);
         let at_once = at_once.map(|(id, readers)| (id, Readers::AtOnce(readers)));
-        let in_time = self.placement.placed().map(|index| (self.served(index), Readers::InTime));
+        let placed: Vec<u64> = self.placement.placed().collect();
+        // A view from any of them looks up the reflection probes, too.
+        let probes = self.set.reflections.filter(|_| !placed.is_empty()).map(|_| SampleId::REFLECTION_PROBES);
+        let in_time = placed.into_iter().chain(probes).map(|index| (self.served(index), Readers::InTime));
         let with_faces = |(id, readers): (SampleId, Readers)| {
             (id, Wanted { faces: self.faces_prepared(id.camera), readers })
         };

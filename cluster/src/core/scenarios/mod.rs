@@ -1,5 +1,6 @@
 //! Tests of the machine by events: workers join and leave, demand rises and falls.
 
+mod batches;
 mod copies;
 mod crowd;
 mod epochs;

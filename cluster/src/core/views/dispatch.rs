@@ -213,7 +213,7 @@ impl Views {
             expected: view.expected,
             judged: view.target_search.as_ref().is_some_and(|target_search| target_search.judged),
             decision,
-            fallback: view.fallback(),
+            fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.samples_per_pixel),
         };
         Some((Box::new(order), queued))
     }

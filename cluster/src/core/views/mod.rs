@@ -9,6 +9,7 @@
 //! `dispatch` gives views to the workers that `choose` picks, and `outcome` handles frames and failures.
 
 mod admission;
+mod batch;
 mod choose;
 mod cluster;
 mod dispatch;

@@ -17,6 +17,12 @@ use crate::core::samples::MOST_SAMPLES;
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
 
+/// Longest time that a view whose way is open may wait, unless it is the time of a few views.
+const MOST_WAIT: Duration = Duration::from_secs(1);
+
+/// Views that may be ahead of one, however long they take.
+const MOST_VIEWS_AHEAD: f64 = 16.0;
+
 /// A new view, and what its client asks of it.
 #[derive(Debug)]
 pub(in crate::core) struct NewView<'a> {
@@ -110,11 +116,14 @@ impl Views {
         let Cluster { samples, workers, .. } = cluster;
         // Limits are checked first, so that refused views cost no planning under overload.
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        let least = match open {
+        let (least, most) = match open {
             true => self.expected_wait_anywhere(cluster),
-            false => self.expected_wait(true, cluster).min(self.expected_wait(false, cluster)),
+            false => {
+                let least = self.expected_wait(true, cluster).min(self.expected_wait(false, cluster));
+                (least, self.config.max_wait)
+            }
         };
-        self.check_load(client, deadline, least, now)?;
+        self.check_load(client, deadline, (least, most), now)?;
         let nearest = |count| samples.sample_ids(&view.camera, count, samples.set().version.number);
         let plain = plan(view, samples.set(), nearest, &self.config)?;
         // After scene and specification, which say more of why a pin cannot be repeated.
@@ -127,7 +136,8 @@ impl Views {
             widen(view, &mut planned.plan, cluster);
         }
         let direct = matches!(planned.plan, Plan::Direct { .. });
-        self.check_load(client, deadline, self.expected_wait(direct, cluster), now)?;
+        let expected = (self.expected_wait(direct, cluster), self.config.max_wait);
+        self.check_load(client, deadline, expected, now)?;
         if let Some(device) = view.pin.as_ref().map(|pin| &pin.device).filter(|device| !device.is_empty()) {
             let mut ready = workers.members().peekable();
             if ready.peek().is_some() && !ready.any(|w| w.hello().device == *device) {
@@ -137,15 +147,15 @@ impl Views {
         Ok(planned)
     }
 
-    /// Checks whether a view with this expected wait may be admitted.
+    /// Checks whether a view with this expected wait, and this longest bearable one, may be admitted.
     fn check_load(
         &self,
         client: &str,
         deadline: Option<Duration>,
-        expected: Duration,
+        (expected, most): (Duration, Duration),
         now: Uptime,
     ) -> Result<(), Fault> {
-        let bearable = deadline.unwrap_or(Duration::MAX).min(self.config.max_wait);
+        let bearable = deadline.unwrap_or(Duration::MAX).min(most);
         // Half of the views in flight are done by then.
         let retry_after = (expected / 2).clamp(Duration::from_millis(50), Duration::from_secs(5));
         if self.views.len() >= self.config.max_views || expected > bearable {
@@ -172,15 +182,19 @@ impl Views {
         Duration::try_from_secs_f64(cost * ahead as f64 / hands.max(1) as f64).unwrap_or(Duration::MAX)
     }
 
-    /// Predicted time until the views that any worker can answer are done.
-    fn expected_wait_anywhere(&self, cluster: Cluster<'_>) -> Duration {
+    /// Predicted time until the views that any worker can answer are done, and the longest that another one may wait. Views are
+    /// reduced before they wait, so longer queues mean that even the least is more than is carried.
+    fn expected_wait_anywhere(&self, cluster: Cluster<'_>) -> (Duration, Duration) {
         let workers = cluster.workers;
         let queued_ms: f64 = workers.iter().map(Worker::queued_ms).sum();
         let decided: usize = workers.iter().map(Worker::queued).sum();
         let each_ms = if decided > 0 { queued_ms / decided as f64 } else { 0.0 };
         let ahead_ms = queued_ms + each_ms * self.waiting.open.len() as f64;
         let secs = ahead_ms * 1e-3 / workers.queues().ready().max(1) as f64;
-        Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
+        let wait = Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX);
+        let of_views =
+            Duration::try_from_secs_f64(MOST_VIEWS_AHEAD * each_ms * 1e-3).unwrap_or(Duration::MAX);
+        (wait, MOST_WAIT.max(of_views).min(self.config.max_wait))
     }
 }
 

@@ -72,7 +72,7 @@ impl Cluster<'_> {
     }
 
     /// The survey that tells which bundle of samples would have served a view; `None` if no bundle can pay.
-    pub(super) fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+    pub(in crate::core) fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
         let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };
@@ -244,7 +244,7 @@ impl Cluster<'_> {
     }
 
     /// Plans of a view from samples that a worker holds: from the best ones, and from those of the frame to be
-    /// repeated. Empty if the worker did not measure the cost of views from samples.
+    /// repeated. Empty if the worker did not measure the cost of views from samples, or lacks the set's reflection probes.
     fn plans_from_samples(
         &self,
         worker: &Worker,
@@ -252,7 +252,7 @@ impl Cluster<'_> {
         open: &OpenView,
         cached: &mut CachedPlans,
     ) -> Vec<FromSamples> {
-        if worker.report().warp_cost.is_none() {
+        if worker.report().warp_cost.is_none() || !self.holds_probes(worker) {
             return Vec::new();
         }
         let best_of = |held: &Faces| match &open.survey {
@@ -268,6 +268,12 @@ impl Cluster<'_> {
         let is_other = |again: &FromSamples| best.as_ref().is_none_or(|best| best.plan != again.plan);
         let again = again.filter(is_other);
         best.into_iter().chain(again).collect()
+    }
+
+    /// Whether a worker holds the set's reflection probes, if there are any.
+    fn holds_probes(&self, worker: &Worker) -> bool {
+        let probes = self.samples.served(SampleId::REFLECTION_PROBES);
+        self.samples.set().reflections.is_none() || self.samples.locations().has(probes, worker.id())
     }
 
     /// The cameras of the frame to be repeated and the faces that it uses, if a worker holds all of them.

@@ -3,7 +3,6 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use argus_scene::frame::Reason;
 use argus_scene::{Camera, FaceMask, Holes, Plan, Prediction, SampleId, Version};
 
 use super::open_view::OpenView;
@@ -138,14 +137,6 @@ impl Pending {
     /// Whether only certain workers can answer it.
     pub(super) fn is_bound(&self) -> bool {
         !self.device.is_empty() || !self.tried.is_empty()
-    }
-
-    /// Samples per pixel of the view from triangles that replaces a frame from samples beyond the bound; `None` if such a frame is
-    /// delivered, since that was asked for, or since there was no time for a better one.
-    pub(super) fn fallback(&self) -> Option<u32> {
-        let open = self.open.as_ref().filter(|_| !self.is_direct())?;
-        let is_bounded = open.decision.is_none_or(|decision| decision.reason != Reason::TimeFirst);
-        is_bounded.then_some(open.samples_per_pixel)
     }
 
     /// The kind of demand of an explicit view.

@@ -39,6 +39,7 @@ impl Workers {
         let is_stuck = self.is_stuck(worker, &report, largest_view);
         let before = worker.report();
         self.costs.learn(&report, before);
+        self.first_prices = self.first_prices.or_else(|| super::Prices::of(&report));
         // Demand for rays is known only once they are traced.
         if before.applied > 0 {
             self.rates.count(WorkKind::Rays, report.rays_traced.saturating_sub(before.rays_traced));

@@ -28,6 +28,7 @@ use std::sync::Arc;
 use argus_scene::LightLevel;
 
 pub(super) use costs::MeasuredCosts;
+pub(super) use costs::Prices;
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
 pub(super) use roles::Stake;
@@ -59,6 +60,7 @@ pub(super) struct Workers {
     queues: WorkerQueues,
     rates: Rates,
     costs: MeasuredCosts,
+    first_prices: Option<Prices>,
     split: Split,
     hysteresis: Hysteresis,
     awake: Awake,
@@ -84,6 +86,7 @@ impl Workers {
             queues: WorkerQueues::default(),
             rates: Rates::new(config.smoothing),
             costs: MeasuredCosts::new(config.smoothing),
+            first_prices: None,
             split: Split::NoWorkers,
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
             awake: Awake::default(),
@@ -131,6 +134,11 @@ impl Workers {
     /// The present split of the ready workers between the roles.
     pub(super) fn split(&self) -> Split {
         self.split
+    }
+
+    /// The first prices of views that a worker measured. They stay.
+    pub(super) fn first_prices(&self) -> Option<Prices> {
+        self.first_prices
     }
 
     /// Costs measured by workers.

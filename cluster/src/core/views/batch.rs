@@ -1,0 +1,79 @@
+//! Plans of a batch: from samples, where its views share so many of them that rendering these costs less than it saves.
+//!
+//! One decision is made for all cameras of a batch. It follows from the cameras, the scene and the first prices that were measured,
+//! never from load, from what workers hold or from the order in which frames are done: so a batch gets the same bytes whenever it
+//! is asked for.
+
+use std::collections::BTreeMap;
+
+use argus_scene::rig::Survey;
+use argus_scene::{FaceMask, Holes, LightLevel, Plan, Provenance, SampleSetInfo, View, Warp};
+
+use super::cluster::Cluster;
+use super::planner::predicted_excess;
+
+/// Samples are rendered for a batch if this many times their price is saved: predictions are off by as much.
+const LEAST_GAIN: f64 = 1.3;
+
+/// Time of a sample over that of a view from triangles with as many pixels. A texel has several sub-samples, but is shaded and lit
+/// once for most of them, which is what takes time.
+const SAMPLE_OVER_VIEW: f64 = 1.25;
+
+impl Cluster<'_> {
+    /// The pins of a batch's views; `None` for those from triangles. Views are given with their surveys, if they have one.
+    pub(in crate::core) fn batch_pins(&self, views: &[(View, Option<Survey>)]) -> Vec<Option<Provenance>> {
+        let none = || vec![None; views.len()];
+        let set = self.samples.set();
+        let Some(prices) = self.workers.first_prices().filter(|_| stands_still(set)) else { return none() };
+        let bundles: Vec<Option<Vec<(u64, FaceMask)>>> =
+            views.iter().map(|(_, survey)| self.sound_bundle(survey.as_ref()?)).collect();
+        let mut faces: BTreeMap<u64, FaceMask> = BTreeMap::new();
+        for (camera, wanted) in bundles.iter().flatten().flatten() {
+            let faces = faces.entry(*camera).or_insert(FaceMask::NONE);
+            *faces = faces.union(*wanted);
+        }
+        let whole: f64 = faces.values().map(|faces| faces.share()).sum();
+        let sample_ms = SAMPLE_OVER_VIEW * prices.direct.ms(set.rig.sample_texels());
+        let saved_ms = |(view, _): &(View, Option<Survey>)| {
+            let pixels = u64::from(view.width) * u64::from(view.height);
+            prices.direct.ms(pixels) - prices.warp.ms(pixels)
+        };
+        let saved: f64 =
+            views.iter().zip(&bundles).filter(|(_, b)| b.is_some()).map(|(v, _)| saved_ms(v)).sum();
+        // Written so that a batch without bundles is rendered from triangles.
+        if !(saved > LEAST_GAIN * whole * sample_ms) {
+            return none();
+        }
+        let pin = |bundle: Vec<(u64, FaceMask)>| {
+            let cameras: Vec<u64> = bundle.into_iter().map(|(camera, _)| camera).collect();
+            let ids = cameras.iter().map(|camera| self.samples.served(*camera)).collect();
+            let faces = cameras.iter().map(|camera| (*camera, faces[camera])).collect();
+            let samples = set.with_reflection_probes(ids);
+            Provenance {
+                scene: set.scene,
+                state: set.version.state,
+                plan: Plan::Warp(Warp { samples, faces, holes: Holes::Trace, ..Warp::default() }),
+                specification: None,
+                device: String::new(),
+                history: false,
+            }
+        };
+        bundles.into_iter().map(|bundle| bundle.map(pin)).collect()
+    }
+
+    /// The cameras that would bring a view within its bound.
+    fn sound_bundle(&self, survey: &Survey) -> Option<Vec<(u64, FaceMask)>> {
+        let bundle = self.bundle(survey).filter(|bundle| !bundle.is_empty())?;
+        let cameras: Vec<u64> = bundle.iter().map(|(camera, _)| *camera).collect();
+        predicted_excess(Some(survey.coverage(&cameras)), 1.0).1.then_some(bundle)
+    }
+}
+
+/// Whether a set's version lasts: nothing moves, and its light rises no more.
+fn stands_still(set: &SampleSetInfo) -> bool {
+    let last = match set.first_light() {
+        LightLevel::Direct => LightLevel::Full,
+        stays => stays,
+    };
+    set.epoch_secs == 0.0 && set.version.state.light == last
+}
