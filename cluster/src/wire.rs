@@ -128,9 +128,9 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         sample_progress: report.sample_progress,
         sample_bytes: report.sample_bytes,
         light: wire_light_level(report.light).into(),
-        direct_cost: report.direct_cost.map(cost),
-        few_rays_cost: report.few_rays_cost.map(cost),
-        warp_cost: report.warp_cost.map(cost),
+        direct_cost: report.direct_cost.map(Into::into),
+        few_rays_cost: report.few_rays_cost.map(Into::into),
+        warp_cost: report.warp_cost.map(Into::into),
         probes: report.probed.count,
         probed_error: report.probed.error,
         probed_predicted: report.probed.predicted,
@@ -147,10 +147,6 @@ fn partial((id, faces): (SampleId, FaceMask)) -> v1::PartialSample {
 fn partial_from(wire: v1::PartialSample) -> Option<(SampleId, FaceMask)> {
     let faces = FaceMask::new(wire.faces, "partial.faces").unwrap_or(FaceMask::NONE);
     Some((wire.id?.into(), faces))
-}
-
-fn cost(Cost { fixed_ms, ms_per_megapixel }: Cost) -> v1::Cost {
-    v1::Cost { fixed_ms, ms_per_megapixel }
 }
 
 /// Reads a cost. `None` if it is not finite, negative or zero.

@@ -5,6 +5,7 @@ use argus_proto::convert::wire_light_level;
 use argus_proto::v1::{self, Counters, StatusResponse, WorkerStatus};
 
 use super::event::Role;
+use super::quality::Cost;
 use super::samples::Samples;
 use super::views::Views;
 use super::workers::balance::Load;
@@ -78,6 +79,15 @@ fn worker_status(worker: &Worker) -> WorkerStatus {
         holding_ms: report.holding_ms,
         samples_held: report.held.len() as u64,
         sample_progress: report.sample_progress,
+        direct_cost: report.direct_cost.map(Into::into),
+        few_rays_cost: report.few_rays_cost.map(Into::into),
+        warp_cost: report.warp_cost.map(Into::into),
+    }
+}
+
+impl From<Cost> for v1::Cost {
+    fn from(Cost { fixed_ms, ms_per_megapixel }: Cost) -> Self {
+        Self { fixed_ms, ms_per_megapixel }
     }
 }
 

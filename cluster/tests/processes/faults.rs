@@ -299,6 +299,7 @@ async fn a_stuck_worker_that_still_reports_loses_no_view() {
         config.core.lease = Duration::from_secs(600);
         config.rig.tiles = Some([4, 4]);
         let (cluster, knobs) = with_knobs_of_their_own(config, 3).await;
+        cluster.priced().await;
         for i in 0..6 {
             cluster.render(&view(i)).await.unwrap();
             cluster.render(&direct(i)).await.unwrap();

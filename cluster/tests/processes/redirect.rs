@@ -288,6 +288,7 @@ async fn a_frame_is_relayed_after_two_failed_fetches() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_client_of_a_slow_frame_gets_progress_messages() {
     let cluster = open_to_clients(quick(), 1).await;
+    cluster.priced().await;
     cluster.knobs.set(1_200_000, 1_200_000);
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;

@@ -101,6 +101,7 @@ async fn views_are_composed_between_slices_of_background_samples() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_waiting_view_is_composed_between_two_slices_of_an_upload() {
     let cluster = Cluster::start(1).await;
+    cluster.priced().await;
     cluster.render(&view(0)).await.unwrap();
     // Each refinement that views need takes a second and a half to upload.
     cluster.knobs.hold_slices.store(30, Ordering::SeqCst);

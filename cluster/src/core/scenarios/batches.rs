@@ -76,7 +76,9 @@ fn a_batch_comes_from_samples_once_its_views_save_more_than_they_cost() {
 fn the_decision_is_the_same_at_any_load_and_whatever_is_held() {
     let mut sim = priced(100.0, 5.0, LightLevel::Full);
     let before = sim.core.batch_pins(&views(&sim, 2000));
-    (0..50).for_each(|_| drop(sim.ask_for(PlanRequest::default())));
+    for _ in 0..50 {
+        sim.ask_for(PlanRequest::default());
+    }
     // Under load, views take longer and samples would seem to pay more or less.
     let id = *sim.workers.keys().next().unwrap();
     report(&mut sim, id, 10.0, 50.0);

@@ -283,6 +283,14 @@ impl Cluster {
         cluster
     }
 
+    /// Waits until every worker has measured what its views cost. From then on none measures.
+    pub async fn priced(&self) {
+        self.wait_for(|status| {
+            status.workers.iter().all(|w| w.direct_cost.is_some() && w.warp_cost.is_some())
+        })
+        .await;
+    }
+
     pub fn views(&self) -> ViewsClient<Channel> {
         ViewsClient::new(self.channel.clone())
     }
