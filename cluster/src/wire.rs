@@ -91,6 +91,9 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         light: light_level(wire.light, "light").unwrap_or_default(),
         direct_cost: wire.direct_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
+        frame_cost: wire.frame_cost.and_then(cost_from),
+        frames_held: wire.frames_held,
+        frames_bytes: wire.frames_bytes,
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
         backend_costs: wire
             .backend_costs
@@ -129,6 +132,9 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         light: wire_light_level(report.light).into(),
         direct_cost: report.direct_cost.map(cost),
         warp_cost: report.warp_cost.map(cost),
+        frame_cost: report.frame_cost.map(cost),
+        frames_held: report.frames_held,
+        frames_bytes: report.frames_bytes,
         probes: report.probed.count,
         probed_error: report.probed.error,
         probed_predicted: report.probed.predicted,

@@ -85,6 +85,7 @@ impl ViewCost {
 struct Sums {
     direct_cost: ViewCost,
     warp_cost: ViewCost,
+    frame_cost: ViewCost,
     samples: Work,
     direct: Work,
     views: Work,
@@ -106,6 +107,8 @@ pub(super) enum Kind {
     Sample,
     Direct,
     View,
+    /// Views that are warped from recent frames: they count as views, but have a cost of their own.
+    FromFrames,
     /// Single rays.
     Ray,
 }
@@ -123,12 +126,12 @@ impl Meter {
             // In a static scene a sampler's first samples may be its only ones, so their cost counts.
             Kind::Sample => sums.samples.add(count, ms),
             Kind::Direct => sums.direct.add_warm(count, ms),
-            Kind::View => sums.views.add_warm(count, ms),
+            Kind::View | Kind::FromFrames => sums.views.add_warm(count, ms),
             Kind::Ray => sums.rays.add_warm(count, ms),
         }
         match kind {
             Kind::Sample | Kind::Direct | Kind::Ray => sums.sampling_busy_ms += busy_ms,
-            Kind::View => {
+            Kind::View | Kind::FromFrames => {
                 sums.compositing_busy_ms += busy_ms;
                 sums.holding_ms += (busy_ms - ms).max(0.0);
             }
@@ -140,6 +143,7 @@ impl Meter {
         let mut sums = self.0.lock();
         let view_cost = match kind {
             Kind::View => &mut sums.warp_cost,
+            Kind::FromFrames => &mut sums.frame_cost,
             Kind::Direct => &mut sums.direct_cost,
             Kind::Sample | Kind::Ray => return,
         };
@@ -153,6 +157,7 @@ impl Meter {
         let mut sums = self.0.lock();
         match kind {
             Kind::View => sums.warp_cost.observe(pixels, ms),
+            Kind::FromFrames => sums.frame_cost.observe(pixels, ms),
             Kind::Direct => sums.direct_cost.observe(pixels, ms),
             Kind::Sample | Kind::Ray => {}
         }
@@ -185,6 +190,7 @@ impl Meter {
         report.part_ms = sums.parts.mean_ms();
         report.sample_progress = sums.sample_progress;
         (report.direct_cost, report.warp_cost) = (sums.direct_cost.cost(), sums.warp_cost.cost());
+        report.frame_cost = sums.frame_cost.cost();
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;

@@ -3,6 +3,7 @@
 //! It takes waiting views in batches: a busy worker gains by batching, and an idle worker has the latency of a single
 //! view. A panic in a role counts as a lost device: both roles are recreated, and callers retry once.
 
+mod frame_cost;
 mod holding;
 
 use std::collections::HashMap;
@@ -450,7 +451,7 @@ impl Renderer {
             })
         });
         self.record(Kind::Direct, &results, began, began);
-        self.observe(Kind::Direct, &results);
+        self.observe(&results);
         deliver_frames(tasks, results, began);
     }
 
@@ -470,7 +471,7 @@ impl Renderer {
         let composing = Instant::now();
         let results = self.guarded(|own| Ok(own.compositor()?.compose(&jobs, &batch.cancel)));
         self.record(Kind::View, &results, composing, began);
-        self.observe(Kind::View, &results);
+        self.observe(&results);
         self.health.holds(self.held.len());
         deliver_frames(tasks, results, began);
     }
@@ -489,11 +490,14 @@ impl Renderer {
     }
 
     /// Records the time of each view.
-    fn observe(&self, kind: Kind, results: &Results<Frame>) {
+    fn observe(&self, results: &Results<Frame>) {
         for frame in results.iter().flatten().flatten() {
-            let per_pixel = match &frame.provenance.plan {
-                Plan::Direct { samples_per_pixel } => u64::from(*samples_per_pixel),
-                Plan::Warp(warp) => u64::from(warp.supersampling).pow(2),
+            let (kind, per_pixel) = match &frame.provenance.plan {
+                Plan::Direct { samples_per_pixel } => (Kind::Direct, u64::from(*samples_per_pixel)),
+                Plan::Warp(warp) => {
+                    let kind = if warp.frames.is_empty() { Kind::View } else { Kind::FromFrames };
+                    (kind, u64::from(warp.supersampling).pow(2))
+                }
             };
             let pixels = u64::from(frame.width) * u64::from(frame.height) * per_pixel;
             self.meter.observe_view(kind, pixels, frame.rendering_ms());

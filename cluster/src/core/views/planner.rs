@@ -41,7 +41,7 @@ const EXCESS_OF_UNCOVERED: f64 = 0.4;
 
 /// Predicted excess of the share with coarse texels. For `terrain:500000` seen from near the ground, with coarse
 /// texels only, the measured excess is 0.12.
-const EXCESS_OF_COARSE: f64 = 0.15;
+pub(super) const EXCESS_OF_COARSE: f64 = 0.15;
 
 /// The cluster is overloaded if the best offer within bound waits longer than this, milliseconds. Then an offer
 /// beyond the bound that keeps the rate is chosen, and labelled.

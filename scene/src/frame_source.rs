@@ -1,0 +1,148 @@
+//! Direct frames as samples of the views around them.
+//!
+//! A frame from triangles, with the range of its pixels, is a sample with a pinhole camera. It costs nothing, because it
+//! was rendered for its viewer. Its radiance is what its viewer saw: highlights and reflections included, exposed,
+//! clipped at white and rounded to 8 bits of sRGB. So it is stored as display-linear values, which a view shows with
+//! exposure 1. At the frame's own camera a view repeats its colours to within rounding.
+
+use bytes::Bytes;
+use serde::{Deserialize, Serialize};
+
+use crate::tone::linear_from_srgb;
+use crate::{
+    Camera, FaceMask, Frame, InvalidField, Limits, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Sample,
+    SampleCamera, SampleId,
+};
+
+/// A direct frame that a view is warped from. With the state, specification and device of the warped frame, it is all
+/// that the direct frame's bytes are a function of, so that any worker can render it again.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FrameSource {
+    /// The frame's viewpoint.
+    pub camera: Camera,
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Samples per pixel on a regular grid, a square number.
+    pub samples_per_pixel: u32,
+}
+
+impl FrameSource {
+    /// Most frames that a view is warped from.
+    pub const MOST: usize = 4;
+
+    /// Most samples per pixel: a grid of 16 × 16.
+    const MOST_SAMPLES_PER_PIXEL: u32 = 256;
+
+    /// Bytes of a pixel as a texel: four halves of colour, and an f32 of inverse range.
+    const TEXEL_BYTES: u64 = 12;
+
+    /// Rejects a frame that a service would not render as a view, by field.
+    ///
+    /// # Errors
+    /// The fields of [`Camera::validate`]; `width`, `height`, `samples_per_pixel`.
+    pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
+        self.camera.validate()?;
+        for (field, side) in [("width", self.width), ("height", self.height)] {
+            if !(1..=limits.max_side).contains(&side) {
+                let reason = format!("must be 1 to {} pixels, not {side}", limits.max_side);
+                return Err(InvalidField::new(field, reason));
+            }
+        }
+        let n = self.samples_per_pixel;
+        if !(1..=Self::MOST_SAMPLES_PER_PIXEL).contains(&n) || n.isqrt().pow(2) != n {
+            let reason = format!("must be a square number up to {}, not {n}", Self::MOST_SAMPLES_PER_PIXEL);
+            return Err(InvalidField::new("samples_per_pixel", reason));
+        }
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        if pixels > limits.max_pixels || pixels.saturating_mul(n.into()) > limits.max_pixels.saturating_mul(16) {
+            let reason = format!("width × height is {pixels} pixels, more than this service renders");
+            return Err(InvalidField::new("width", reason));
+        }
+        Ok(())
+    }
+
+    /// The plan by which the frame is rendered.
+    pub fn plan(&self) -> Plan {
+        Plan::Direct { samples_per_pixel: self.samples_per_pixel }
+    }
+
+    /// Its number among frames of one state: the first 64 bits of the BLAKE3 of its fields.
+    pub fn number(&self) -> u64 {
+        let Camera { eye, target, up, fov_deg } = self.camera;
+        let mut hasher = blake3::Hasher::new();
+        for value in [eye, target, up].iter().flat_map(glam::DVec3::to_array).chain([fov_deg]) {
+            hasher.update(&value.to_bits().to_le_bytes());
+        }
+        for value in [self.width, self.height, self.samples_per_pixel] {
+            hasher.update(&value.to_le_bytes());
+        }
+        let hash = hasher.finalize();
+        hash.as_bytes()[..8].iter().fold(0, |number, byte| number << 8 | u64::from(*byte))
+    }
+
+    /// Its id as a sample, which no sample of a set has.
+    pub fn id(&self) -> SampleId {
+        SampleId { version: SampleId::FRAMES, camera: self.number() }
+    }
+
+    /// Its camera as a sample.
+    pub fn sample_camera(&self) -> SampleCamera {
+        SampleCamera::Perspective { camera: self.camera, width: self.width, height: self.height }
+    }
+
+    /// Bytes of its texels.
+    pub fn bytes(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height) * Self::TEXEL_BYTES
+    }
+
+    /// The frame as a sample. `None` if the frame lacks colour or range, or has another size.
+    ///
+    /// Radiance is display-linear, 0 to 1. A range that is not positive counts as sky.
+    pub fn sample(&self, frame: &Frame) -> Option<Sample> {
+        let size = [self.width, self.height];
+        let pixels = self.width as usize * self.height as usize;
+        let (color, range) = (frame.color.as_ref()?, frame.range.as_ref()?);
+        if [frame.width, frame.height] != size || color.len() != 3 * pixels || range.len() != 4 * pixels {
+            return None;
+        }
+        let halves = linear_halves();
+        let mut radiance = Vec::with_capacity(8 * pixels);
+        for rgb in color.as_chunks::<3>().0 {
+            rgb.iter().for_each(|byte| radiance.extend_from_slice(&halves[usize::from(*byte)]));
+            radiance.extend_from_slice(&halves[255]);
+        }
+        let mut inverse_range = Vec::with_capacity(4 * pixels);
+        for bytes in range.as_chunks::<4>().0 {
+            inverse_range.extend_from_slice(&inverse(f32::from_le_bytes(*bytes)).to_le_bytes());
+        }
+        let plane = |kind, format, data: Vec<u8>| Plane {
+            kind,
+            format,
+            size,
+            data: PlaneData::Host(Bytes::from(data)),
+        };
+        Some(Sample {
+            id: self.id(),
+            camera: self.sample_camera(),
+            faces: FaceMask::ALL,
+            planes: vec![
+                plane(PlaneKind::Radiance, PlaneFormat::Rgba16Float, radiance),
+                plane(PlaneKind::InverseRange, PlaneFormat::R32Float, inverse_range),
+            ],
+            stages: frame.stages.clone(),
+        })
+    }
+}
+
+/// The half of each 8-bit sRGB value as linear light, 0 to 1. A half has 11 bits of mantissa, so every value survives.
+fn linear_halves() -> [[u8; 2]; 256] {
+    std::array::from_fn(|byte| half::f16::from_f32(linear_from_srgb(byte as f32 / 255.0)).to_le_bytes())
+}
+
+/// Inverse of a range in metres; 0 for sky, and for a range that is no distance.
+fn inverse(range: f32) -> f32 {
+    let inverse = range.recip();
+    if inverse >= f32::MIN_POSITIVE && inverse.is_finite() { inverse } else { 0.0 }
+}
