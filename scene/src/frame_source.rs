@@ -146,3 +146,110 @@ fn inverse(range: f32) -> f32 {
     let inverse = range.recip();
     if inverse >= f32::MIN_POSITIVE && inverse.is_finite() { inverse } else { 0.0 }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::tone::display_from_radiance;
+    use crate::{Provenance, SceneHash, SceneState, Served};
+
+    fn source(width: u32, height: u32) -> FrameSource {
+        let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);
+        FrameSource { camera, width, height, samples_per_pixel: 4 }
+    }
+
+    /// A frame of one row that has every 8-bit value, and these ranges first.
+    fn frame(ranges: &[f32]) -> Frame {
+        let range = |i: usize| ranges.get(i).copied().unwrap_or(2.0).to_le_bytes();
+        let source = source(256, 1);
+        Frame {
+            width: 256,
+            height: 1,
+            color: Some((0..=255u8).flat_map(|byte| [byte; 3]).collect()),
+            range: Some((0..256).flat_map(range).collect()),
+            mask: None,
+            source: None,
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            decision: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                state: SceneState::default(),
+                plan: source.plan(),
+                specification: None,
+                device: String::new(),
+                history: false,
+            },
+            stages: Vec::new(),
+        }
+    }
+
+    fn host(sample: &Sample, kind: PlaneKind) -> Bytes {
+        match &sample.plane(kind).unwrap().data {
+            PlaneData::Host(bytes) => bytes.clone(),
+            PlaneData::Device(_) => panic!("on the device"),
+        }
+    }
+
+    #[test]
+    fn every_colour_of_a_frame_survives_as_a_texel() {
+        let sample = source(256, 1).sample(&frame(&[])).unwrap();
+        let radiance = host(&sample, PlaneKind::Radiance);
+        for (byte, texel) in radiance.as_chunks::<8>().0.iter().enumerate() {
+            let red = half::f16::from_le_bytes([texel[0], texel[1]]).to_f32();
+            assert_eq!(display_from_radiance(glam::Vec3::splat(red), 1.0), [byte as u8; 3]);
+        }
+    }
+
+    #[test]
+    fn ranges_that_are_no_distance_count_as_sky() {
+        let odd = [4.0, f32::INFINITY, 0.0, -1.0, f32::NAN, f32::MAX, 1e-45];
+        let sample = source(256, 1).sample(&frame(&odd)).unwrap();
+        let bytes = host(&sample, PlaneKind::InverseRange);
+        let inverse: Vec<f32> =
+            bytes.as_chunks::<4>().0.iter().take(8).map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        assert_eq!(inverse, [0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn a_frame_of_another_size_or_without_images_is_no_sample() {
+        assert!(source(255, 1).sample(&frame(&[])).is_none());
+        assert!(source(256, 1).sample(&Frame { range: None, ..frame(&[]) }).is_none());
+        assert!(source(256, 1).sample(&Frame { color: None, ..frame(&[]) }).is_none());
+    }
+
+    #[test]
+    fn every_field_changes_the_number() {
+        let usual = source(4, 3);
+        let moved = |by: DVec3| FrameSource { camera: Camera { eye: usual.camera.eye + by, ..usual.camera }, ..usual };
+        let others = [
+            moved(DVec3::X * 1e-6),
+            FrameSource { camera: Camera { fov_deg: 46.0, ..usual.camera }, ..usual },
+            FrameSource { width: 5, ..usual },
+            FrameSource { height: 4, ..usual },
+            FrameSource { samples_per_pixel: 1, ..usual },
+        ];
+        assert!(others.iter().all(|other| other.id() != usual.id()));
+        assert_eq!(moved(DVec3::ZERO).id(), usual.id());
+    }
+
+    #[test]
+    fn a_frame_that_a_service_would_not_render_is_refused_by_field() {
+        let limits = Limits::default();
+        let field = |source: FrameSource| source.validate(&limits).unwrap_err().field;
+        let usual = source(4, 3);
+        assert_eq!(usual.validate(&limits), Ok(()));
+        assert_eq!(field(FrameSource { width: 8193, ..usual }), "width");
+        assert_eq!(field(FrameSource { height: 0, ..usual }), "height");
+        assert_eq!(field(FrameSource { width: 8192, height: 8192, ..usual }), "width");
+        for samples_per_pixel in [0, 2, 289] {
+            assert_eq!(field(FrameSource { samples_per_pixel, ..usual }), "samples_per_pixel");
+        }
+        let camera = Camera { eye: DVec3::NAN, ..usual.camera };
+        assert_eq!(field(FrameSource { camera, ..usual }), "camera.eye");
+    }
+}

@@ -230,3 +230,79 @@ pub(super) fn restore_provenance(frame: &mut Frame, job: &ViewJob, exposure: f32
         specification.exposure = exposure;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, Provenance, SceneHash, Served};
+    use glam::DVec3;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [8, 6];
+
+    fn key(x: f64) -> FrameKey {
+        let camera = Camera::look_at(DVec3::new(x, 0.0, 0.0), DVec3::NEG_Z);
+        let [width, height] = SIZE;
+        let source = FrameSource { camera, width, height, samples_per_pixel: 1 };
+        FrameKey { source, state: SceneState::default(), visibility: Visibility::default() }
+    }
+
+    fn frame() -> Frame {
+        let pixels = (SIZE[0] * SIZE[1]) as usize;
+        Frame {
+            width: SIZE[0],
+            height: SIZE[1],
+            color: Some(vec![9; 3 * pixels].into()),
+            range: Some(2f32.to_le_bytes().repeat(pixels).into()),
+            mask: None,
+            source: None,
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            decision: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                state: SceneState::default(),
+                plan: Plan::Direct { samples_per_pixel: 1 },
+                specification: None,
+                device: String::new(),
+                history: false,
+            },
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_least_recently_used_frame_is_dropped_first() {
+        let store = FrameStore::new(2 * key(0.0).source.bytes());
+        for x in [0.0, 1.0] {
+            store.keep(key(x), &frame()).unwrap();
+        }
+        assert!(store.get(&key(0.0)).is_some());
+        store.keep(key(2.0), &frame()).unwrap();
+        let held = [0.0, 1.0, 2.0].map(|x| store.get(&key(x)).is_some());
+        assert_eq!((held, store.held()), ([true, false, true], (2, 2 * key(0.0).source.bytes())));
+        store.clear();
+        assert_eq!(store.held(), (0, 0));
+    }
+
+    #[test]
+    fn a_frame_beyond_the_limit_is_used_and_not_kept() {
+        let store = FrameStore::new(key(0.0).source.bytes() - 1);
+        assert!(!store.has_room_for(&key(0.0).source));
+        assert!(store.keep(key(0.0), &frame()).is_some() && store.get(&key(0.0)).is_none());
+        assert_eq!(store.held(), (0, 0));
+    }
+
+    #[test]
+    fn a_frame_of_another_state_or_backend_is_another_frame() {
+        let store = FrameStore::new(1 << 20);
+        store.keep(key(0.0), &frame()).unwrap();
+        let later = FrameKey { state: SceneState::of_epoch(1), ..key(0.0) };
+        let other = Visibility::ALL.into_iter().find(|backend| *backend != Visibility::default()).unwrap();
+        let otherwise = FrameKey { visibility: other, ..key(0.0) };
+        assert!(store.get(&later).is_none() && store.get(&otherwise).is_none());
+        assert!(later.id() != key(0.0).id() && otherwise.id() != key(0.0).id());
+    }
+}

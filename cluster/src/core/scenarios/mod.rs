@@ -2,6 +2,7 @@
 
 mod copies;
 mod epochs;
+mod frames;
 mod open;
 mod placement;
 mod property;
