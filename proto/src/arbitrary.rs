@@ -4,11 +4,12 @@ use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect, Light, LightEffects, LightLevel,
-    Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan, PlanRequest, Plane,
-    PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye, ProbeSource, Provenance,
-    ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId, SampleSetInfo, Sampling, SceneHash,
-    SceneState, Search, Served, Sky, Specification, Stage, Version, View, Visibility, VplKnobs, Warp,
+    Bounds, Camera, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect, Light, LightEffects,
+    LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan,
+    PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye,
+    ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId,
+    SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage, Version, View,
+    Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};

@@ -337,7 +337,9 @@ impl GpuSampler {
                     pixel_lists(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
                 self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
                     let Part::Pixels(list) = part else { return };
-                    for (image, pixels, bytes) in [(&mut color, pixels.color, 3), (&mut range, pixels.range, 4)] {
+                    for (image, pixels, bytes) in
+                        [(&mut color, pixels.color, 3), (&mut range, pixels.range, 4)]
+                    {
                         let pixels = pixels.unwrap_or_default();
                         for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(bytes)) {
                             let at = asked as usize * bytes;

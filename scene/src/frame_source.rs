@@ -56,7 +56,9 @@ impl FrameSource {
             return Err(InvalidField::new("samples_per_pixel", reason));
         }
         let pixels = u64::from(self.width) * u64::from(self.height);
-        if pixels > limits.max_pixels || pixels.saturating_mul(n.into()) > limits.max_pixels.saturating_mul(16) {
+        if pixels > limits.max_pixels
+            || pixels.saturating_mul(n.into()) > limits.max_pixels.saturating_mul(16)
+        {
             let reason = format!("width × height is {pixels} pixels, more than this service renders");
             return Err(InvalidField::new("width", reason));
         }
@@ -225,7 +227,10 @@ mod tests {
     #[test]
     fn every_field_changes_the_number() {
         let usual = source(4, 3);
-        let moved = |by: DVec3| FrameSource { camera: Camera { eye: usual.camera.eye + by, ..usual.camera }, ..usual };
+        let moved = |by: DVec3| FrameSource {
+            camera: Camera { eye: usual.camera.eye + by, ..usual.camera },
+            ..usual
+        };
         let others = [
             moved(DVec3::X * 1e-6),
             FrameSource { camera: Camera { fov_deg: 46.0, ..usual.camera }, ..usual },

@@ -4,8 +4,8 @@
 //! header. Without a receipt nothing is remembered.
 
 use argus_proto::v1;
-use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::View;
+use argus_scene::frame::{Decision, Provenance, Reason};
 use tokio::time::Instant;
 
 use crate::core::LastView;

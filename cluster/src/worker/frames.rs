@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use argus_proto::Fault;
 use argus_scene::{
-    Frame, FrameSource, Outputs, Plan, Sample, SampleId, SampleSetInfo, SceneState, Version, ViewJob, Visibility,
-    Warp,
+    Frame, FrameSource, Outputs, Plan, Sample, SampleId, SampleSetInfo, SceneState, Version, ViewJob,
+    Visibility, Warp,
 };
 use parking_lot::Mutex;
 
@@ -197,7 +197,9 @@ pub(super) async fn gather(
         samples.push(match node.frames.get(&key) {
             Some(sample) => sample,
             None if renders => rendered(node, job, &key, info).await?,
-            None => return Err(Fault::NotFound("a frame that the view is warped from was dropped".to_owned())),
+            None => {
+                return Err(Fault::NotFound("a frame that the view is warped from was dropped".to_owned()));
+            }
         });
     }
     let ids = samples.iter().map(|sample| sample.id).collect();

@@ -14,9 +14,9 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Difference, FaceMask, Frame, FrameSource, History, Holes, InvalidField, Output, Outputs, Plan, Provenance,
-    RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version,
-    View, ViewJob,
+    Difference, FaceMask, Frame, FrameSource, History, Holes, InvalidField, Output, Outputs, Plan,
+    Provenance, RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage,
+    Version, View, ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -311,7 +311,8 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     };
     view.validate(&limits)?;
     for frame in plan.frames() {
-        let at = |e: InvalidField| InvalidField::new("plan.warp.frames", format!("{}: {}", e.field, e.reason));
+        let at =
+            |e: InvalidField| InvalidField::new("plan.warp.frames", format!("{}: {}", e.field, e.reason));
         frame.validate(&limits).map_err(at)?;
     }
     let mut samples = Vec::with_capacity(ids.len());

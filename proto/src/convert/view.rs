@@ -2,8 +2,8 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction, Preset,
-    Provenance, SampleId, SceneState, Search, Served, Specification, View, Warp,
+    FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest,
+    Prediction, Preset, Provenance, SampleId, SceneState, Search, Served, Specification, View, Warp,
 };
 
 use super::scene::{light_level, wire_light_level};
@@ -270,7 +270,8 @@ fn frame_sources(wire: Vec<v1::FrameSource>) -> Result<Vec<FrameSource>, Invalid
         return Err(InvalidField::new(FIELD, reason));
     }
     let frame = |(index, wire): (usize, v1::FrameSource)| {
-        let at = |e: InvalidField| InvalidField::new(FIELD, format!("frame {index}: {}: {}", e.field, e.reason));
+        let at =
+            |e: InvalidField| InvalidField::new(FIELD, format!("frame {index}: {}: {}", e.field, e.reason));
         FrameSource::try_from(wire).map_err(at)
     };
     wire.into_iter().enumerate().map(frame).collect()

@@ -22,6 +22,7 @@ use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
 use crate::timing;
+use crate::view::ViewParts;
 
 /// What a job needs of the scene.
 pub(super) struct JobScene<'a> {
@@ -118,15 +119,6 @@ pub(super) enum Output<'a> {
     ColorAndRange,
 }
 
-/// The pixels of a part, rows tightly packed.
-#[derive(Default)]
-pub(super) struct PartPixels {
-    /// Three sRGB bytes a pixel.
-    pub(super) color: Option<Bytes>,
-    /// Metres, an f32 a pixel.
-    pub(super) range: Option<Bytes>,
-}
-
 /// A part that was submitted.
 pub(super) struct RenderedPart {
     pub(super) submitted: Submitted,
@@ -190,7 +182,7 @@ impl GpuSampler {
         parts: &[Part],
         output: Output<'_>,
         cancel: &Cancel,
-        mut place: impl FnMut(&Part, PartPixels),
+        mut place: impl FnMut(&Part, ViewParts),
     ) -> Result<(), RenderError> {
         let mut done = parts.iter();
         self.render_parts(scene, parts, output, cancel, |_, scene, rendered| {
@@ -199,7 +191,7 @@ impl GpuSampler {
             if let Some(part) = done.next() {
                 let color = rendered.color.map(|color| finished.take(color));
                 let range = rendered.range.map(|range| with_ranges(finished.take(range), &rendered.ranges));
-                place(part, PartPixels { color, range });
+                place(part, ViewParts { color, range });
             }
             Ok(())
         })
@@ -267,14 +259,16 @@ impl GpuSampler {
                 commands = shading.view(commands, &context, sharing, stages)?;
                 commands = shading.blend(commands, (part, sharing), (&context, None), over, stages)?;
                 color = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
+                if matches!(output, Output::ColorAndRange) {
+                    range = Some(self.resolve_view.record_range(&mut commands, &context));
+                }
             }
-            Output::Range => {}
+            Output::Range => range = Some(self.resolve_view.record_range(&mut commands, &context)),
         }
-        let mut ranges = Vec::new();
-        if matches!(output, Output::Range | Output::ColorAndRange) {
-            range = Some(self.resolve_view.record_range(&mut commands, &context));
-            ranges = layers.iter().filter_map(|ray| Some((ray.at, ray.shown()?.1 as f32))).collect();
-        }
+        let ranges = match range {
+            Some(_) => layers.iter().filter_map(|ray| Some((ray.at, ray.shown()?.1 as f32))).collect(),
+            None => Vec::new(),
+        };
         Ok(RenderedPart { submitted: commands.submit(), color, range, ranges })
     }
 

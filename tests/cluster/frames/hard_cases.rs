@@ -9,8 +9,9 @@ use argus_sampler::GpuSampler;
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, FrameSource, Indirect, LightEffects, Outputs, Plan, Rig, RigKnobs,
-    SampleId, Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, FrameSource, Indirect, LightEffects, Outputs, Plan, Rig,
+    RigKnobs, SampleId, Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob,
+    Visibility, Warp,
 };
 use glam::DVec3;
 
@@ -148,7 +149,8 @@ fn ranges_from_a_frame_beside_equal_those_of_the_reference_at_any_offset() {
         for (pixel, is) in ranges(&warped).iter().enumerate().filter(|(pixel, _)| mask[*pixel] == 0) {
             assert!(!is.is_nan());
             let was = truth.range[pixel];
-            let near = f64::from(*is) == f64::from(was) || (f64::from(*is) - f64::from(was)).abs() < 0.01 * f64::from(was);
+            let near = f64::from(*is) == f64::from(was)
+                || (f64::from(*is) - f64::from(was)).abs() < 0.01 * f64::from(was);
             far_off += usize::from(!near);
         }
         // Pixels at silhouettes may fall to either side.
@@ -179,14 +181,17 @@ fn a_viewer_inside_of_geometry_gets_no_invalid_pixel() {
 }
 
 #[test]
-fn a_frame_of_sky_alone_shows_the_same_sky_from_elsewhere() {
+fn a_frame_of_sky_alone_shows_no_surface_and_no_other_sky() {
     let mut stage = Stage::new(scene(0.0));
     let up = at(0.0, [3.0, 1.0, 3.0], [3.5, 9.0, 3.0]);
     let moved = at(0.0, [2.0, 1.5, 2.0], [2.5, 9.5, 2.0]);
     let (direct, warped) = (stage.direct(moved), stage.warped(up, moved));
-    assert_eq!(unseen(&warped), 0.0);
+    let colors = |frame: &Frame| frame.color.as_ref().unwrap().as_chunks::<3>().0.to_vec();
+    let mask = warped.mask.clone().unwrap();
+    for (pixel, (was, is)) in colors(&direct).iter().zip(&colors(&warped)).enumerate() {
+        // Beside the bounds of the scene a sample without surfaces proves nothing, so its pixels are traced.
+        let is_seen = mask[pixel] == 0;
+        assert!(!is_seen || was.iter().zip(is).all(|(a, b)| a.abs_diff(*b) <= 2), "{was:?}, not {is:?}");
+    }
     assert!(ranges(&warped).iter().all(|range| *range == f32::INFINITY));
-    let pairs = direct.color.as_ref().unwrap().iter().zip(warped.color.as_ref().unwrap().iter());
-    let most = pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap();
-    assert!(most <= 2, "{most} steps of 255");
 }

@@ -34,7 +34,7 @@ fn image_of(frame: &Frame) -> RgbImage {
 }
 
 async fn rendered(client: &Client, view: &View) -> Frame {
-    client.render(view, &RenderOptions::default()).await.unwrap().0
+    client.render(view, &RenderOptions::default()).await.unwrap().frame
 }
 
 /// Walks until a view is warped from frames. Returns the view and its frame.

@@ -173,7 +173,11 @@ impl Views {
         let view = self.views.get_mut(&given.view_id)?;
         let worker = cluster.workers.get(given.worker)?;
         // A worker that warps frames of its own holds the triangles.
-        let tracers = if view.traces_holes() && view.needs_samples() { cluster.tracers(worker.id()) } else { Vec::new() };
+        let tracers = if view.traces_holes() && view.needs_samples() {
+            cluster.tracers(worker.id())
+        } else {
+            Vec::new()
+        };
         let costs = cluster.workers.costs();
         let usual = if view.is_direct() { costs.direct_secs() } else { costs.view_secs() };
         let decision = view.open.as_ref().and_then(|open| open.decision);
@@ -199,7 +203,11 @@ impl Views {
             expected: view.expected,
             judged: view.target_search.as_ref().is_some_and(|target_search| target_search.judged),
             decision,
-            fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.direct.samples_per_pixel),
+            fallback: view
+                .open
+                .as_ref()
+                .filter(|_| !view.is_direct())
+                .map(|open| open.direct.samples_per_pixel),
             keeps_frame,
         };
         Some((Box::new(order), queued))

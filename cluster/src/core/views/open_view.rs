@@ -1,8 +1,8 @@
 //! State of a view that leaves the way open.
 
-use argus_scene::{FrameSource, View};
 use argus_scene::frame::Decision;
 use argus_scene::rig::Survey;
+use argus_scene::{FrameSource, View};
 
 use super::plan::samples_per_pixel;
 use super::planner::Aim;

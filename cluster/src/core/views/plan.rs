@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Difference, FaceMasks, FrameSource, Holes, InvalidField, Limits, Plan, PlanRequest, Preset, Provenance, SampleId,
-    SampleSetInfo, View, Warp,
+    Difference, FaceMasks, FrameSource, Holes, InvalidField, Limits, Plan, PlanRequest, Preset, Provenance,
+    SampleId, SampleSetInfo, View, Warp,
 };
 
 use crate::core::config::Config;
@@ -105,11 +105,13 @@ fn check_frames(plan: &Plan, view: &View) -> Result<(), InvalidField> {
         return Err(InvalidField::new(FIELD, reason));
     }
     for frame in frames {
-        frame.validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX }).map_err(|at| {
-            InvalidField::new(FIELD, format!("{}: {}", at.field, at.reason))
-        })?;
+        frame
+            .validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX })
+            .map_err(|at| InvalidField::new(FIELD, format!("{}: {}", at.field, at.reason)))?;
         let samples_per_pixel = warp.supersampling.saturating_mul(warp.supersampling);
-        if [frame.width, frame.height, frame.samples_per_pixel] != [view.width, view.height, samples_per_pixel] {
+        if [frame.width, frame.height, frame.samples_per_pixel]
+            != [view.width, view.height, samples_per_pixel]
+        {
             return Err(InvalidField::new(FIELD, "must have the size and the sampling of the view"));
         }
     }

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Cancel, Compositor, FrameSource, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Scene,
-    ViewJob, Warp,
+    Cancel, Compositor, FrameSource, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
+    Scene, ViewJob, Warp,
 };
 use tracing::{debug, warn};
 
@@ -33,13 +33,18 @@ impl Renderer {
         let Ok(frames) = frames else { return };
         let began = Instant::now();
         let set = Arc::new(set_of_frames(info, self.queue.usual_visibility()));
-        let cost = self.composing(|compositor, between| measured(compositor, &set, frames, between)).flatten();
+        let cost =
+            self.composing(|compositor, between| measured(compositor, &set, frames, between)).flatten();
         debug!(ms = ms_since(began), ?cost, "views from frames measured");
         self.meter.set_cost(Kind::FromFrames, cost);
     }
 
     /// Direct frames of a small and a typical size.
-    fn typical_frames(&mut self, scene: &Scene, info: &Arc<SampleSetInfo>) -> Result<Vec<Warped>, RenderError> {
+    fn typical_frames(
+        &mut self,
+        scene: &Scene,
+        info: &Arc<SampleSetInfo>,
+    ) -> Result<Vec<Warped>, RenderError> {
         let (camera, visibility) = (scene.default_camera(), self.queue.usual_visibility());
         SIZES
             .into_iter()
@@ -53,7 +58,8 @@ impl Renderer {
                 let none = || RenderError::Internal("a frame lacks colour or range".to_owned());
                 let frame = frames.into_iter().next().ok_or_else(none)??;
                 let sample = Arc::new(source.sample(&frame).ok_or_else(none)?);
-                let plan = Plan::Warp(Warp { samples: vec![sample.id], frames: vec![source], ..Warp::default() });
+                let plan =
+                    Plan::Warp(Warp { samples: vec![sample.id], frames: vec![source], ..Warp::default() });
                 Ok(Warped { sample, job: ViewJob { plan, ..job } })
             })
             .collect()

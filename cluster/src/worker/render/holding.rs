@@ -52,7 +52,8 @@ impl Renderer {
         let scene = self.scene.clone()?;
         let sets = self.small_sets(&scene, info)?;
         let began = Instant::now();
-        let cost = self.composing(|compositor, between| warm::compositor(compositor, &scene, info, sets, between));
+        let cost =
+            self.composing(|compositor, between| warm::compositor(compositor, &scene, info, sets, between));
         debug!(ms = ms_since(began), ?cost, "views from samples measured");
         cost.flatten()
     }
