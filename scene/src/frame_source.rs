@@ -2,8 +2,8 @@
 //!
 //! A frame from triangles, with the range of its pixels, is a sample with a pinhole camera. It costs nothing, because it
 //! was rendered for its viewer. Its radiance is what its viewer saw: highlights and reflections included, exposed,
-//! clipped at white and rounded to 8 bits of sRGB. So it is stored as display-linear values, which a view shows with
-//! exposure 1. At the frame's own camera a view repeats its colours to within rounding.
+//! clipped at white and rounded to 8 bits of sRGB. It is stored as the radiance that the exposure shows as these colours. At
+//! the frame's own camera a view repeats its colours to within rounding.
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -34,6 +34,9 @@ impl FrameSource {
 
     /// Most samples per pixel: a grid of 16 × 16.
     const MOST_SAMPLES_PER_PIXEL: u32 = 256;
+
+    /// Exposures at which a half holds the radiance of every displayed colour but the darkest few to within rounding.
+    const EXPOSURES: std::ops::RangeInclusive<f32> = 2e-5..=1e3;
 
     /// Bytes of a pixel as a texel: four halves of colour, and an f32 of inverse range.
     const TEXEL_BYTES: u64 = 12;
@@ -99,9 +102,14 @@ impl FrameSource {
         u64::from(self.width) * u64::from(self.height) * Self::TEXEL_BYTES
     }
 
+    /// Whether frames of this exposure, from linear radiance to display-linear values, can be samples.
+    pub fn allows(exposure: f32) -> bool {
+        Self::EXPOSURES.contains(&exposure)
+    }
+
     /// The frame as a sample. `None` if the frame lacks colour or range, or has another size.
     ///
-    /// Radiance is display-linear, 0 to 1. A range that is not positive counts as sky.
+    /// Radiance is what the exposure of its specification shows as its colour. A range that is not positive counts as sky.
     pub fn sample(&self, frame: &Frame) -> Option<Sample> {
         let size = [self.width, self.height];
         let pixels = self.width as usize * self.height as usize;
@@ -109,11 +117,12 @@ impl FrameSource {
         if [frame.width, frame.height] != size || color.len() != 3 * pixels || range.len() != 4 * pixels {
             return None;
         }
-        let halves = linear_halves();
+        let exposure = frame.provenance.specification.map_or(1.0, |specification| specification.exposure);
+        let halves = radiance_halves(exposure);
         let mut radiance = Vec::with_capacity(8 * pixels);
         for rgb in color.as_chunks::<3>().0 {
             rgb.iter().for_each(|byte| radiance.extend_from_slice(&halves[usize::from(*byte)]));
-            radiance.extend_from_slice(&halves[255]);
+            radiance.extend_from_slice(&half::f16::ONE.to_le_bytes());
         }
         let mut inverse_range = Vec::with_capacity(4 * pixels);
         for bytes in range.as_chunks::<4>().0 {
@@ -138,9 +147,11 @@ impl FrameSource {
     }
 }
 
-/// The half of each 8-bit sRGB value as linear light, 0 to 1. A half has 11 bits of mantissa, so every value survives.
-fn linear_halves() -> [[u8; 2]; 256] {
-    std::array::from_fn(|byte| half::f16::from_f32(linear_from_srgb(byte as f32 / 255.0)).to_le_bytes())
+/// The radiance that an exposure shows as each 8-bit sRGB value. A half has 11 bits of mantissa, so every value survives.
+fn radiance_halves(exposure: f32) -> [[u8; 2]; 256] {
+    let most = half::f16::MAX.to_f32();
+    let radiance = |byte: usize| (linear_from_srgb(byte as f32 / 255.0) / exposure).min(most);
+    std::array::from_fn(|byte| half::f16::from_f32(radiance(byte)).to_le_bytes())
 }
 
 /// Inverse of a range in metres; 0 for sky, and for a range that is no distance.
@@ -155,7 +166,7 @@ mod tests {
 
     use super::*;
     use crate::tone::display_from_radiance;
-    use crate::{Provenance, SceneHash, SceneState, Served};
+    use crate::{Provenance, SceneHash, SceneState, Served, Specification};
 
     fn source(width: u32, height: u32) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);
@@ -199,12 +210,17 @@ mod tests {
 
     #[test]
     fn every_colour_of_a_frame_survives_as_a_texel() {
-        let sample = source(256, 1).sample(&frame(&[])).unwrap();
-        let radiance = host(&sample, PlaneKind::Radiance);
-        for (byte, texel) in radiance.as_chunks::<8>().0.iter().enumerate() {
-            let red = half::f16::from_le_bytes([texel[0], texel[1]]).to_f32();
-            assert_eq!(display_from_radiance(glam::Vec3::splat(red), 1.0), [byte as u8; 3]);
+        for exposure in [2e-5, 0.01, 1.0, 30.0, 1e3] {
+            assert!(FrameSource::allows(exposure));
+            let mut frame = frame(&[]);
+            frame.provenance.specification = Some(Specification { exposure, ..Specification::default() });
+            let radiance = host(&source(256, 1).sample(&frame).unwrap(), PlaneKind::Radiance);
+            for (byte, texel) in radiance.as_chunks::<8>().0.iter().enumerate() {
+                let red = half::f16::from_le_bytes([texel[0], texel[1]]).to_f32();
+                assert_eq!(display_from_radiance(glam::Vec3::splat(red), exposure), [byte as u8; 3]);
+            }
         }
+        assert!(![1e-6, 1e6, 0.0, f32::NAN].into_iter().any(FrameSource::allows));
     }
 
     #[test]

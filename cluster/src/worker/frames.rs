@@ -1,8 +1,8 @@
 //! Direct frames that this worker rendered lately, as samples of other views; bounded by their bytes.
 //!
-//! The compositor warps them like samples of a set. They have ids of their own and a set of their own, whose exposure is
-//! 1, since a frame holds display-linear values. A view whose frames were dropped is rendered from triangles, if its
-//! order allows that. The frames of a pinned view are rendered again, with equal bytes.
+//! The compositor warps them like samples of a set. They have ids of their own, and a set of their own with the backend
+//! that rendered them. A view whose frames were dropped is rendered from triangles, if its order allows that. The frames
+//! of a pinned view are rendered again, with equal bytes.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -146,18 +146,16 @@ impl State {
     }
 }
 
-/// The set of frames that show the state of a set and were rendered by a backend. Its exposure is 1.
+/// The set of frames that show the state of a set and were rendered by a backend.
 pub(super) fn set_of_frames(info: &SampleSetInfo, visibility: Visibility) -> SampleSetInfo {
     let version = Version { number: SampleId::FRAMES, ..info.version };
-    let mut set = SampleSetInfo { version, visibility, ..info.clone() };
-    set.lighting.exposure = 1.0;
-    set
+    SampleSetInfo { version, visibility, ..info.clone() }
 }
 
 /// The images that a job needs so that its direct frame can be kept: those that were asked for, and range. `None` if its
-/// frame has no colour or would not fit.
-pub(super) fn outputs_to_keep(node: &Node, job: &ViewJob) -> Option<Outputs> {
-    let fits = node.frames.has_room_for(&source_of(job, 1));
+/// frame has no colour or would not fit, or its exposure is out of the range of a texel.
+pub(super) fn outputs_to_keep(node: &Node, job: &ViewJob, exposure: f32) -> Option<Outputs> {
+    let fits = FrameSource::allows(exposure) && node.frames.has_room_for(&source_of(job, 1));
     (job.outputs.color && fits).then_some(Outputs { range: true, ..job.outputs })
 }
 
@@ -225,12 +223,9 @@ async fn rendered(
     node.frames.keep(*key, &frame).ok_or_else(without)
 }
 
-/// The provenance of a composed frame names its frames by what they are, and the exposure that they were shown with.
-pub(super) fn restore_provenance(frame: &mut Frame, job: &ViewJob, exposure: f32) {
+/// The plan of a composed frame names its frames by what they are.
+pub(super) fn restore_plan(frame: &mut Frame, job: &ViewJob) {
     frame.provenance.plan = job.plan.clone();
-    if let Some(specification) = &mut frame.provenance.specification {
-        specification.exposure = exposure;
-    }
 }
 
 #[cfg(test)]

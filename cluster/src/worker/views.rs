@@ -25,7 +25,7 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
-use tracing::{Instrument, Span, debug_span, field, warn};
+use tracing::{Instrument, Span, debug, debug_span, field, warn};
 
 use super::frame_memory::{self, FramePermit};
 use super::frames::Gathered;
@@ -385,7 +385,9 @@ async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>
     match traced(node, ordered, until).await {
         Ok(frame) => return Ok(with(frame, ordered.decision)),
         // A sample was dropped meanwhile, or the samples miss too much of the view.
-        Err(Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_))) => {}
+        Err(fault @ (Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_)))) => {
+            debug!(%fault, "a view is rendered from triangles instead");
+        }
         Err(fault) => return Err(fault),
     }
     let refused_ms = began.elapsed().as_secs_f64() * 1e3;
@@ -435,7 +437,8 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 
 /// Renders a view from triangles, and keeps its frame if the order says so.
 async fn render_direct(node: &Arc<Node>, ordered: &Ordered, mut job: ViewJob) -> Result<Frame, Fault> {
-    let to_keep = frames::outputs_to_keep(node, &job).filter(|_| ordered.keeps_frame);
+    let exposure = ordered.info.lighting.exposure;
+    let to_keep = frames::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
     job.outputs = to_keep.unwrap_or(job.outputs);
     let frame = render(node, ordered, &[], &job).await?;
     if to_keep.is_some() {
@@ -473,7 +476,7 @@ async fn render(
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
                 if !job.plan.frames().is_empty() {
-                    frames::restore_provenance(&mut frame, job, ordered.info.lighting.exposure);
+                    frames::restore_plan(&mut frame, job);
                 }
                 let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {

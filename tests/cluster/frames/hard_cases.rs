@@ -47,8 +47,6 @@ struct Stage {
 impl Stage {
     fn new(scene: Arc<Scene>) -> Self {
         let gpu = Gpu::new(&GpuOptions::default()).unwrap();
-        let mut lighting = scene.lighting.clone();
-        lighting.exposure = 1.0;
         let info = Arc::new(SampleSetInfo {
             scene: scene.hash,
             bounds: scene.bounds(),
@@ -56,7 +54,7 @@ impl Stage {
             rig: Rig::for_scene(&scene, &RigKnobs::default()).unwrap(),
             version: Version::of_epoch(SampleId::FRAMES, 0),
             epoch_secs: 0.0,
-            lighting,
+            lighting: scene.lighting.clone(),
             visibility: Visibility::default(),
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,

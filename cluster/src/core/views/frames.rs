@@ -23,8 +23,9 @@ const MOST_WORKERS: usize = 64;
 /// Frames of a plan: a second one sees past the borders of the first.
 const MOST_FRAMES: usize = 2;
 
-/// Least share of the view that the frames see. The rest is traced pixel by pixel.
-const LEAST_SEEN: f64 = 0.85;
+/// Least share of the view that the frames see. The rest is traced pixel by pixel. Workers accept frames that miss half as
+/// much again, since a survey has few rays.
+const LEAST_SEEN: f64 = 0.9;
 
 /// Price of a traced pixel in pixels of a direct view, until a worker has measured it. Single pixels share no light with
 /// neighbours, so each casts more rays: in Sponza they cost 11 µs, and pixels of direct views 2 µs.

@@ -239,6 +239,8 @@ impl Worker {
     pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_backends = false;
+        // They were rendered by the backend that was expected to be best.
+        self.frames = RecentFrames::default();
         self.set_sequence = Some(self.assigned.sequence);
         self.assigned.clone()
     }
