@@ -173,11 +173,11 @@ fn a_plan_whose_frames_cannot_be_rendered_is_refused_with_the_frame_and_its_fiel
         let plan = v1::WarpPlan { search, steps, supersampling, frames, samples, ..Default::default() };
         Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })
     };
-    assert_eq!(refused(vec![frame.clone(); 2], Vec::new()).unwrap().frames().len(), 2);
+    assert_eq!(refused(vec![frame; 2], Vec::new()).unwrap().frames().len(), 2);
     let reason = |change: fn(&mut v1::FrameSource)| {
-        let mut wrong = frame.clone();
+        let mut wrong = frame;
         change(&mut wrong);
-        let at = refused(vec![frame.clone(), wrong], Vec::new()).unwrap_err();
+        let at = refused(vec![frame, wrong], Vec::new()).unwrap_err();
         assert_eq!(at.field, "plan.warp.frames");
         at.reason.to_string()
     };
@@ -186,11 +186,11 @@ fn a_plan_whose_frames_cannot_be_rendered_is_refused_with_the_frame_and_its_fiel
     assert!(reason(|f| f.width = 0).starts_with("frame 1: width"));
     assert!(reason(|f| f.height = 0).starts_with("frame 1: height"));
     for samples_per_pixel in [0, 3, 1024] {
-        let wrong = v1::FrameSource { samples_per_pixel, ..frame.clone() };
+        let wrong = v1::FrameSource { samples_per_pixel, ..frame };
         assert!(refused(vec![wrong], Vec::new()).unwrap_err().reason.contains("samples_per_pixel"));
     }
-    assert_eq!(refused(vec![frame.clone(); 5], Vec::new()).unwrap_err().reason, "must be at most 4, not 5");
-    let mixed = refused(vec![frame.clone()], vec![SampleId { version: 0, camera: 0 }.into()]).unwrap_err();
+    assert_eq!(refused(vec![frame; 5], Vec::new()).unwrap_err().reason, "must be at most 4, not 5");
+    let mixed = refused(vec![frame], vec![SampleId { version: 0, camera: 0 }.into()]).unwrap_err();
     assert_eq!(mixed.field, "plan.warp.samples");
 }
 
