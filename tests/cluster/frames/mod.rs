@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(90);
 
 fn view(camera: Camera) -> View {
     let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
-    View { camera, width: 192, height: 144, outputs, plan, pin: None }
+    View { camera, width: 320, height: 240, outputs, plan, pin: None }
 }
 
 /// The camera, moved to its right by a share of its distance from its target.
@@ -107,7 +107,7 @@ async fn pinned_frames_of_another_size_are_refused_by_field() {
     let client = Client::connect(&coordinator.url).await.unwrap();
     let camera = client.description().cameras[0].camera;
     let frame = rendered(&client, &view(camera)).await;
-    let source = argus_scene::FrameSource { camera, width: 192, height: 144, samples_per_pixel: 1 };
+    let source = argus_scene::FrameSource { camera, width: 320, height: 240, samples_per_pixel: 1 };
     let pin = |source| {
         let plan = Plan::Warp(argus_scene::Warp { frames: vec![source], ..argus_scene::Warp::default() });
         let provenance = argus_scene::Provenance { plan, ..frame.provenance.clone() };
@@ -117,7 +117,7 @@ async fn pinned_frames_of_another_size_are_refused_by_field() {
         let client = &client;
         async move { client.render(&view, &RenderOptions::default()).await.unwrap_err().to_string() }
     };
-    let larger = argus_scene::FrameSource { width: 384, height: 288, ..source };
+    let larger = argus_scene::FrameSource { width: 640, height: 480, ..source };
     assert!(refused(pin(larger)).await.contains("pin.plan.warp.frames"));
     let finer = argus_scene::FrameSource { samples_per_pixel: 4, ..source };
     assert!(refused(pin(finer)).await.contains("pin.plan.warp.frames"));

@@ -67,6 +67,18 @@ fn without_a_measured_cost_no_frame_is_kept_or_warped() {
 }
 
 #[test]
+fn a_view_that_is_rendered_as_fast_as_it_is_warped_is_rendered() {
+    let mut sim = warping();
+    for id in sim.workers.keys().copied().collect::<Vec<_>>() {
+        let report = &mut sim.workers.get_mut(&id).unwrap().report;
+        report.direct_cost = Some(Cost { fixed_ms: 5.0, ms_per_megapixel: 0.0 });
+        sim.report(id);
+    }
+    assert!(!answered(&mut sim, &aside(0.0)).keeps_frame);
+    assert!(!is_warped(&answered(&mut sim, &aside(0.05))));
+}
+
+#[test]
 fn a_walk_gets_a_new_direct_frame_whenever_the_last_one_is_too_far_away() {
     let mut sim = warping();
     let orders: Vec<Order> =

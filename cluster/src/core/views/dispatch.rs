@@ -4,7 +4,7 @@
 
 use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
 
-use super::frames::can_warp;
+use super::frames::warping_pays;
 use super::pending::{BLOCKING_QUEUES, Pending};
 use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
@@ -187,7 +187,7 @@ impl Views {
         if let Plan::Warp(warp) = &view.plan {
             sources.iter_mut().for_each(|source| source.faces = warp.faces.of(source.id.camera));
         }
-        let keeps_frame = view.open.is_some() && can_warp(worker);
+        let keeps_frame = view.open.is_some() && warping_pays(worker, view.work());
         view.attempt += 1;
         view.keeps_frame = keeps_frame;
         view.worker = Some(worker.id());

@@ -27,6 +27,9 @@ const MOST_FRAMES: usize = 2;
 /// much again, since a survey has few rays.
 const LEAST_SEEN: f64 = 0.9;
 
+/// Greatest share of a direct view's time that warping may take.
+const MOST_SHARE: f64 = 0.6;
+
 /// Price of a traced pixel in pixels of a direct view, until a worker has measured it. Single pixels share no light with
 /// neighbours, so each casts more rays: in Sponza they cost 11 µs, and pixels of direct views 2 µs.
 const PRICE_OF_RAY: f64 = 5.0;
@@ -55,7 +58,8 @@ impl Cluster<'_> {
         };
         let set = self.samples.set();
         let metres = (set.extent.max - set.extent.min).length() * SHARE_OF_A_RADIAN;
-        let able = self.workers.iter().filter(|worker| can_warp(worker)).take(MOST_WORKERS);
+        let pixels = u64::from(asked.width) * u64::from(asked.height) * u64::from(asked.samples_per_pixel);
+        let able = self.workers.iter().filter(|worker| warping_pays(worker, pixels)).take(MOST_WORKERS);
         let frames = able.flat_map(|worker| worker.frames().showing(set.version.state));
         let apart = |frame: &FrameSource| apart(&frame.camera, &view.camera, metres);
         let mut near: Vec<(f64, FrameSource)> = frames
@@ -77,7 +81,8 @@ impl Cluster<'_> {
         open: &OpenView,
         base: &Offer,
     ) -> Option<Offer> {
-        let cost = worker.report().frame_cost.filter(|_| can_warp(worker))?;
+        let work = view.pixels.saturating_mul(open.direct.samples_per_pixel.into());
+        let cost = worker.report().frame_cost.filter(|_| warping_pays(worker, work))?;
         let survey = open.survey.as_deref()?;
         let held: Vec<FrameSource> = worker
             .frames()
@@ -94,12 +99,10 @@ impl Cluster<'_> {
         let coarse = EXCESS_OF_COARSE * (coverage.covered - coverage.fine);
         let excess = (parallax + coarse) * self.samples.error_factor();
         let is_sound = coverage.covered >= LEAST_SEEN && coverage.fine >= LEAST_FINE * coverage.covered;
-        let samples_per_pixel = f64::from(open.direct.samples_per_pixel);
-        let work = view.pixels as f64 * samples_per_pixel;
-        let rays_ms = self.ray_ms(worker) * (1.0 - coverage.covered) * work;
+        let rays_ms = self.ray_ms(worker) * (1.0 - coverage.covered) * work as f64;
         let plan = self.warp_of(frames, open);
         Some(Offer {
-            render_ms: Some(cost.ms(work as u64) + rays_ms),
+            render_ms: Some(cost.ms(work) + rays_ms),
             excess,
             is_sound,
             repeats: self.repeats(worker, open, &plan),
@@ -129,9 +132,11 @@ impl Cluster<'_> {
     }
 }
 
-/// Whether a worker has measured views from frames.
-pub(super) fn can_warp(worker: &Worker) -> bool {
-    worker.report().frame_cost.is_some()
+/// Whether a worker warps frames so much faster than it renders a view of this many pixels, with sub-pixels, that keeping
+/// and surveying them pays. A small plain scene is simply rendered.
+pub(super) fn warping_pays(worker: &Worker, pixels: u64) -> bool {
+    let costs = worker.report().frame_cost.zip(worker.report().direct_cost);
+    costs.is_some_and(|(frame, direct)| frame.ms(pixels) <= MOST_SHARE * direct.ms(pixels))
 }
 
 /// Whether a frame has the size and the sampling of the direct view that it replaces: its pixels are as fine, and its
