@@ -163,7 +163,8 @@ pub fn receipt(body: &[u8]) -> Result<(), String> {
     let (outputs, plan) = (argus_scene::Outputs::COLOR, argus_scene::PlanRequest::default());
     ask(&mut core, View { camera, width: 8, height: 6, outputs, plan, pin: None }, Uptime::default());
     let (view_id, attempt) = (ViewId(2), 1);
-    let answered = Event::Answered { view_id, attempt, uncovered: Some(uncovered), ms: Some(ms) };
+    let answered =
+        Event::Answered { view_id, attempt, uncovered: Some(uncovered), ms: Some(ms), fell_short: false };
     core.step(answered, Uptime::default());
     pass_time(&mut core);
     Ok(())

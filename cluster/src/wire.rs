@@ -92,6 +92,9 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         direct_cost: wire.direct_cost.and_then(cost_from),
         few_rays_cost: wire.few_rays_cost.and_then(cost_from),
         warp_cost: wire.warp_cost.and_then(cost_from),
+        frame_cost: wire.frame_cost.and_then(cost_from),
+        frames_held: wire.frames_held,
+        frames_bytes: wire.frames_bytes,
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
         backend_costs: wire
             .backend_costs
@@ -131,6 +134,9 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         direct_cost: report.direct_cost.map(Into::into),
         few_rays_cost: report.few_rays_cost.map(Into::into),
         warp_cost: report.warp_cost.map(Into::into),
+        frame_cost: report.frame_cost.map(Into::into),
+        frames_held: report.frames_held,
+        frames_bytes: report.frames_bytes,
         probes: report.probed.count,
         probed_error: report.probed.error,
         probed_predicted: report.probed.predicted,

@@ -4,9 +4,9 @@ use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Detail, Effect, EffectPlan, FaceMask, Frame, Holes, Indirect, Light, LightEffects,
-    LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs, Plan,
-    PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye,
+    Bounds, Camera, Detail, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect, Light,
+    LightEffects, LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs,
+    Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye,
     ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId,
     SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage, Version, View,
     Visibility, VplKnobs, Warp,
@@ -332,6 +332,15 @@ pub(crate) fn sample_id() -> impl Strategy<Value = SampleId> {
     any::<(u64, u64)>().prop_map(|(version, camera)| SampleId { version, camera })
 }
 
+fn frame_source() -> impl Strategy<Value = FrameSource> {
+    (camera(), 1..=8192u32, 1..=8192u32, 1..=16u32).prop_map(|(camera, width, height, side)| FrameSource {
+        camera,
+        width,
+        height,
+        samples_per_pixel: side * side,
+    })
+}
+
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {
     let samples = prop::collection::vec(sample_id(), 1..=8);
     prop_oneof![
@@ -342,7 +351,12 @@ pub(crate) fn plan() -> impl Strategy<Value = Plan> {
                 let mask = bits.map(|bits| FaceMask::new(bits, "faces").unwrap());
                 let first = samples.first().filter(|id| !id.is_reflection_probe());
                 let faces = first.into_iter().filter_map(|id| Some((id.camera, mask?))).collect();
-                Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes })
+                Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes, ..Warp::default() })
+            }
+        ),
+        (search(), 1..=4096u32, 1..=8u32, prop::collection::vec(frame_source(), 1..=4), holes()).prop_map(
+            |(search, steps, supersampling, frames, holes)| {
+                Plan::Warp(Warp { search, steps, supersampling, frames, holes, ..Warp::default() })
             }
         ),
     ]

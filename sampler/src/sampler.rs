@@ -301,22 +301,30 @@ impl GpuSampler {
             self.see_reflectors(view, &faces, &mut scene);
         }
         let defers = matches!(scene.reflections, ReflectFrom::View(_));
-        let mut image = |wanted: bool, side, output, pixel_bytes| -> Result<_, RenderError> {
-            if !wanted {
-                return Ok(None);
-            }
-            let mut image = Image::new(size, pixel_bytes);
+        let mut images = |side, output| -> Result<[Bytes; 2], RenderError> {
+            let (mut color, mut range) = (Image::new(size, 3), Image::new(size, 4));
             // Rays of reflections are in memory, a tile's at once.
             let bands =
                 |tile: Tile| if defers { tile.bands(REFLECTING_SUB_SAMPLES).collect() } else { vec![tile] };
             let parts = Part::of_tiles(tiles(&faces, side).into_iter().flat_map(bands).collect());
             self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
-                image.place(part.tile(), pixels);
+                pixels.color.into_iter().for_each(|pixels| color.place(part.tile(), pixels));
+                pixels.range.into_iter().for_each(|pixels| range.place(part.tile(), pixels));
             })?;
-            Ok(Some(image.into_bytes()))
+            Ok([color.into_bytes(), range.into_bytes()])
         };
-        let color = image(view.outputs.color, side, Output::Color, 3)?;
-        let range = image(view.outputs.range, 1, Output::Range, 4)?;
+        let (mut color, mut range) = (None, None);
+        match (view.outputs.color, view.outputs.range) {
+            (true, true) if side == 1 => [color, range] = images(1, Output::ColorAndRange)?.map(Some),
+            (has_color, has_range) => {
+                if has_color {
+                    color = images(side, Output::Color)?.into_iter().next();
+                }
+                if has_range {
+                    range = images(1, Output::Range)?.into_iter().nth(1);
+                }
+            }
+        }
         let specification = Specification {
             visibility: scene.backend,
             sampling: Sampling::Triangles,
@@ -347,22 +355,33 @@ impl GpuSampler {
             is_shaded: true,
         };
         let mut scene = self.make_ready(job_scene, cancel)?;
-        let mut image = |side, output, pixel_bytes| -> Result<Bytes, RenderError> {
-            let mut image = vec![0; job.pixels.len() * pixel_bytes];
+        let mut images = |side, output| -> Result<[Bytes; 2], RenderError> {
+            let (mut color, mut range) = (vec![0; job.pixels.len() * 3], vec![0; job.pixels.len() * 4]);
             for face in &faces {
                 let parts: Vec<Part> =
                     pixel_lists(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
                 self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
                     let Part::Pixels(list) = part else { return };
-                    for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(pixel_bytes)) {
-                        let at = asked as usize * pixel_bytes;
-                        image[at..at + pixel_bytes].copy_from_slice(pixel);
+                    for (image, pixels, bytes) in
+                        [(&mut color, pixels.color, 3), (&mut range, pixels.range, 4)]
+                    {
+                        let pixels = pixels.unwrap_or_default();
+                        for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(bytes)) {
+                            let at = asked as usize * bytes;
+                            image[at..at + bytes].copy_from_slice(pixel);
+                        }
                     }
                 })?;
             }
-            Ok(image.into())
+            Ok([color.into(), range.into()])
         };
-        let (color, range) = (image(side, Output::Color, 3)?, image(1, Output::Range, 4)?);
+        let [color, range] = match side {
+            1 => images(1, Output::ColorAndRange)?,
+            _ => {
+                let ([color, _], [_, range]) = (images(side, Output::Color)?, images(1, Output::Range)?);
+                [color, range]
+            }
+        };
         Ok(Pixels { color, range, stages: scene.into_stages() })
     }
 

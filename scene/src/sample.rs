@@ -58,6 +58,9 @@ impl SampleId {
     /// Camera number of the sample that holds a set's reflection probes. No camera of a rig has this number.
     pub const REFLECTION_PROBES: u64 = u64::MAX;
 
+    /// Version number of direct frames that serve as samples ([`crate::FrameSource`]). No version of a set has this number.
+    pub const FRAMES: u64 = u64::MAX - 1;
+
     /// Whether the sample holds a set's reflection probes ([`crate::reflection`]). Reflections are looked up in them; no
     /// view is warped from them.
     pub fn is_reflection_probe(&self) -> bool {
@@ -67,7 +70,10 @@ impl SampleId {
 
 impl fmt::Display for SampleId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}/{}", self.version, self.camera)
+        match self.version {
+            Self::FRAMES => write!(f, "frame/{:016x}", self.camera),
+            version => write!(f, "{version}/{}", self.camera),
+        }
     }
 }
 

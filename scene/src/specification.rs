@@ -81,7 +81,7 @@ impl Specification {
 
     /// The first field in which another specification differs, of those that the bytes of a frame of that plan depend on.
     pub fn difference(&self, other: &Self, plan: &Plan) -> Option<Difference> {
-        let of_samples = matches!(plan, Plan::Warp(_));
+        let of_samples = plan.needs_samples();
         let matters = |field| of_samples || !["sampling", "sub_samples"].contains(&field);
         let pairs = self.fields().into_iter().zip(other.fields());
         let mut pairs = pairs.map(|((field, first), (_, second))| Difference { field, first, second });

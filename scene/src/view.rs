@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Detail, FaceMasks, InvalidField, Provenance, SampleId};
+use crate::{Camera, Detail, FaceMasks, FrameSource, InvalidField, Provenance, SampleId};
 
 /// Method of a compositor to find a pixel's depth, before the depth-corrected inverse warping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
@@ -165,6 +165,11 @@ impl Plan {
         Self::Direct { samples_per_pixel, detail: Detail::Full }
     }
 
+    /// Whether all of the view is rendered, in full detail.
+    pub fn is_whole(&self) -> bool {
+        !matches!(self, Self::Direct { detail, .. } if *detail != Detail::Full)
+    }
+
     /// Sub-pixels that are rendered for a view of so many pixels.
     pub fn sub_pixels(&self, pixels: u64) -> u64 {
         match self {
@@ -174,6 +179,20 @@ impl Plan {
             }
             Self::Warp(warp) => pixels.saturating_mul(u64::from(warp.supersampling).pow(2)),
         }
+    }
+
+    /// The direct frames that it warps; none if it is from triangles alone, or from samples of a set.
+    pub fn frames(&self) -> &[FrameSource] {
+        match self {
+            Self::Direct { .. } => &[],
+            Self::Warp(warp) => &warp.frames,
+        }
+    }
+
+    /// Whether it uses samples of a set. Other plans need triangles alone: a direct view, or a view that is warped from
+    /// direct frames.
+    pub fn needs_samples(&self) -> bool {
+        matches!(self, Self::Warp(warp) if warp.frames.is_empty())
     }
 }
 
@@ -186,8 +205,12 @@ pub struct Warp {
     pub steps: u32,
     /// Sub-pixels per pixel and side, whose mean is the pixel.
     pub supersampling: u32,
-    /// The samples, best first. Their order is part of the plan.
+    /// The samples, best first. Their order is part of the plan. Empty if the plan warps direct frames.
     pub samples: Vec<SampleId>,
+    /// Direct frames that are warped in place of samples, best first. They are never warped themselves, so that errors do
+    /// not add up.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frames: Vec<FrameSource>,
     /// The faces of each camera that are used. A sample that has more gives the same frame.
     #[serde(default, skip_serializing_if = "FaceMasks::are_all")]
     pub faces: FaceMasks,
@@ -203,6 +226,7 @@ impl Default for Warp {
             steps: 64,
             supersampling: 1,
             samples: Vec::new(),
+            frames: Vec::new(),
             faces: FaceMasks::default(),
             holes: Holes::Mark,
         }

@@ -89,7 +89,7 @@ fn field<T: DeserializeOwned>(name: &'static str, value: &Value) -> Result<T, In
 
 /// The description of an image: how it was rendered and what it cost.
 ///
-/// - `way`: `direct` (rendered from triangles), `samples`, or `samples and rays` if rays filled pixels that no
+/// - `way`: `direct` (rendered from triangles), `samples` or `frames`, each with ` and rays` if rays filled pixels that no
 ///   sample saw.
 /// - `because`: why the service chose that, or null if it was requested.
 /// - `samples`: their number, 0 for a direct view.
@@ -101,8 +101,13 @@ pub(super) fn about(frame: &Frame, meta: &FrameMeta) -> Map<String, Value> {
     let (search, way, samples) = match &frame.provenance.plan {
         Plan::Direct { .. } => ("direct", "direct", 0),
         Plan::Warp(warp) => {
-            let way = if warp.holes == Holes::Trace { "samples and rays" } else { "samples" };
-            (warp.search.name(), way, warp.samples.len())
+            let way = match (warp.frames.is_empty(), warp.holes) {
+                (true, Holes::Mark) => "samples",
+                (true, Holes::Trace) => "samples and rays",
+                (false, Holes::Mark) => "frames",
+                (false, Holes::Trace) => "frames and rays",
+            };
+            (warp.search.name(), way, warp.samples.len() + warp.frames.len())
         }
     };
     let effects: Map<String, Value> = EffectKind::ALL

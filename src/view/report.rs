@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use argus_scene::frame::Decision;
-use argus_scene::{Camera, Holes, LightLevel, Plan, Prediction, Served, Specification};
+use argus_scene::{Camera, FrameSource, Holes, LightLevel, Plan, Prediction, Served, Specification};
 use serde::Serialize;
 
 use super::Taken;
@@ -21,7 +21,7 @@ pub(super) struct Report {
     light: LightLevel,
     /// The search's name, or `direct`.
     search: &'static str,
-    /// Samples per pixel of a direct view, sub-pixels per pixel of a reconstructed one.
+    /// Samples of a reconstructed view, or the direct frames that it was warped from.
     samples: Vec<String>,
     /// Samples a pixel of a direct view, sub-pixels a pixel of a reconstructed one.
     samples_per_pixel: u32,
@@ -59,7 +59,8 @@ impl Report {
         let (search, samples, samples_per_pixel) = match &frame.provenance.plan {
             Plan::Direct { samples_per_pixel, .. } => ("direct", Vec::new(), *samples_per_pixel),
             Plan::Warp(warp) => {
-                let samples = warp.samples.iter().map(ToString::to_string).collect();
+                let frames = warp.frames.iter().map(FrameSource::id);
+                let samples = warp.samples.iter().copied().chain(frames).map(|id| id.to_string()).collect();
                 (warp.search.name(), samples, warp.supersampling.pow(2))
             }
         };

@@ -5,6 +5,7 @@ mod browse;
 mod deploy;
 mod device_loss;
 mod extent;
+mod frames;
 mod holes;
 mod indirect;
 mod megaviews;

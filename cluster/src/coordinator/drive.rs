@@ -163,7 +163,7 @@ impl<'a> ViewDriver<'a> {
             true => self.shared.frame_metrics.relayed(),
             false => self.shared.frame_metrics.fetched(),
         }
-        self.handle.answered(answered.attempt, answered.uncovered, answered.ms);
+        self.handle.answered(answered.attempt, answered.uncovered, answered.ms, answered.fell_short);
         let Some(header) = &answered.header else { return };
         self.shared.frame_metrics.arrived(header);
         if let Some(client) = &mut self.client {

@@ -4,8 +4,8 @@
 //! header. Without a receipt nothing is remembered.
 
 use argus_proto::v1;
+use argus_scene::View;
 use argus_scene::frame::{Decision, Provenance, Reason};
-use argus_scene::{Plan, View};
 use tokio::time::Instant;
 
 use crate::core::LastView;
@@ -31,9 +31,10 @@ impl SessionMemory {
         else {
             return;
         };
-        let is_direct = |provenance: &Provenance| matches!(provenance.plan, Plan::Direct { .. });
+        // A view that is warped from direct frames looks like them.
+        let needs_samples = |provenance: &Provenance| provenance.plan.needs_samples();
         let changed = self.0.as_ref().and_then(|last| {
-            let same = is_direct(&last.provenance) == is_direct(&provenance);
+            let same = needs_samples(&last.provenance) == needs_samples(&provenance);
             if same { last.changed } else { Some(now) }
         });
         self.0 = Some(Remembered { view: view.clone(), provenance, reason: decision.reason, changed });
@@ -52,7 +53,7 @@ impl SessionMemory {
 mod tests {
     use std::time::Duration;
 
-    use argus_scene::{Camera, Outputs, PlanRequest, SceneHash, SceneState, Warp};
+    use argus_scene::{Camera, Outputs, Plan, PlanRequest, SceneHash, SceneState, Warp};
     use glam::DVec3;
 
     use super::*;

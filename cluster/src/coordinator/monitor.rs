@@ -127,5 +127,11 @@ fn workers(to: &mut Exposition<'_>, status: &StatusResponse) -> fmt::Result {
     };
     let queued = |worker: &WorkerStatus| f64::from(worker.queued_samples + worker.queued_views);
     to.gauges("worker_queue", "Samples and views that wait at a worker", rows(queued))?;
-    to.gauges("worker_samples_held", "Samples that a worker holds", rows(|worker| worker.samples_held as f64))
+    to.gauges(
+        "worker_samples_held",
+        "Samples that a worker holds",
+        rows(|worker| worker.samples_held as f64),
+    )?;
+    let bytes = rows(|worker| worker.frames_bytes as f64);
+    to.gauges("worker_frames_bytes", "Bytes of a worker's recent frames, from which views are warped", bytes)
 }

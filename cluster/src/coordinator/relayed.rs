@@ -96,6 +96,11 @@ fn uses_history(header: &v1::FrameHeader) -> bool {
     header.provenance.as_ref().is_some_and(|provenance| provenance.history)
 }
 
+/// Whether the frame is from triangles, since the one by its plan was not good enough.
+pub(super) fn fell_short(header: &v1::FrameHeader) -> bool {
+    header.decision.is_some_and(|decision| decision.reason == v1::Reason::FrameFellShort as i32)
+}
+
 /// Number of pixels that none of the frame's samples saw.
 pub(super) fn uncovered(header: &v1::FrameHeader) -> u64 {
     let pixels = f64::from(header.width) * f64::from(header.height);

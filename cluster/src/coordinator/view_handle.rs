@@ -57,9 +57,10 @@ impl ViewHandle {
     }
 
     /// Tells the core that the client has the frame of an attempt. `uncovered` counts the pixels that no sample saw.
-    /// `ms` is the rendering time, unless it was already reported.
-    pub(super) fn answered(&self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>) {
-        self.shared.end_view(self.view_id, Event::Answered { view_id: self.view_id, attempt, uncovered, ms });
+    /// `ms` is the rendering time, unless it was already reported. `fell_short`: the frame by the plan was not good enough.
+    pub(super) fn answered(&self, attempt: u32, uncovered: Option<u64>, ms: Option<f64>, fell_short: bool) {
+        let view_id = self.view_id;
+        self.shared.end_view(view_id, Event::Answered { view_id, attempt, uncovered, ms, fell_short });
     }
 
     /// Tells the core that an attempt failed. A reply follows, unless the failure is final.

@@ -16,7 +16,7 @@ use argus_proto::{Fault, v1};
 use argus_scene::Prediction;
 use tonic::{Code, Status};
 
-use super::relayed::{Relayed, rendering_ms, uncovered};
+use super::relayed::{Relayed, fell_short, rendering_ms, uncovered};
 use crate::core::{Failure, Order};
 
 /// A frame is relayed after so many failed redirects, since each of them may have cost a rendering.
@@ -98,6 +98,8 @@ pub(super) struct Answered {
     pub(super) header: Option<Box<v1::FrameHeader>>,
     /// Number of pixels that no sample saw.
     pub(super) uncovered: Option<u64>,
+    /// Whether the frame by the plan was not good enough, and a direct one replaced it.
+    pub(super) fell_short: bool,
     /// Milliseconds of rendering; absent if they were reported with the judgement.
     pub(super) ms: Option<f64>,
     /// Whether this process relayed the frame.
@@ -269,8 +271,9 @@ fn retry(order: &Order, failure: Failure, failed: Option<Status>) -> (State, Vec
 
 fn answered(order: &Order, header: Option<Box<v1::FrameHeader>>, relayed: bool) -> Answered {
     let uncovered = header.as_deref().map(uncovered);
+    let fell_short = header.as_deref().is_some_and(fell_short);
     let ms = header.as_deref().filter(|_| !order.judged).map(rendering_ms);
-    Answered { attempt: order.attempt, header, uncovered, ms, relayed }
+    Answered { attempt: order.attempt, header, uncovered, ms, fell_short, relayed }
 }
 
 #[cfg(test)]

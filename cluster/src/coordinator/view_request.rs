@@ -59,6 +59,7 @@ impl ViewRequest {
                 history: self.history.clone(),
                 decision: order.decision.map(Into::into),
                 fallback_samples_per_pixel: order.fallback.unwrap_or(0),
+                keeps_frame: order.keeps_frame,
             }),
         }
     }

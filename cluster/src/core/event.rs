@@ -160,6 +160,12 @@ pub struct Report {
     pub few_rays_cost: Option<Cost>,
     /// Cost of a view from samples.
     pub warp_cost: Option<Cost>,
+    /// Cost of a view that is warped from recent frames.
+    pub frame_cost: Option<Cost>,
+    /// Number of recent frames that it keeps.
+    pub frames_held: u64,
+    /// Their bytes.
+    pub frames_bytes: u64,
     /// Measured and predicted errors of probed frames.
     pub probed: Probed,
     /// Cost of each visibility backend, milliseconds for a tile of a sample, if the assignment asked for them.
@@ -260,6 +266,8 @@ pub enum Event {
         uncovered: Option<u64>,
         /// Milliseconds of rendering, unless [`Event::Judged`] reported them.
         ms: Option<f64>,
+        /// Whether the worker rendered the frame from triangles, since the one by its plan was not good enough.
+        fell_short: bool,
     },
     /// An attempt failed.
     Failed {
@@ -360,6 +368,8 @@ pub struct Order {
     /// Samples per pixel of the direct view that replaces the frame, if the worker lacks a sample or the frame from
     /// samples is not good enough.
     pub fallback: Option<u32>,
+    /// Whether the worker keeps the frame, if it is from triangles, to warp other views from it.
+    pub keeps_frame: bool,
 }
 
 /// An action that the shell must execute.

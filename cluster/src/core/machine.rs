@@ -16,7 +16,7 @@ use super::quality::Model;
 use super::samples::Samples;
 use super::status;
 use super::time::Uptime;
-use super::views::{Cluster, NewView, Output, SurveyWanted, Views};
+use super::views::{Answer, Cluster, NewView, Output, SurveyWanted, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
@@ -194,9 +194,10 @@ impl Core {
                     views.judge((view_id, attempt), observed, ms, cluster)
                 });
             }
-            Event::Answered { view_id, attempt, uncovered, ms } => {
+            Event::Answered { view_id, attempt, uncovered, ms, fell_short } => {
+                let answer = Answer { uncovered, ms, fell_short };
                 self.on_views(now, &mut actions, |views, cluster| {
-                    views.answered((view_id, attempt), uncovered, ms, cluster)
+                    views.answered((view_id, attempt), answer, cluster)
                 });
             }
             Event::Failed { view_id, attempt, failure } => {
@@ -331,6 +332,10 @@ impl Core {
             Output::Demand(kind) => self.workers.count(kind, 1),
             Output::Used { cameras } => self.samples.note_use(&cameras, now),
             Output::Answered { worker, direct, work } => self.workers.answered(worker, direct, work),
+            Output::KeptFrame { worker, frame } => self.workers.keep_frame(worker, frame),
+            Output::WarpedFrames { worker, frames, well } => {
+                self.workers.warped_frames(worker, &frames, well);
+            }
             Output::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
             Output::TakenBack { worker, view_id, samples, answered } => {
                 if self.workers.end(worker, view_id) {

@@ -78,6 +78,8 @@ fn worker_status(worker: &Worker) -> WorkerStatus {
         unpacking_ms: report.unpacking_ms,
         holding_ms: report.holding_ms,
         samples_held: report.held.len() as u64,
+        frames_held: report.frames_held,
+        frames_bytes: report.frames_bytes,
         sample_progress: report.sample_progress,
         direct_cost: report.direct_cost.map(Into::into),
         few_rays_cost: report.few_rays_cost.map(Into::into),

@@ -13,13 +13,19 @@ use crate::core::planner::{LEAST_FINE, MOST_TEXEL_PIXELS};
 /// unreliable around holes.
 const MOST_UNRESOLVED: f64 = 0.05;
 
+/// Greatest share of pixels that recent frames may miss. Most of them lie beyond the frames' borders, and not around
+/// silhouettes.
+const MOST_UNRESOLVED_BY_FRAMES: f64 = 0.15;
+
 /// Columns and rows of the checked pixels. About 770 pixels suffice to distinguish shares of 95% and 93%.
 const GRID: [u32; 2] = [32, 24];
 
 /// The fault of a frame from samples; `None` if it is within the bound. `samples` are the cameras of its plan's
 /// samples, in order. Reads the frame's range and source images.
 pub(super) fn shortfall(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Option<String> {
-    if frame.unresolved_fraction > MOST_UNRESOLVED {
+    let is_of_frames = !frame.provenance.plan.frames().is_empty();
+    let most = if is_of_frames { MOST_UNRESOLVED_BY_FRAMES } else { MOST_UNRESOLVED };
+    if frame.unresolved_fraction > most {
         return Some(format!("the samples miss {:.1}% of the view", frame.unresolved_fraction * 100.0));
     }
     let fine = fine_share(frame, camera, samples)?;

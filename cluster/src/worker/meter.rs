@@ -93,6 +93,8 @@ pub(super) enum ViewKind {
     FewRays,
     /// From samples.
     Warp,
+    /// From recent direct frames.
+    FromFrames,
 }
 
 impl ViewKind {
@@ -101,7 +103,8 @@ impl ViewKind {
         match plan {
             Plan::Direct { detail, .. } if detail.ray_divisor() > 1 => Self::FewRays,
             Plan::Direct { .. } => Self::Direct,
-            Plan::Warp(_) => Self::Warp,
+            Plan::Warp(_) if plan.needs_samples() => Self::Warp,
+            Plan::Warp(_) => Self::FromFrames,
         }
     }
 }
@@ -111,6 +114,7 @@ struct Sums {
     direct_cost: ViewCost,
     few_rays_cost: ViewCost,
     warp_cost: ViewCost,
+    frame_cost: ViewCost,
     samples: Work,
     direct: Work,
     views: Work,
@@ -132,6 +136,7 @@ impl Sums {
             ViewKind::Direct => &mut self.direct_cost,
             ViewKind::FewRays => &mut self.few_rays_cost,
             ViewKind::Warp => &mut self.warp_cost,
+            ViewKind::FromFrames => &mut self.frame_cost,
         }
     }
 }
@@ -212,6 +217,7 @@ impl Meter {
         (report.direct_cost, report.warp_cost) =
             (sums.direct_cost.cost_like(None), sums.warp_cost.cost_like(None));
         report.few_rays_cost = sums.few_rays_cost.cost_like(Some(&sums.direct_cost));
+        report.frame_cost = sums.frame_cost.cost_like(None);
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;

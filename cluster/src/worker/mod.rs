@@ -11,6 +11,7 @@ mod config;
 mod fetch;
 mod fetches;
 mod frame_memory;
+mod frames;
 mod health;
 mod histories;
 mod join;

@@ -22,6 +22,7 @@ use self::status::WorkerStatus;
 use super::config::{Config, RETRY};
 use super::fetches::Fetches;
 use super::frame_memory::FrameMemory;
+use super::frames::FrameStore;
 use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
@@ -61,6 +62,8 @@ pub(super) struct Node {
     pub(super) frame_memory: FrameMemory,
     /// Depth of sessions' last frames, for reprojection.
     pub(super) histories: Arc<Histories>,
+    /// Recent direct frames.
+    pub(super) frames: Arc<FrameStore>,
     /// Measured and predicted errors of probed frames.
     pub(super) probes: Probes,
     /// Failures of the render thread's devices.
@@ -85,7 +88,9 @@ impl Node {
     ) -> Arc<Self> {
         let news = Arc::new(Notify::new());
         let histories = Arc::new(Histories::new(config.history_bytes));
-        let served = Arc::new(ServedSet::new(queue.clone(), store.clone(), histories.clone()));
+        let frames = Arc::new(FrameStore::new(config.recent_frame_bytes));
+        let served =
+            Arc::new(ServedSet::new(queue.clone(), store.clone(), histories.clone(), frames.clone()));
         Arc::new(Self {
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             status: WorkerStatus::new(news.clone()),
@@ -99,6 +104,7 @@ impl Node {
             packing: Semaphore::new(policy::threads_beside(hello.cores)),
             frame_memory: FrameMemory::new(config.frame_bytes),
             histories,
+            frames,
             probes: Probes::default(),
             health,
             suspected: watch::Sender::default(),
@@ -164,6 +170,8 @@ impl Node {
         self.render_thread.fill(&mut report);
         self.meter.fill(&mut report);
         report.probed = self.probes.found();
+        let (frames_held, frames_bytes) = self.frames.held();
+        (report.frames_held, report.frames_bytes) = (frames_held as u64, frames_bytes);
         report
     }
 

@@ -3,6 +3,7 @@
 //! It takes waiting views in batches: a busy worker gains by batching, and an idle worker has the latency of a single
 //! view. A panic in a role counts as a lost device: both roles are recreated, and callers retry once.
 
+mod frame_cost;
 mod holding;
 mod measuring;
 

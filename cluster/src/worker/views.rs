@@ -14,9 +14,9 @@ use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Difference, FaceMask, Frame, History, Holes, InvalidField, Output, Outputs, Plan, Provenance,
-    RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version,
-    View, ViewJob,
+    Difference, FaceMask, Frame, FrameSource, History, Holes, InvalidField, Output, Outputs, Plan,
+    Provenance, RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage,
+    Version, View, ViewJob,
 };
 use futures::Stream;
 use futures::future::try_join_all;
@@ -25,13 +25,14 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
-use tracing::{Instrument, Span, debug_span, field, warn};
+use tracing::{Instrument, Span, debug, debug_span, field, warn};
 
 use super::frame_memory::{self, FramePermit};
+use super::frames::Gathered;
 use super::histories::MAX_NAME;
 use super::node::{ActiveRequest, Node};
 use super::queue::Rendered;
-use super::{bound, fetch, probe, trace};
+use super::{bound, fetch, frames, probe, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::rate_limited_log::RateLimitedLog;
@@ -80,10 +81,12 @@ struct Ordered {
     history: Option<String>,
     /// The planner's decision; `None` if the request named the plan.
     decision: Option<Decision>,
-    /// The direct plan that replaces the plan if a sample is missing or the frame from samples is not good enough.
+    /// The direct plan that replaces the plan if a sample or frame is missing, or the result is not good enough.
     fallback: Option<Plan>,
     /// The request bounds the error.
     is_bounded: bool,
+    /// A direct frame is kept, for other views to be warped from it.
+    keeps_frame: bool,
 }
 
 impl Ordered {
@@ -316,6 +319,11 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         None => node.served.set_showing(state)?,
     };
     view.validate(&limits)?;
+    for frame in plan.frames() {
+        let at =
+            |e: InvalidField| InvalidField::new("plan.warp.frames", format!("{}: {}", e.field, e.reason));
+        frame.validate(&limits).map_err(at)?;
+    }
     let mut samples = Vec::with_capacity(ids.len());
     for id in ids {
         if id.version != info.version.number {
@@ -350,7 +358,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
     let decision = order.decision.map(Decision::try_from).transpose()?;
     let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);
     let fallback = fallback.then_some(Plan::direct(order.fallback_samples_per_pixel));
-    let (history, outputs) = (name, asked);
+    let (history, outputs, keeps_frame) = (name, asked, order.keeps_frame);
     Ok(Ordered {
         job,
         info,
@@ -364,6 +372,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         decision,
         fallback,
         is_bounded,
+        keeps_frame,
     })
 }
 
@@ -385,12 +394,14 @@ async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>
     match traced(node, ordered, until).await {
         Ok(frame) => return Ok(with(frame, ordered.decision)),
         // A sample was dropped meanwhile, or the samples miss too much of the view.
-        Err(Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_))) => {}
+        Err(fault @ (Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_)))) => {
+            debug!(%fault, "a view is rendered from triangles instead");
+        }
         Err(fault) => return Err(fault),
     }
     let refused_ms = began.elapsed().as_secs_f64() * 1e3;
     let job = ViewJob { plan: plan.clone(), history: None, ..ordered.job.clone() };
-    let mut frame = render(node, ordered, &[], &job).await?;
+    let mut frame = render_direct(node, ordered, job).await?;
     frame.stages.push(Stage::new(Stage::REFUSED, refused_ms));
     let fell_short = |decision| Decision { reason: Reason::FrameFellShort, excess: 0.0, ..decision };
     Ok(with(frame, ordered.decision.map(fell_short)))
@@ -400,7 +411,7 @@ async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>
 /// worker renders it. Any other frame keeps marked holes, and its plan says so.
 async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
     let Plan::Warp(warp) = &ordered.job.plan else {
-        return render(node, ordered, &ordered.samples, &ordered.job).await;
+        return render_direct(node, ordered, ordered.job.clone()).await;
     };
     let traces = warp.holes == Holes::Trace;
     let mut job = ordered.job.clone();
@@ -433,8 +444,24 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     Ok(frame)
 }
 
-/// Cameras of the plan's samples, in the order that the frame's source image counts them.
+/// Renders a view from triangles, and keeps its frame if the order says so.
+async fn render_direct(node: &Arc<Node>, ordered: &Ordered, mut job: ViewJob) -> Result<Frame, Fault> {
+    let exposure = ordered.info.lighting.exposure;
+    let to_keep = frames::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
+    job.outputs = to_keep.unwrap_or(job.outputs);
+    let frame = render(node, ordered, &[], &job).await?;
+    if to_keep.is_some() {
+        frames::keep(node, &job, &frame);
+    }
+    Ok(frame)
+}
+
+/// Cameras of the plan's samples or frames, in the order that the frame's source image counts them.
 fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
+    let frames = ordered.job.plan.frames();
+    if !frames.is_empty() {
+        return Ok(frames.iter().map(FrameSource::sample_camera).collect());
+    }
     let of_rig = ordered.samples.iter().filter(|source| !source.id.is_reflection_probe());
     of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
@@ -451,15 +478,15 @@ async fn render(
     let mut again = false;
     loop {
         let began = Instant::now();
-        let fetches = needed.iter();
-        let fetches =
-            fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
-        let samples = try_join_all(fetches).await?;
+        let gathered = gather(node, ordered, needed, job).await?;
         let samples_ms = began.elapsed().as_secs_f64() * 1e3;
-        let rendered =
-            node.render_thread.render_view(job.clone(), ordered.info.clone(), samples, again).await;
+        let Gathered { job: composed, info, samples } = gathered;
+        let rendered = node.render_thread.render_view(composed, info, samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
+                if !job.plan.frames().is_empty() {
+                    frames::restore_plan(&mut frame, job);
+                }
                 let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
                     let reason = format!(
@@ -477,7 +504,7 @@ async fn render(
                     )));
                 }
                 let mut stages = vec![Stage::new("queue", queue_ms)];
-                if !needed.is_empty() {
+                if !(needed.is_empty() && job.plan.frames().is_empty()) {
                     stages.insert(0, Stage::new(SAMPLES, samples_ms));
                 }
                 frame.stages.splice(0..0, stages);
@@ -491,6 +518,24 @@ async fn render(
             Err(fault) => return Err(fault),
         }
     }
+}
+
+/// Gets the samples or the frames of a job. The frames of an order with a fallback must be held.
+async fn gather(
+    node: &Arc<Node>,
+    ordered: &Ordered,
+    needed: &[Source],
+    job: &ViewJob,
+) -> Result<Gathered, Fault> {
+    if let Plan::Warp(warp) = &job.plan
+        && !warp.frames.is_empty()
+    {
+        return frames::gather(node, job, warp, &ordered.info, ordered.fallback.is_none()).await;
+    }
+    let fetches = needed.iter();
+    let fetches = fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
+    let samples = try_join_all(fetches).await?;
+    Ok(Gathered { job: job.clone(), info: ordered.info.clone(), samples })
 }
 
 /// Packs a frame into chunks. The header has the time of packing.

@@ -16,16 +16,16 @@ use argus_scene::{
 use crate::core::quality::Cost;
 
 /// Sizes of the measured views, pixels: small and typical.
-const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
+pub(super) const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
 
 /// Replaces the typical size where its view would take longer than [`SLOW_MS`], by the time of the small one.
 const SIZE_WHERE_SLOW: [u32; 2] = [160, 120];
 
 /// Number of measurements of each view. The fastest counts, since other processes use the same cores.
-const ROUNDS: usize = 3;
+pub(super) const ROUNDS: usize = 3;
 
 /// A view that takes longer than this, milliseconds, is measured once, since clients wait meanwhile.
-const SLOW_MS: f64 = 200.0;
+pub(super) const SLOW_MS: f64 = 200.0;
 
 /// Texels per side of the samples that views are measured from.
 pub(super) const SIDES: [u32; 2] = [96, 192];
@@ -171,7 +171,7 @@ fn measured<R>(
     Ok(Cost::fit(times.into_iter()))
 }
 
-fn view(
+pub(super) fn view(
     info: &SampleSetInfo,
     camera: Camera,
     [width, height]: [u32; 2],

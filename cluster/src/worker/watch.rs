@@ -88,6 +88,11 @@ impl Monitored for Watch {
             "Samples that it can send and reconstruct from",
             report.held.len() as f64,
         )?;
+        to.gauge(
+            "worker_frames_bytes",
+            "Bytes of recent frames, from which views are warped",
+            report.frames_bytes as f64,
+        )?;
         to.gauge("worker_held_bytes", "Texel bytes of held samples", self.0.store.bytes() as f64)?;
         let composed_from = self.0.health.held() as f64;
         to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;

@@ -142,6 +142,7 @@ fn an_invalid_pinned_plan_is_rejected_with_a_field_below_pin() {
             samples: vec![SampleId { version: 0, camera: 0 }.into()],
             holes: v1::Holes::Unspecified as i32,
             faces: Vec::new(),
+            frames: Vec::new(),
         };
         change(&mut plan);
         Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })
@@ -157,6 +158,40 @@ fn an_invalid_pinned_plan_is_rejected_with_a_field_below_pin() {
     assert_eq!(field(|p| p.faces = vec![1, 1]), "plan.warp.faces");
     assert_eq!(field(|p| p.search = 0), "plan.warp.search");
     assert_eq!(field(|p| p.search = 9), "plan.search");
+}
+
+#[test]
+fn a_plan_whose_frames_cannot_be_rendered_is_refused_with_the_frame_and_its_field() {
+    let frame = v1::FrameSource {
+        camera: Some((&Camera::look_at(DVec3::ZERO, DVec3::X)).into()),
+        width: 4,
+        height: 3,
+        samples_per_pixel: 1,
+    };
+    let refused = |frames: Vec<v1::FrameSource>, samples: Vec<v1::SampleId>| {
+        let (search, steps, supersampling) = (v1::Search::Splat as i32, 0, 1);
+        let plan = v1::WarpPlan { search, steps, supersampling, frames, samples, ..Default::default() };
+        Plan::try_from(v1::Plan { kind: Some(v1::plan::Kind::Warp(plan)) })
+    };
+    assert_eq!(refused(vec![frame; 2], Vec::new()).unwrap().frames().len(), 2);
+    let reason = |change: fn(&mut v1::FrameSource)| {
+        let mut wrong = frame;
+        change(&mut wrong);
+        let at = refused(vec![frame, wrong], Vec::new()).unwrap_err();
+        assert_eq!(at.field, "plan.warp.frames");
+        at.reason.to_string()
+    };
+    assert!(reason(|f| f.camera = None).starts_with("frame 1: camera"));
+    assert!(reason(|f| f.camera.as_mut().unwrap().fov_deg = Some(f64::NAN)).contains("camera.fov_deg"));
+    assert!(reason(|f| f.width = 0).starts_with("frame 1: width"));
+    assert!(reason(|f| f.height = 0).starts_with("frame 1: height"));
+    for samples_per_pixel in [0, 3, 1024] {
+        let wrong = v1::FrameSource { samples_per_pixel, ..frame };
+        assert!(refused(vec![wrong], Vec::new()).unwrap_err().reason.contains("samples_per_pixel"));
+    }
+    assert_eq!(refused(vec![frame; 5], Vec::new()).unwrap_err().reason, "must be at most 4, not 5");
+    let mixed = refused(vec![frame], vec![SampleId { version: 0, camera: 0 }.into()]).unwrap_err();
+    assert_eq!(mixed.field, "plan.warp.samples");
 }
 
 #[test]

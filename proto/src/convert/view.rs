@@ -2,8 +2,9 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Detail, FaceMask, FaceMasks, Holes, InvalidField, Limits, Output, Outputs, Plan, PlanRequest, Prediction,
-    Preset, Provenance, SampleId, SceneState, Search, Served, Specification, View, Warp,
+    Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan,
+    PlanRequest, Prediction, Preset, Provenance, SampleId, SceneState, Search, Served, Specification, View,
+    Warp,
 };
 
 use super::scene::{light_level, wire_light_level};
@@ -269,6 +270,43 @@ pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<
     cameras.iter().zip(bits).map(|(camera, bits)| Ok((*camera, FaceMask::new(*bits, field)?))).collect()
 }
 
+impl From<&FrameSource> for v1::FrameSource {
+    fn from(source: &FrameSource) -> Self {
+        let FrameSource { camera, width, height, samples_per_pixel } = *source;
+        Self { camera: Some((&camera).into()), width, height, samples_per_pixel }
+    }
+}
+
+impl TryFrom<v1::FrameSource> for FrameSource {
+    type Error = InvalidField;
+
+    /// A frame within the limits of every service; a service checks its own limits.
+    fn try_from(wire: v1::FrameSource) -> Result<Self, InvalidField> {
+        let v1::FrameSource { camera, width, height, samples_per_pixel } = wire;
+        let camera = required(camera, "camera")?.try_into()?;
+        let source = Self { camera, width, height, samples_per_pixel };
+        source.validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX }).map(|()| source)
+    }
+}
+
+/// The frames of a plan from the wire.
+///
+/// # Errors
+/// `plan.warp.frames`, with the number of the frame and its field.
+fn frame_sources(wire: Vec<v1::FrameSource>) -> Result<Vec<FrameSource>, InvalidField> {
+    const FIELD: &str = "plan.warp.frames";
+    if wire.len() > FrameSource::MOST {
+        let reason = format!("must be at most {}, not {}", FrameSource::MOST, wire.len());
+        return Err(InvalidField::new(FIELD, reason));
+    }
+    let frame = |(index, wire): (usize, v1::FrameSource)| {
+        let at =
+            |e: InvalidField| InvalidField::new(FIELD, format!("frame {index}: {}: {}", e.field, e.reason));
+        FrameSource::try_from(wire).map_err(at)
+    };
+    wire.into_iter().enumerate().map(frame).collect()
+}
+
 impl From<&Plan> for v1::Plan {
     fn from(plan: &Plan) -> Self {
         use v1::plan::Kind;
@@ -284,6 +322,7 @@ impl From<&Plan> for v1::Plan {
                 samples: warp.samples.iter().map(|id| (*id).into()).collect(),
                 holes: v1::Holes::from(warp.holes) as i32,
                 faces: face_bits(&warp.samples, &warp.faces),
+                frames: warp.frames.iter().map(Into::into).collect(),
             }),
         };
         Self { kind: Some(kind) }
@@ -316,8 +355,16 @@ impl TryFrom<v1::Plan> for Plan {
                 // Reflection maps come on top, and at most once.
                 let of_rig =
                     plan.samples.iter().filter(|id| id.camera != SampleId::REFLECTION_PROBES).count();
-                if !(1..=MAX_PLAN_SAMPLES).contains(&of_rig) || plan.samples.len() > of_rig + 1 {
-                    let reason = format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}");
+                let frames = frame_sources(plan.frames)?;
+                let is_complete = match frames.is_empty() {
+                    true => (1..=MAX_PLAN_SAMPLES).contains(&of_rig) && plan.samples.len() <= of_rig + 1,
+                    false => plan.samples.is_empty(),
+                };
+                if !is_complete {
+                    let reason = match frames.is_empty() {
+                        true => format!("must be 1 to {MAX_PLAN_SAMPLES}, not {of_rig}"),
+                        false => "must be empty, since the plan warps frames".to_owned(),
+                    };
                     return Err(InvalidField::new("plan.warp.samples", reason));
                 }
                 let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;
@@ -331,6 +378,7 @@ impl TryFrom<v1::Plan> for Plan {
                     samples: plan.samples.into_iter().map(Into::into).collect(),
                     faces: face_masks(&cameras, &plan.faces, "plan.warp.faces")?,
                     holes: holes(plan.holes, "plan.warp.holes")?.unwrap_or_default(),
+                    frames,
                 })
             }
         })

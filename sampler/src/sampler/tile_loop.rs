@@ -22,6 +22,7 @@ use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
 use crate::timing;
+use crate::view::ViewParts;
 
 /// What a job needs of the scene.
 pub(super) struct JobScene<'a> {
@@ -117,12 +118,15 @@ pub(super) enum Output<'a> {
     Color,
     /// Metres, an f32 a pixel.
     Range,
+    /// Both, of one sub-sample a pixel: what the rays see is found once.
+    ColorAndRange,
 }
 
 /// A part that was submitted.
 pub(super) struct RenderedPart {
     pub(super) submitted: Submitted,
-    pixels: Option<PendingReadback>,
+    color: Option<PendingReadback>,
+    range: Option<PendingReadback>,
     /// Ranges of pixels that show a transparent surface: index, metres.
     ranges: Vec<(u32, f32)>,
 }
@@ -203,14 +207,16 @@ impl GpuSampler {
         parts: &[Part],
         output: Output<'_>,
         cancel: &Cancel,
-        mut place: impl FnMut(&Part, Bytes),
+        mut place: impl FnMut(&Part, ViewParts),
     ) -> Result<(), RenderError> {
         let mut done = parts.iter();
         self.render_parts(scene, parts, output, cancel, |_, scene, rendered| {
             let mut finished = rendered.submitted.wait()?;
             timing::add(&mut scene.stages, std::mem::take(&mut finished.stages));
-            if let (Some(part), Some(pixels)) = (done.next(), rendered.pixels) {
-                place(part, with_ranges(finished.take(pixels), &rendered.ranges));
+            if let Some(part) = done.next() {
+                let color = rendered.color.map(|color| finished.take(color));
+                let range = rendered.range.map(|range| with_ranges(finished.take(range), &rendered.ranges));
+                place(part, ViewParts { color, range });
             }
             Ok(())
         })
@@ -232,7 +238,7 @@ impl GpuSampler {
                 let (gloss, reflectors) = (self.glossy, *reflections != ReflectFrom::Nothing);
                 ("render sample", Extras { gloss, reflectors, guides: self.keeps_guides() })
             }
-            Output::Color => {
+            Output::Color | Output::ColorAndRange => {
                 let guides = self.keeps_guides() || defers;
                 ("render colour", Extras { guides, reflectors: defers, ..Extras::default() })
             }
@@ -262,7 +268,7 @@ impl GpuSampler {
             cancel,
         };
         let over = Layered { layers: &layers, scratch: &mut self.layer_scratch, extras };
-        let (mut pixels, mut ranges) = (None, Vec::new());
+        let (mut color, mut range) = (None, None);
         match output {
             Output::Texels(planes) => {
                 let sharing = LightSharing::Texels { side: context.tile.side };
@@ -274,17 +280,21 @@ impl GpuSampler {
                 let resolve = self.surface_programs.of(*reflections).resolve;
                 resolve.record(&mut commands, &context, &self.knobs, planes, arriving.as_ref());
             }
-            Output::Color => {
+            Output::Color | Output::ColorAndRange => {
                 commands = shading.view(commands, &context, sharing, stages)?;
                 commands = shading.blend(commands, (part, sharing), (&context, None), over, stages)?;
-                pixels = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
+                color = Some(self.resolve_view.record_color(&mut commands, &context, lighting.exposure));
+                if matches!(output, Output::ColorAndRange) {
+                    range = Some(self.resolve_view.record_range(&mut commands, &context));
+                }
             }
-            Output::Range => {
-                pixels = Some(self.resolve_view.record_range(&mut commands, &context));
-                ranges = layers.iter().filter_map(|ray| Some((ray.at, ray.shown()?.1 as f32))).collect();
-            }
+            Output::Range => range = Some(self.resolve_view.record_range(&mut commands, &context)),
         }
-        Ok(RenderedPart { submitted: commands.submit(), pixels, ranges })
+        let ranges = match range {
+            Some(_) => layers.iter().filter_map(|ray| Some((ray.at, ray.shown()?.1 as f32))).collect(),
+            None => Vec::new(),
+        };
+        Ok(RenderedPart { submitted: commands.submit(), color, range, ranges })
     }
 
     /// Runs other work between two parts of a job. Its time is none of the job's.

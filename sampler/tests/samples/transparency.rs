@@ -7,8 +7,8 @@ use argus_sampler::SamplerKnobs;
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::transparency::MOST_LAYERS;
 use argus_scene::{
-    AlphaMode, Camera, Cancel, Light, LightEffects, Material, PixelJob, PlaneKind, Sampler, Scene,
-    SceneState, Sky, Texture, TextureRef, ViewJob, Visibility,
+    AlphaMode, Camera, Cancel, Light, LightEffects, Material, Output, Outputs, PixelJob, PlaneKind, Sampler,
+    Scene, SceneState, Sky, Texture, TextureRef, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
@@ -301,4 +301,19 @@ fn a_half_transparent_pane_casts_half_a_shadow() {
         let seen = shadowed(Some(alpha)) / open;
         assert!((seen - (1.0 - alpha)).abs() < 0.01, "{alpha}: {seen}");
     }
+}
+
+#[test]
+fn colour_and_range_together_equal_each_alone() {
+    let mut scene = wall(|color| color);
+    add_pane(&mut scene, 2.0, blended(PANE, 0.7));
+    let mut sampler = sampler(&Arc::new(scene));
+    let camera = Camera { fov_deg: 100.0, ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z) };
+    let both = view_job(camera, SIZE, 1);
+    let color = ViewJob { outputs: Outputs::COLOR, ..both.clone() };
+    let range = ViewJob { outputs: Outputs::only(Output::Range), ..both.clone() };
+    let [both, color, range] = [both, color, range].map(|job| direct(&mut sampler, &job));
+    assert!(both.color == color.color && both.range == range.range);
+    assert!(range_of(&both).iter().any(|range| *range < 3.0), "the pane is seen");
+    assert!(range_of(&both).contains(&f32::INFINITY), "the sky is seen");
 }

@@ -114,6 +114,22 @@ impl Survey {
         self.judged.push(judged);
     }
 
+    /// Judges a camera that is not of a rig, under a number of its own, like [`Self::judge`].
+    pub fn judge_camera(
+        &mut self,
+        (number, camera): (u64, &SampleCamera),
+        sight: &dyn Sight,
+        time_secs: f64,
+        most_pixels: f64,
+    ) {
+        if self.judged.iter().any(|judged| judged.index == number) {
+            return;
+        }
+        let mut judged = self.introduced_as(number, camera, most_pixels);
+        judged.ask(u64::MAX, &self.targets, sight, time_secs);
+        self.judged.push(judged);
+    }
+
     /// Judges cameras with only the rays needed to choose `count` of them: each gets rays to targets that those
     /// before it do not show with fine texels. For cameras that [`Self::choose`] takes, [`Self::coverage`] is as
     /// exact as after [`Self::judge`]; for other cameras it may be too low, never too high.
@@ -154,12 +170,16 @@ impl Survey {
         if self.judged.iter().any(|judged| judged.index == index) {
             return None;
         }
-        let camera = rig.camera(index).ok()?;
+        Some(self.introduced_as(index, &rig.camera(index).ok()?, most_pixels))
+    }
+
+    /// A camera without rays so far, under a number.
+    fn introduced_as(&self, index: u64, camera: &SampleCamera, most_pixels: f64) -> Judged {
         let (at, texel_angle) = (camera.center(), camera.texel_angle());
         let results = self.results.iter().find(|(camera, _)| *camera == index).map(|(_, results)| *results);
         let texel_pixels = |target: &Target| self.texel_pixels(at, texel_angle, target);
         let view = (self.eye, &self.targets[..]);
-        Some(Judged::new((index, &camera), view, results.unwrap_or_default(), texel_pixels, most_pixels))
+        Judged::new((index, camera), view, results.unwrap_or_default(), texel_pixels, most_pixels)
     }
 
     /// Pixels of the view, to a side, that a texel of a sample at a position covers at a target.
@@ -170,6 +190,18 @@ impl Survey {
         };
         // A target at the eye gives NaN or infinity, which exceeds every limit.
         nearer * texel_angle / self.pixel_angle
+    }
+
+    /// Mean angle, radians, between the view's rays and the nearest of these eyes' rays to the same surfaces; at most 1 for
+    /// each. 0 for the sky, which looks alike from everywhere. 1 without eyes.
+    pub fn parallax(&self, eyes: &[DVec3]) -> f64 {
+        let nearest = eyes.iter().map(|eye| eye.distance(self.eye)).fold(f64::INFINITY, f64::min);
+        let angle = |target: &Target| match target {
+            Target::Sky(_) => 0.0,
+            // A surface at the eye gives NaN or infinity, which count as 1.
+            Target::Surface(point) => (nearest / point.distance(self.eye)).min(1.0),
+        };
+        self.targets.iter().map(angle).sum::<f64>() / self.targets.len().max(1) as f64
     }
 
     /// The judged cameras.

@@ -561,5 +561,11 @@ impl World {
 }
 
 fn answered(view: Attempt) -> Event {
-    Event::Answered { view_id: view.view_id, attempt: view.attempt, uncovered: Some(0), ms: None }
+    Event::Answered {
+        view_id: view.view_id,
+        attempt: view.attempt,
+        uncovered: Some(0),
+        ms: None,
+        fell_short: false,
+    }
 }

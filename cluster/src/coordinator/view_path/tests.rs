@@ -20,6 +20,7 @@ fn order(attempt: u32) -> Box<Order> {
         judged: false,
         decision: None,
         fallback: None,
+        keeps_frame: false,
     })
 }
 

@@ -50,7 +50,7 @@ impl Setting {
                 // An unused number has the default's value.
                 let steps = if search.takes_steps() { steps } else { search.usual_steps() };
                 let faces = FaceMasks::default();
-                Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes })
+                Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes, ..Warp::default() })
             }
         }
     }

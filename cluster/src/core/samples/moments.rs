@@ -154,7 +154,7 @@ impl Samples {
         };
         let epochs = kept.map(|version| version.state.epoch);
         let pinned = pin.state;
-        let direct = self.versions.moves() && matches!(pin.plan, Plan::Direct { .. });
+        let direct = self.versions.moves() && !pin.plan.needs_samples();
         if !direct && !epochs.contains(&pinned.epoch) {
             let epochs = are("epoch", epochs);
             return Err(Fault::Pin(format!("epoch {} is not served here, {epochs}", pinned.epoch)));

@@ -4,6 +4,7 @@ mod batches;
 mod copies;
 mod crowd;
 mod epochs;
+mod frames;
 mod open;
 mod placement;
 mod property;

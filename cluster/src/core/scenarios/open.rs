@@ -34,7 +34,7 @@ impl Sight for Open {
 }
 
 /// Two workers with measured costs of views, in a scene of cells.
-fn measured(direct_ms: f64, warp_ms: f64) -> Sim {
+pub(super) fn measured(direct_ms: f64, warp_ms: f64) -> Sim {
     let rig = argus_scene::Rig::Cell { origin: DVec3::ZERO, spacing: 4.0, face: 512 };
     let set = argus_scene::SampleSetInfo { rig, ..crate::core::tests::set_info() };
     let mut sim = Sim::with_set(Config::default(), set);
@@ -49,19 +49,19 @@ fn measured(direct_ms: f64, warp_ms: f64) -> Sim {
     sim
 }
 
-fn view() -> View {
+pub(super) fn view() -> View {
     let camera = Camera::look_at(DVec3::new(0.5, 1.0, 0.7), DVec3::new(5.0, 1.0, 0.7));
     let plan = PlanRequest::default();
     View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
 }
 
 /// Requests a view, with its survey.
-fn ask(sim: &mut Sim, view: &View) -> ViewId {
+pub(super) fn ask(sim: &mut Sim, view: &View) -> ViewId {
     ask_after(sim, view, None)
 }
 
 /// Requests the next view of a session.
-fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
+pub(super) fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
     let view_id = ViewId(sim.next);
     sim.next += 1;
     let survey = sim.core.survey_wanted(view, last.as_ref()).map(|wanted| Box::new(wanted.take(view, &Open)));
@@ -89,7 +89,7 @@ fn hold(sim: &mut Sim) {
     }
 }
 
-fn is_direct(sim: &Sim, view_id: ViewId) -> bool {
+pub(super) fn is_direct(sim: &Sim, view_id: ViewId) -> bool {
     matches!(sim.orders[&view_id].plan, Plan::Direct { .. })
 }
 

@@ -289,6 +289,7 @@ impl Sim {
             attempt: order.attempt,
             uncovered: Some(uncovered),
             ms: Some(ms),
+            fell_short: false,
         });
     }
 

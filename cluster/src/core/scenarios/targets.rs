@@ -60,7 +60,13 @@ fn a_frame_beyond_its_bound_is_rejected_and_counted() {
     assert_eq!(sim.core.status().counts().frames_refused, 1);
     // Late chunks of the first frame are ignored.
     sim.step(Event::Judged { view_id, attempt: first.attempt, observed: None, ms: 1.0 });
-    sim.step(Event::Answered { view_id, attempt: first.attempt, uncovered: Some(0), ms: None });
+    sim.step(Event::Answered {
+        view_id,
+        attempt: first.attempt,
+        uncovered: Some(0),
+        ms: None,
+        fell_short: false,
+    });
     assert_eq!(sim.core.views_in_flight(), 1);
     while sim.orders[&view_id].judged && !sim.delivered.contains_key(&view_id) {
         judge(&mut sim, view_id, 2.0, 9.0);
@@ -115,7 +121,13 @@ fn costs_follow_measured_times() {
     let expected_ms = |sim: &mut Sim| {
         let view_id = sim.ask(false);
         let order = sim.orders.remove(&view_id).unwrap();
-        sim.step(Event::Answered { view_id, attempt: order.attempt, uncovered: Some(0), ms: Some(3.0) });
+        sim.step(Event::Answered {
+            view_id,
+            attempt: order.attempt,
+            uncovered: Some(0),
+            ms: Some(3.0),
+            fell_short: false,
+        });
         order.expected.unwrap().ms
     };
     let before = expected_ms(&mut sim);

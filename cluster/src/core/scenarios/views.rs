@@ -40,10 +40,22 @@ fn repeated_and_late_events_are_ignored() {
     let second = sim.orders[&view_id].clone();
     assert_ne!(second.worker, first.worker);
     sim.step(Event::Failed { view_id, attempt: first.attempt, failure: Failure::Final });
-    sim.step(Event::Answered { view_id, attempt: first.attempt, uncovered: Some(0), ms: Some(1.0) });
+    sim.step(Event::Answered {
+        view_id,
+        attempt: first.attempt,
+        uncovered: Some(0),
+        ms: Some(1.0),
+        fell_short: false,
+    });
     assert_eq!(sim.core.views_in_flight(), 1);
     sim.answer(view_id);
-    sim.step(Event::Answered { view_id, attempt: second.attempt, uncovered: Some(0), ms: Some(1.0) });
+    sim.step(Event::Answered {
+        view_id,
+        attempt: second.attempt,
+        uncovered: Some(0),
+        ms: Some(1.0),
+        fell_short: false,
+    });
     sim.step(Event::Cancelled { view_id });
     let counters = sim.core.status().counts();
     assert_eq!((counters.views_answered, counters.views_failed, counters.views_retried), (1, 0, 1));

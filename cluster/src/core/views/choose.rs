@@ -28,10 +28,10 @@ impl Cluster<'_> {
     /// Roles decide which workers are considered. If no worker has the role, or all of them failed at this view, any
     /// worker is considered: each can do both, it only starts slower.
     pub(super) fn choose(&self, view: &Pending) -> Option<WorkerId> {
-        let queue = if view.is_direct() {
-            self.workers.queues().samplers()
-        } else {
+        let queue = if view.needs_samples() {
             self.workers.queues().compositors()
+        } else {
+            self.workers.queues().samplers()
         };
         let few = self.workers.queues().ready() <= MOST_EXAMINED || queue.len() <= view.tried.len();
         if few || !view.device.is_empty() {
@@ -57,7 +57,7 @@ impl Cluster<'_> {
             }
             consider(&mut best, *entry);
         }
-        if view.is_direct() {
+        if !view.needs_samples() {
             return best.map(|(_, entry)| entry.worker);
         }
         for entry in self.workers.queues().samplers().iter().take(MOST_EXAMINED) {
@@ -111,14 +111,14 @@ impl Cluster<'_> {
     }
 
     fn choose_among_all(&self, view: &Pending) -> Option<WorkerId> {
-        let takes = |w: &&Worker| match view.is_direct() {
-            true => w.takes_samples(),
-            false => w.takes_views() || self.may_help_out(w, view),
+        let takes = |w: &&Worker| match view.needs_samples() {
+            true => w.takes_views() || self.may_help_out(w, view),
+            false => w.takes_samples(),
         };
         let able: Vec<&Worker> = self
             .workers
             .iter()
-            .filter(|w| w.is_ready() && (view.is_direct() || w.knows_set()))
+            .filter(|w| w.is_ready() && (!view.needs_samples() || w.knows_set()))
             .filter(|w| view.device.is_empty() || w.hello().device == view.device)
             .collect();
         // Suspected and failing workers are the last resort.

@@ -4,6 +4,7 @@
 
 use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
 
+use super::frames::warping_pays;
 use super::pending::{BLOCKING_QUEUES, Pending};
 use super::planner::{Aim, worth_ms};
 use super::session_memory::choose_after;
@@ -114,7 +115,7 @@ impl Views {
         if view.open.is_some() {
             return self.place_open(view_id, cluster, now);
         }
-        if !view.is_direct() && cluster.workers.set_is_on_its_way() {
+        if view.needs_samples() && cluster.workers.set_is_on_its_way() {
             return Attempt::Full;
         }
         self.leave_out_lost(view_id, cluster);
@@ -189,7 +190,12 @@ impl Views {
     ) -> Option<(Box<Order>, QueuedView)> {
         let view = self.views.get_mut(&given.view_id)?;
         let worker = cluster.workers.get(given.worker)?;
-        let tracers = if view.traces_holes() { cluster.tracers(worker.id()) } else { Vec::new() };
+        // A worker that warps frames of its own holds the triangles.
+        let tracers = if view.traces_holes() && view.needs_samples() {
+            cluster.tracers(worker.id())
+        } else {
+            Vec::new()
+        };
         let costs = cluster.workers.costs();
         let usual = if view.is_direct() { costs.direct_secs() } else { costs.view_secs() };
         let decision = view.open.as_ref().and_then(|open| open.decision);
@@ -199,7 +205,9 @@ impl Views {
         if let Plan::Warp(warp) = &view.plan {
             sources.iter_mut().for_each(|source| source.faces = warp.faces.of(source.id.camera));
         }
+        let keeps_frame = view.open.is_some() && view.plan.is_whole() && warping_pays(worker, view.work());
         view.attempt += 1;
+        view.keeps_frame = keeps_frame;
         view.worker = Some(worker.id());
         view.tried.insert(worker.id());
         let order = Order {
@@ -213,7 +221,12 @@ impl Views {
             expected: view.expected,
             judged: view.target_search.as_ref().is_some_and(|target_search| target_search.judged),
             decision,
-            fallback: view.open.as_ref().filter(|_| !view.is_direct()).map(|open| open.samples_per_pixel),
+            fallback: view
+                .open
+                .as_ref()
+                .filter(|_| !view.is_direct())
+                .map(|open| open.direct.samples_per_pixel),
+            keeps_frame,
         };
         Some((Box::new(order), queued))
     }

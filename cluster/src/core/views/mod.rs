@@ -5,7 +5,7 @@
 //!
 //! `admission` holds the limits of clients, and `new_view` admits views. [`plan`] makes the plan of an explicit
 //! request. [`planner`] chooses the plan of a request that leaves the way open, among the offers that `open`
-//! collects; `session_memory` compares them with the session's last view. `targets` handles bounds on the error.
+//! collects, among them those of `frames` to warp recent frames; `session_memory` compares them with the session's last view. `targets` handles bounds on the error.
 //! `dispatch` gives views to the workers that `choose` picks, and `outcome` handles frames and failures.
 
 mod admission;
@@ -13,6 +13,7 @@ mod batch;
 mod choose;
 mod cluster;
 mod dispatch;
+mod frames;
 mod load;
 mod new_view;
 mod open;
@@ -37,6 +38,7 @@ use argus_scene::{Plan, Version, View};
 
 pub(super) use cluster::Cluster;
 pub(super) use new_view::NewView;
+pub(super) use outcome::Answer;
 pub(super) use output::Output;
 pub use survey::SurveyWanted;
 

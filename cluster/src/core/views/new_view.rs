@@ -92,6 +92,7 @@ impl Views {
             attempt: 0,
             worker: None,
             tried: BTreeSet::new(),
+            keeps_frame: false,
         };
         let mut outputs = Vec::new();
         // A view that leaves the way open is counted at dispatch.

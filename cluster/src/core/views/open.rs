@@ -68,7 +68,8 @@ impl Cluster<'_> {
         // The last frame's samples may no longer be the nearest ones.
         let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
         let repeated = memory.iter().flat_map(Memory::samples).map(|id| id.camera).collect();
-        SurveyWanted::of(self.samples.set(), repeated, candidates)
+        let frames = if open { self.frames_around(view) } else { Vec::new() };
+        SurveyWanted::of(self.samples.set(), repeated, candidates, frames)
     }
 
     /// The survey that tells which bundle of samples would have served a view; `None` if no bundle can pay.
@@ -76,7 +77,7 @@ impl Cluster<'_> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
         let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };
-        SurveyWanted::of(self.samples.set(), candidates, Vec::new())
+        SurveyWanted::of(self.samples.set(), candidates, Vec::new(), Vec::new())
     }
 
     /// Cameras near a viewer whose samples are held by a worker, nearest first.
@@ -102,7 +103,7 @@ impl Cluster<'_> {
     /// The time that a view saved by its samples. Rendering it took `ms`.
     pub(super) fn savings(&self, view: &Pending, open: &OpenView, ms: f64) -> Option<Output> {
         let worker = view.worker.and_then(|id| self.workers.get(id))?;
-        let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
+        let work = view.pixels.saturating_mul(u64::from(open.direct.samples_per_pixel));
         let direct = self.direct_cost(worker, Detail::Full)?;
         Some(Output::Saved { cameras: view.cameras(), secs: (direct.ms(work) - ms) * 1e-3 })
     }
@@ -135,10 +136,10 @@ impl Cluster<'_> {
             let entry = worker.queue_entry();
             let tie_break = (entry.queued, entry.dispatched);
             let wait_ms = self.wait_before(worker);
-            let work = view.pixels.saturating_mul(u64::from(open.samples_per_pixel));
+            let work = view.pixels.saturating_mul(u64::from(open.direct.samples_per_pixel));
             let id = worker.id();
             let in_detail = |detail: Detail| {
-                let plan = Plan::Direct { samples_per_pixel: open.samples_per_pixel, detail };
+                let plan = Plan::Direct { samples_per_pixel: open.direct.samples_per_pixel, detail };
                 let cost = self.direct_cost(worker, detail);
                 let render_ms = cost.map(|cost| cost.ms(plan.sub_pixels(view.pixels)));
                 let (excess, is_sound) = excess_in(detail);
@@ -154,6 +155,7 @@ impl Cluster<'_> {
                 let repeats = self.repeats(worker, open, &plan);
                 offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
             }
+            offers.extend(self.offer_from_frames(worker, view, open, &base));
             offers.push(base);
             // Less detail is worth nothing until its cost is known.
             let reduced = Detail::ALL.into_iter().skip(1).map(in_detail);
@@ -169,7 +171,8 @@ impl Cluster<'_> {
         let front = self.workers.queues().anyone().iter().take(MOST_ASKED + view.tried.len());
         let mut ids: Vec<WorkerId> = front.map(|entry| entry.worker).collect();
         if self.workers.queues().anyone().len() > ids.len() {
-            let best = open.survey.as_ref().and_then(|survey| survey.choose(|_| true, 1).first().copied());
+            let is_of_rig = |index: u64| self.samples.set().rig.level(index).is_some();
+            let best = open.survey.as_ref().and_then(|survey| survey.choose(is_of_rig, 1).first().copied());
             let from = ids.first().copied().unwrap_or(WorkerId(0));
             let holders = best
                 .into_iter()
@@ -288,7 +291,7 @@ impl Cluster<'_> {
     }
 
     /// Whether a plan at a worker repeats the session's last frame.
-    fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
+    pub(super) fn repeats(&self, worker: &Worker, open: &OpenView, plan: &Plan) -> bool {
         let (device, state) = (&worker.hello().device, self.samples.set().version.state);
         open.memory.as_ref().is_some_and(|memory| memory.is_repeated_by(plan, state, device))
     }
@@ -303,10 +306,18 @@ impl Cluster<'_> {
         let coverage = open.survey.as_ref().map(|survey| survey.coverage_by_faces(cameras));
         let (excess, is_sound) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();
-        let supersampling = open.samples_per_pixel.isqrt();
+        let supersampling = open.direct.samples_per_pixel.isqrt();
         let steps = self.config.steps_of(search);
         let faces = cameras.iter().copied().collect();
-        let plan = Plan::Warp(Warp { search, steps, supersampling, samples, faces, holes: Holes::Trace });
+        let plan = Plan::Warp(Warp {
+            search,
+            steps,
+            supersampling,
+            samples,
+            faces,
+            holes: Holes::Trace,
+            ..Warp::default()
+        });
         let uncovered = coverage.map_or(0.0, |coverage| 1.0 - coverage.covered);
         Some(FromSamples { plan, uncovered, excess, is_sound })
     }

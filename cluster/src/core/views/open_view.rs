@@ -1,8 +1,8 @@
 //! State of a view that leaves the way open.
 
-use argus_scene::View;
 use argus_scene::frame::Decision;
 use argus_scene::rig::Survey;
+use argus_scene::{FrameSource, View};
 
 use super::plan::samples_per_pixel;
 use super::planner::Aim;
@@ -12,8 +12,8 @@ use crate::core::event::LastView;
 /// What the planner needs to know about one view.
 #[derive(Debug, Clone)]
 pub(super) struct OpenView {
-    /// Samples per pixel of a direct view.
-    pub(super) samples_per_pixel: u32,
+    /// The direct frame that would answer it.
+    pub(super) direct: FrameSource,
     pub(super) aim: Aim,
     /// A survey of the view, if one was taken.
     pub(super) survey: Option<Box<Survey>>,
@@ -31,9 +31,14 @@ impl OpenView {
         last: Option<Box<LastView>>,
     ) -> Option<Box<Self>> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        let samples_per_pixel = samples_per_pixel(&view.plan);
+        let direct = FrameSource {
+            camera: view.camera,
+            width: view.width,
+            height: view.height,
+            samples_per_pixel: samples_per_pixel(&view.plan),
+        };
         let aim = Aim::of(&view.plan);
         let memory = last.and_then(|last| Memory::of(view, *last));
-        open.then(|| Box::new(Self { samples_per_pixel, aim, survey, memory, decision: None }))
+        open.then(|| Box::new(Self { direct, aim, survey, memory, decision: None }))
     }
 }

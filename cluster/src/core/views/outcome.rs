@@ -6,15 +6,14 @@ use super::pending::Pending;
 use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Failure, ViewId};
 use crate::core::time::Uptime;
-use crate::core::workers::Worker;
+use crate::core::workers::{RecentFrame, Worker};
 
 impl Views {
     /// Handles an answered attempt.
     pub(in crate::core) fn answered(
         &mut self,
         (view_id, attempt): (ViewId, u32),
-        uncovered: Option<u64>,
-        ms: Option<f64>,
+        Answer { uncovered, ms, fell_short }: Answer,
         cluster: Cluster<'_>,
     ) -> Vec<Output> {
         if !self.is_current(view_id, attempt) {
@@ -31,8 +30,11 @@ impl Views {
             outputs.push(Output::Answered { worker, direct: view.is_direct(), work: view.work() });
         }
         outputs.extend(taken_back);
+        outputs.extend(warped_frames(&view, fell_short));
+        outputs.extend(kept_frame(&view, fell_short));
         match (&view.open, ms) {
             (Some(_), Some(_)) if view.is_direct() => self.unsurveyed += 1,
+            (Some(_), Some(_)) if !view.needs_samples() => {}
             (Some(open), Some(ms)) => outputs.extend(cluster.savings(&view, open, ms)),
             _ => outputs.extend(holes(&view, uncovered)),
         }
@@ -175,6 +177,31 @@ impl Views {
         let samples = view.faces();
         Some(Output::TakenBack { worker: view.worker?, view_id, samples, answered })
     }
+}
+
+/// What the client's frame of an attempt was like.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::core) struct Answer {
+    /// Number of pixels that none of the plan's samples saw; `None` if unknown.
+    pub(in crate::core) uncovered: Option<u64>,
+    /// Milliseconds of rendering; `None` if they were judged before.
+    pub(in crate::core) ms: Option<f64>,
+    /// Whether the worker rendered it from triangles, since the frame by its plan was not good enough.
+    pub(in crate::core) fell_short: bool,
+}
+
+/// The direct frame that an answered view leaves at its worker.
+fn kept_frame(view: &Pending, fell_short: bool) -> Option<Output> {
+    let (worker, open) = view.worker.zip(view.open.as_ref()).filter(|_| view.keeps_frame)?;
+    let frame = RecentFrame { source: open.direct, state: view.version.state };
+    (view.is_direct() || fell_short).then_some(Output::KeptFrame { worker, frame })
+}
+
+/// The use of the frames that a view was warped from.
+fn warped_frames(view: &Pending, fell_short: bool) -> Option<Output> {
+    let frames = view.plan.frames().to_vec();
+    let worker = view.worker.filter(|_| !(frames.is_empty() || view.pinned))?;
+    Some(Output::WarpedFrames { worker, frames, well: !fell_short })
 }
 
 /// The holes of a frame. Pinned plans are not counted, since their samples were not chosen here.

@@ -42,6 +42,8 @@ pub(super) struct Pending {
     pub(super) attempt: u32,
     pub(super) worker: Option<WorkerId>,
     pub(super) tried: BTreeSet<WorkerId>,
+    /// Whether its worker keeps the frame, if it is from triangles.
+    pub(super) keeps_frame: bool,
 }
 
 /// Number of queues whose first view blocks the others.
@@ -60,7 +62,7 @@ pub(super) struct Waiting {
 
 impl Waiting {
     pub(super) fn insert(&mut self, view_id: ViewId, view: &Pending) {
-        let queue = match (view.is_bound(), view.open.is_some(), view.is_direct()) {
+        let queue = match (view.is_bound(), view.open.is_some(), !view.needs_samples()) {
             (true, ..) => &mut self.bound,
             (_, true, _) => &mut self.open,
             (.., true) => &mut self.direct,
@@ -109,7 +111,7 @@ impl InFlight {
     }
 
     fn kind(&mut self, view: &Pending) -> &mut usize {
-        match (view.open.is_some(), view.is_direct()) {
+        match (view.open.is_some(), !view.needs_samples()) {
             (true, _) => &mut self.open,
             (_, true) => &mut self.direct,
             _ => &mut self.composed,
@@ -141,11 +143,16 @@ impl Pending {
 
     /// The kind of demand of an explicit view.
     pub(super) fn kind(&self) -> WorkKind {
-        if self.is_direct() { WorkKind::Direct } else { WorkKind::Views }
+        if self.needs_samples() { WorkKind::Views } else { WorkKind::Direct }
     }
 
     pub(super) fn is_direct(&self) -> bool {
         matches!(self.plan, Plan::Direct { .. })
+    }
+
+    /// Whether it needs samples of the set. A view that is warped from frames needs triangles alone.
+    pub(super) fn needs_samples(&self) -> bool {
+        self.plan.needs_samples()
     }
 
     /// Pixels to render, with sub-pixels.

@@ -2,8 +2,8 @@
 
 use argus_proto::Fault;
 use argus_scene::{
-    Difference, FaceMasks, Holes, InvalidField, Plan, PlanRequest, Preset, Provenance, SampleId,
-    SampleSetInfo, View, Warp,
+    Difference, FaceMasks, FrameSource, Holes, InvalidField, Limits, Plan, PlanRequest, Preset, Provenance,
+    SampleId, SampleSetInfo, View, Warp,
 };
 
 use crate::core::config::Config;
@@ -28,7 +28,7 @@ pub fn plan(
     config: &Config,
 ) -> Result<Plan, Fault> {
     if let Some(pin) = &view.pin {
-        check_pin(pin, set)?;
+        check_pin(pin, view, set)?;
         return Ok(pin.plan.clone());
     }
     let request = &view.plan;
@@ -60,6 +60,7 @@ pub fn plan(
         supersampling: side,
         holes: request.holes.unwrap_or(if exact { Holes::Trace } else { Holes::Mark }),
         samples: nearest(count),
+        frames: Vec::new(),
         faces: FaceMasks::default(),
     }))
 }
@@ -72,15 +73,15 @@ pub(super) fn samples_per_pixel(request: &PlanRequest) -> u32 {
 
 /// Checks that this cluster can repeat a pinned provenance. The device is not checked here: it decides which workers
 /// may answer.
-fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
+fn check_pin(pin: &Provenance, view: &View, set: &SampleSetInfo) -> Result<(), Fault> {
     let differs = |what: &str, theirs: String, ours: String| {
         Err(Fault::Pin(format!("{what} {theirs} is not served here, {what} {ours} is")))
     };
     if pin.scene != set.scene {
         return differs("scene", pin.scene.to_string(), set.scene.to_string());
     }
-    // Views from triangles use no samples, so their bytes do not depend on the sampling options.
-    let sampled = matches!(pin.plan, Plan::Warp(_));
+    // Views from triangles and from direct frames use no samples, so their bytes do not depend on the sampling options.
+    let sampled = pin.plan.needs_samples();
     if let Some(theirs) = pin.specification {
         let mut ours = set.specification();
         if !sampled {
@@ -91,7 +92,31 @@ fn check_pin(pin: &Provenance, set: &SampleSetInfo) -> Result<(), Fault> {
             return differs(field, first, second);
         }
     }
+    check_frames(&pin.plan, view)?;
     Ok(check_plan(&pin.plan, set)?)
+}
+
+/// Checks the frames of a pinned plan. They have the size of the view, which limits what one request can cost.
+fn check_frames(plan: &Plan, view: &View) -> Result<(), InvalidField> {
+    const FIELD: &str = "pin.plan.warp.frames";
+    let Plan::Warp(warp) = plan else { return Ok(()) };
+    let frames = &warp.frames;
+    if frames.len() > FrameSource::MOST || !(frames.is_empty() || warp.samples.is_empty()) {
+        let reason = format!("must be at most {} and without samples beside them", FrameSource::MOST);
+        return Err(InvalidField::new(FIELD, reason));
+    }
+    for frame in frames {
+        frame
+            .validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX })
+            .map_err(|at| InvalidField::new(FIELD, format!("{}: {}", at.field, at.reason)))?;
+        let samples_per_pixel = warp.supersampling.saturating_mul(warp.supersampling);
+        if [frame.width, frame.height, frame.samples_per_pixel]
+            != [view.width, view.height, samples_per_pixel]
+        {
+            return Err(InvalidField::new(FIELD, "must have the size and the sampling of the view"));
+        }
+    }
+    Ok(())
 }
 
 /// Checks a pinned plan, which comes from outside, by the rules of [`View::validate`].
@@ -112,17 +137,17 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
                 }
             }
         }
-        Plan::Warp(Warp { search, steps, supersampling, samples, .. }) => {
+        Plan::Warp(Warp { search, steps, supersampling, samples, frames, .. }) => {
             if search.takes_steps() {
                 within("pin.plan.warp.steps", *steps, 4096)?;
             }
             within("pin.plan.warp.supersampling", *supersampling, 8)?;
             let field = "pin.plan.warp.samples";
             let of_rig = samples.iter().filter(|id| !id.is_reflection_probe()).count();
-            if !(1..=MOST_SAMPLES).contains(&of_rig) {
+            if frames.is_empty() && !(1..=MOST_SAMPLES).contains(&of_rig) {
                 return Err(InvalidField::new(field, format!("must be 1 to 8 samples, not {of_rig}")));
             }
-            if set.reflections.is_some() && of_rig == samples.len() {
+            if set.reflections.is_some() && frames.is_empty() && of_rig == samples.len() {
                 return Err(InvalidField::new(
                     field,
                     "must end with the sample of the reflection probes, since the set has reflections",

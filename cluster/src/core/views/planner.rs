@@ -41,7 +41,7 @@ const EXCESS_OF_UNCOVERED: f64 = 0.4;
 
 /// Predicted excess of the share with coarse texels. For `terrain:500000` seen from near the ground, with coarse
 /// texels only, the measured excess is 0.12.
-const EXCESS_OF_COARSE: f64 = 0.15;
+pub(super) const EXCESS_OF_COARSE: f64 = 0.15;
 
 /// Predicted excess of views from triangles of which less is rendered, by `study detail`.
 const fn excess_of(detail: Detail) -> f64 {
@@ -120,7 +120,7 @@ impl Offer {
 
     /// Whether all of the view is rendered. Less is rendered only if there is no time for all.
     fn is_whole(&self) -> bool {
-        !matches!(self.plan, Plan::Direct { detail, .. } if detail != Detail::Full)
+        self.plan.is_whole()
     }
 
     /// Whether there is time for it, as far as its cost is known.

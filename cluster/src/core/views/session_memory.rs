@@ -1,7 +1,8 @@
 //! A session's memory of its last view, so that frames change only for a visible reason.
 //!
 //! There are two rules. While a session's camera stands still, its frames repeat the last plan, and so its bytes,
-//! until another plan has less predicted error; that frame is labelled an upgrade. A session changes between
+//! until another plan has less predicted error; that frame is labelled an upgrade. A frame that was warped from direct
+//! frames is replaced by a direct one even if that takes longer. A session changes between
 //! triangles and samples at most once in [`CALM`]. Neither rule holds if the last offer is lost: its samples are
 //! gone, or its error exceeds the bound. The first rule also yields to time: if repeating the frame would be too
 //! late, an earlier offer is chosen, once [`CALM`] has passed.
@@ -27,7 +28,8 @@ const LEAST_GAIN: f64 = 0.003;
 pub(super) struct Memory {
     /// Provenance of a frame that repeats the last one; `None` if the camera moved.
     repeated: Option<Provenance>,
-    is_direct: bool,
+    /// Whether the last frame was from samples of the set. A view that is warped from direct frames looks like them.
+    needs_samples: bool,
     /// Whether the last frame exceeded its bound to save time.
     time_first: bool,
     /// Whether enough time has passed since the last change of way.
@@ -41,7 +43,7 @@ impl Memory {
         let size = |view: &View| (view.width, view.height);
         let stands = before.camera == view.camera && size(&before) == size(view);
         (before.plan == view.plan).then(|| Self {
-            is_direct: matches!(provenance.plan, Plan::Direct { .. }),
+            needs_samples: provenance.plan.needs_samples(),
             repeated: stands.then_some(provenance),
             time_first: reason == Reason::TimeFirst,
             is_calm: since_change.is_none_or(|since| since >= CALM),
@@ -73,7 +75,7 @@ impl Memory {
 
     /// Whether an offer keeps the way of the last frame.
     fn keeps_way(&self, offer: &Offer) -> bool {
-        self.is_direct == matches!(offer.plan, Plan::Direct { .. })
+        self.needs_samples == offer.plan.needs_samples()
     }
 
     /// Whether an offer's error is acceptable: within the bound, or beyond it like the last frame's.
@@ -92,6 +94,7 @@ pub(super) fn choose_after(
     let best = choose(offers.clone(), aim)?;
     let (repeats, others): (Vec<Offer>, Vec<Offer>) = offers.into_iter().partition(|offer| offer.repeats);
     if let Some(again) = choose(repeats, aim) {
+        let best = rendered_anew(&again.0, &others, aim).unwrap_or(best);
         return Some(repeat(again, best, aim, memory));
     }
     if memory.is_calm || memory.keeps_way(&best.0) {
@@ -99,6 +102,14 @@ pub(super) fn choose_after(
     }
     let same_way = others.into_iter().filter(|offer| memory.keeps_way(offer) && memory.bears(offer, aim));
     Some(choose(same_way.collect(), aim).map_or(best, kept))
+}
+
+/// The best offer with less error than a repeated frame that was warped from other frames. A camera that stands still
+/// gets its own direct frame, which costs time only once.
+fn rendered_anew(again: &Offer, others: &[Offer], aim: &Aim) -> Option<(Offer, Decision)> {
+    let is_better = |offer: &&Offer| offer.excess + LEAST_GAIN <= again.excess && !offer.is_late(aim);
+    let better = others.iter().filter(is_better).cloned().collect();
+    choose(better, aim).filter(|_| !again.plan.frames().is_empty())
 }
 
 /// Repeats the last frame, unless the best offer is an upgrade, or repeating takes too long.

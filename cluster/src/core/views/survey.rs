@@ -1,7 +1,7 @@
 //! Surveys of views, taken by rays outside of the core.
 
 use argus_scene::rig::{Sight, Survey};
-use argus_scene::{Rig, SampleSetInfo, View};
+use argus_scene::{FrameSource, Rig, SampleSetInfo, View};
 
 use super::planner::{MOST_SAMPLES, MOST_TEXEL_PIXELS};
 
@@ -14,13 +14,21 @@ pub struct SurveyWanted {
     whole: Vec<u64>,
     /// Cameras to be judged only as far as it takes to choose among them.
     few: Vec<u64>,
+    /// Recent direct frames, judged completely, under their numbers.
+    frames: Vec<FrameSource>,
 }
 
 impl SurveyWanted {
-    /// A survey of these cameras; `None` without cameras.
-    pub(super) fn of(set: &SampleSetInfo, whole: Vec<u64>, few: Vec<u64>) -> Option<Self> {
+    /// A survey of these cameras and frames; `None` without any.
+    pub(super) fn of(
+        set: &SampleSetInfo,
+        whole: Vec<u64>,
+        few: Vec<u64>,
+        frames: Vec<FrameSource>,
+    ) -> Option<Self> {
         let (rig, time_secs) = (set.rig, set.time_secs());
-        (!(whole.is_empty() && few.is_empty())).then_some(Self { rig, time_secs, whole, few })
+        let is_empty = whole.is_empty() && few.is_empty() && frames.is_empty();
+        (!is_empty).then_some(Self { rig, time_secs, whole, few, frames })
     }
 
     /// Takes the survey.
@@ -42,6 +50,10 @@ impl SurveyWanted {
         };
         for &index in &self.whole {
             survey.judge(&self.rig, index, sight, self.time_secs, MOST_TEXEL_PIXELS);
+        }
+        for frame in &self.frames {
+            let camera = (frame.number(), &frame.sample_camera());
+            survey.judge_camera(camera, sight, self.time_secs, MOST_TEXEL_PIXELS);
         }
         survey.judge_few(&self.rig, &self.few, MOST_SAMPLES, (sight, self.time_secs), MOST_TEXEL_PIXELS);
         survey

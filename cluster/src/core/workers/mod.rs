@@ -15,6 +15,7 @@ mod demand;
 pub mod hysteresis;
 mod join;
 mod queues;
+mod recent_frames;
 mod record;
 mod roles;
 mod silence;
@@ -25,12 +26,13 @@ mod worker;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use argus_scene::LightLevel;
+use argus_scene::{FrameSource, LightLevel};
 
 pub(super) use costs::MeasuredCosts;
 pub(super) use costs::Prices;
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
+pub(super) use recent_frames::RecentFrame;
 pub(super) use roles::Stake;
 pub(super) use worker::{PrefetchLists, QueuedView, Worker};
 
@@ -197,6 +199,22 @@ impl Workers {
     pub(super) fn answered(&mut self, id: WorkerId, direct: bool, work: u64) {
         self.costs.learn_pixels(direct, work);
         self.change(id, Worker::answered);
+    }
+
+    /// Records that a worker keeps a direct frame.
+    pub(super) fn keep_frame(&mut self, id: WorkerId, frame: RecentFrame) {
+        if let Some(worker) = self.workers.get_mut(&id) {
+            worker.frames_mut().keep(frame);
+        }
+    }
+
+    /// Records that a worker warped frames of its own: well enough, or not, and then they are forgotten.
+    pub(super) fn warped_frames(&mut self, id: WorkerId, frames: &[FrameSource], well: bool) {
+        let Some(worker) = self.workers.get_mut(&id) else { return };
+        match well {
+            true => worker.frames_mut().used(frames),
+            false => worker.frames_mut().forget(frames),
+        }
     }
 
     /// Sends changed prefetch lists, the oldest useful version, and the suspected workers.

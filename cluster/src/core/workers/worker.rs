@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::queues::{QueueEntry, QueueMembership};
+use super::recent_frames::RecentFrames;
 use super::record::Record;
 use super::silence::Rhythm;
 use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
@@ -60,6 +61,8 @@ pub(in crate::core) struct Worker {
     suspected: bool,
     /// Its failures at views.
     pub(super) record: Record,
+    /// Direct frames that it keeps.
+    frames: RecentFrames,
 }
 
 impl Worker {
@@ -87,6 +90,7 @@ impl Worker {
             busy_at_tick_ms: 0.0,
             suspected: false,
             record: Record::default(),
+            frames: RecentFrames::default(),
         }
     }
 
@@ -108,6 +112,15 @@ impl Worker {
     /// The time of the newest report.
     pub(super) fn last_report(&self) -> Uptime {
         self.last_report
+    }
+
+    /// Direct frames that it keeps.
+    pub(in crate::core) fn frames(&self) -> &RecentFrames {
+        &self.frames
+    }
+
+    pub(super) fn frames_mut(&mut self) -> &mut RecentFrames {
+        &mut self.frames
     }
 
     /// Number of views in its queue.
@@ -227,6 +240,8 @@ impl Worker {
     pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_backends = false;
+        // They were rendered by the backend that was expected to be best.
+        self.frames = RecentFrames::default();
         self.set_sequence = Some(self.assigned.sequence);
         self.assigned.clone()
     }

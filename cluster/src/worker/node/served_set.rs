@@ -9,6 +9,7 @@ use argus_scene::{
 };
 use parking_lot::Mutex;
 
+use crate::worker::frames::FrameStore;
 use crate::worker::histories::Histories;
 use crate::worker::queue::{Queue, Work};
 use crate::worker::store::Store;
@@ -21,6 +22,7 @@ pub(in crate::worker) struct ServedSet {
     queue: Arc<Queue>,
     store: Arc<Store>,
     histories: Arc<Histories>,
+    frames: Arc<FrameStore>,
     state: Mutex<State>,
 }
 
@@ -37,8 +39,13 @@ struct State {
 
 impl ServedSet {
     /// Serves no set.
-    pub(super) fn new(queue: Arc<Queue>, store: Arc<Store>, histories: Arc<Histories>) -> Self {
-        Self { queue, store, histories, state: Mutex::default() }
+    pub(super) fn new(
+        queue: Arc<Queue>,
+        store: Arc<Store>,
+        histories: Arc<Histories>,
+        frames: Arc<FrameStore>,
+    ) -> Self {
+        Self { queue, store, histories, frames, state: Mutex::default() }
     }
 
     /// The served set, and the limits of a view's size.
@@ -134,6 +141,7 @@ impl ServedSet {
             state.set = Some(set);
             self.store.clear();
             self.histories.clear();
+            self.frames.clear();
         } else if state.set.as_ref().is_some_and(|old| old.version.number < set.version.number) {
             state.set = Some(set);
         }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_scene::{RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Scene};
+use argus_scene::{Compositor, RenderError, Sample, SampleId, SampleSet, SampleSetInfo, Scene};
 use tracing::{debug, warn};
 
 use super::{Amount, Held, Renderer, ms_since};
@@ -24,7 +24,10 @@ impl Renderer {
     pub(super) fn measure(&mut self, info: &Arc<SampleSetInfo>, backends: bool, reply: Reply<BackendCosts>) {
         let warp_cost = match std::mem::replace(&mut self.is_measured, true) {
             true => None,
-            false => self.warm_compositor(info),
+            false => {
+                self.measure_frames(info);
+                self.warm_compositor(info)
+            }
         };
         let backend_costs = match backends {
             true => self.sampler().and_then(|sampler| sampler.measure_backends(info)),
@@ -48,14 +51,26 @@ impl Renderer {
     fn warm_compositor(&mut self, info: &Arc<SampleSetInfo>) -> Option<Cost> {
         let scene = self.scene.clone()?;
         let sets = self.small_sets(&scene, info)?;
-        let (began, mut slices, mut cost) = (Instant::now(), Slices::default(), None);
-        let warmed = self.guarded(|own| {
+        let began = Instant::now();
+        let cost =
+            self.composing(|compositor, between| warm::compositor(compositor, &scene, info, sets, between));
+        debug!(ms = ms_since(began), ?cost, "views from samples measured");
+        cost.flatten()
+    }
+
+    /// Calls the compositor, and answers views from triangles whenever the call pauses. `None` if it failed.
+    pub(super) fn composing<T>(
+        &mut self,
+        call: impl FnOnce(&mut dyn Compositor, &mut dyn FnMut()) -> Result<T, RenderError>,
+    ) -> Option<T> {
+        let (mut slices, mut result) = (Slices::default(), None);
+        let called = self.guarded(|own| {
             own.compositor()?;
             let rebuilt = own.rebuilt;
             let none = || RenderError::Internal("no compositor".to_owned());
             let mut compositor = own.compositor.take().ok_or_else(none)?;
             let queue = own.queue.clone();
-            let measured = warm::compositor(compositor.as_mut(), &scene, info, sets, &mut || {
+            let called = call(compositor.as_mut(), &mut || {
                 slices.end();
                 queue.give_way(slices.last(), false, |work| match work {
                     Work::Pixels(tasks) => own.pixels(tasks),
@@ -68,11 +83,11 @@ impl Renderer {
             if own.rebuilt == rebuilt {
                 own.compositor = Some(compositor);
             }
-            cost = measured?;
+            result = Some(called?);
             Ok(Vec::<Result<(), RenderError>>::new())
         });
-        debug!(ms = ms_since(began), %slices, ?cost, ok = warmed.is_ok(), "views from samples measured");
-        cost
+        debug!(%slices, ok = called.is_ok(), "the compositor was called in slices");
+        result
     }
 
     /// Renders the small samples from which views are measured.

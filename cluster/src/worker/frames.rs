@@ -1,0 +1,305 @@
+//! Direct frames that this worker rendered lately, as samples of other views; bounded by their bytes.
+//!
+//! The compositor warps them like samples of a set. They have ids of their own, and a set of their own with the backend
+//! that rendered them. A view whose frames were dropped is rendered from triangles, if its order allows that. The frames
+//! of a pinned view are rendered again, with equal bytes.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use argus_proto::Fault;
+use argus_scene::{
+    Detail, Frame, FrameSource, Outputs, Plan, Sample, SampleId, SampleSetInfo, SceneState, Version, ViewJob,
+    Visibility, Warp,
+};
+use parking_lot::Mutex;
+
+use super::node::Node;
+use super::queue::Rendered;
+
+/// What a frame's bytes are a function of, beside the served scene and its specification.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct FrameKey {
+    pub(super) source: FrameSource,
+    pub(super) state: SceneState,
+    pub(super) visibility: Visibility,
+}
+
+impl FrameKey {
+    /// The key of a frame that is warped for a job, or of the direct frame that a job renders.
+    fn of(source: &FrameSource, job: &ViewJob) -> Self {
+        Self { source: *source, state: job.state, visibility: job.visibility }
+    }
+
+    /// Id of its sample.
+    fn id(&self) -> SampleId {
+        let Self { source, state, visibility } = self;
+        let text = format!("{} {} {} {}", source.number(), state.epoch, state.light, visibility.name());
+        let hash = blake3::hash(text.as_bytes());
+        let camera = hash.as_bytes()[..8].iter().fold(0, |number, byte| number << 8 | u64::from(*byte));
+        SampleId { version: SampleId::FRAMES, camera }
+    }
+}
+
+#[derive(Debug)]
+struct Entry {
+    key: FrameKey,
+    sample: Arc<Sample>,
+    used: u64,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    entries: HashMap<SampleId, Entry>,
+    /// The sets of the frames that are held.
+    sets: Vec<Arc<SampleSetInfo>>,
+    bytes: u64,
+    clock: u64,
+}
+
+/// The held frames.
+#[derive(Debug)]
+pub(super) struct FrameStore {
+    limit: u64,
+    state: Mutex<State>,
+}
+
+/// Most sets that are kept: those of the light levels and epochs of views in work.
+const MOST_SETS: usize = 8;
+
+impl FrameStore {
+    /// An empty store of at most `limit` bytes; 0 keeps no frame.
+    pub(super) fn new(limit: u64) -> Self {
+        Self { limit, state: Mutex::default() }
+    }
+
+    /// Whether a frame of this size would be kept.
+    pub(super) fn has_room_for(&self, source: &FrameSource) -> bool {
+        source.bytes() <= self.limit
+    }
+
+    /// The sample of a frame, if it is held. Marks it as used.
+    pub(super) fn get(&self, key: &FrameKey) -> Option<Arc<Sample>> {
+        let mut state = self.state.lock();
+        state.clock += 1;
+        let clock = state.clock;
+        let entry = state.entries.get_mut(&key.id()).filter(|entry| entry.key == *key)?;
+        entry.used = clock;
+        Some(entry.sample.clone())
+    }
+
+    /// Keeps a frame, and drops the least recently used ones beyond the limit. Returns its sample; `None` if the frame
+    /// lacks colour or range.
+    pub(super) fn keep(&self, key: FrameKey, frame: &Frame) -> Option<Arc<Sample>> {
+        let id = key.id();
+        let sample = Arc::new(Sample { id, ..key.source.sample(frame)? });
+        let bytes = key.source.bytes();
+        let mut state = self.state.lock();
+        state.remove(id);
+        if bytes > self.limit {
+            return Some(sample);
+        }
+        state.clock += 1;
+        state.bytes += bytes;
+        let entry = Entry { key, sample: sample.clone(), used: state.clock };
+        state.entries.insert(id, entry);
+        while state.bytes > self.limit {
+            let oldest = state.entries.iter().min_by_key(|(_, entry)| entry.used);
+            let Some(id) = oldest.map(|(id, _)| *id) else { break };
+            state.remove(id);
+        }
+        Some(sample)
+    }
+
+    /// Number of held frames, and their bytes.
+    pub(super) fn held(&self) -> (usize, u64) {
+        let state = self.state.lock();
+        (state.entries.len(), state.bytes)
+    }
+
+    /// Drops all frames.
+    pub(super) fn clear(&self) {
+        *self.state.lock() = State::default();
+    }
+
+    /// The set of frames that show a state of the served set: the same `Arc` for equal sets.
+    fn set_of(&self, info: &SampleSetInfo, visibility: Visibility) -> Arc<SampleSetInfo> {
+        let set = set_of_frames(info, visibility);
+        let mut state = self.state.lock();
+        if let Some(same) = state.sets.iter().find(|same| ***same == set) {
+            return same.clone();
+        }
+        let set = Arc::new(set);
+        if state.sets.len() == MOST_SETS {
+            state.sets.remove(0);
+        }
+        state.sets.push(set.clone());
+        set
+    }
+}
+
+impl State {
+    fn remove(&mut self, id: SampleId) {
+        if let Some(entry) = self.entries.remove(&id) {
+            self.bytes -= entry.key.source.bytes();
+        }
+    }
+}
+
+/// The set of frames that show the state of a set and were rendered by a backend.
+pub(super) fn set_of_frames(info: &SampleSetInfo, visibility: Visibility) -> SampleSetInfo {
+    let version = Version { number: SampleId::FRAMES, ..info.version };
+    SampleSetInfo { version, visibility, ..info.clone() }
+}
+
+/// The images that a job needs so that its direct frame can be kept: those that were asked for, and range. `None` if its
+/// frame has no colour or would not fit, or its exposure is out of the range of a texel.
+pub(super) fn outputs_to_keep(node: &Node, job: &ViewJob, exposure: f32) -> Option<Outputs> {
+    let fits = FrameSource::allows(exposure) && node.frames.has_room_for(&source_of(job, 1));
+    (job.outputs.color && fits).then_some(Outputs { range: true, ..job.outputs })
+}
+
+/// Keeps a direct frame, which was rendered for a job.
+pub(super) fn keep(node: &Node, job: &ViewJob, frame: &Frame) {
+    let Plan::Direct { samples_per_pixel, detail: Detail::Full } = frame.provenance.plan else { return };
+    let _ = node.frames.keep(FrameKey::of(&source_of(job, samples_per_pixel), job), frame);
+}
+
+/// The direct frame of a job.
+fn source_of(job: &ViewJob, samples_per_pixel: u32) -> FrameSource {
+    FrameSource { camera: job.camera, width: job.width, height: job.height, samples_per_pixel }
+}
+
+/// What a view from frames is composed of.
+pub(super) struct Gathered {
+    /// The job, whose plan names the frames as samples.
+    pub(super) job: ViewJob,
+    pub(super) info: Arc<SampleSetInfo>,
+    pub(super) samples: Vec<Arc<Sample>>,
+}
+
+/// Gathers the frames of a job's plan. `renders`: those that are not held are rendered here.
+///
+/// # Errors
+/// [`Fault::NotFound`] for a frame that is not held, unless `renders`; else the error of rendering it.
+pub(super) async fn gather(
+    node: &Node,
+    job: &ViewJob,
+    warp: &Warp,
+    info: &Arc<SampleSetInfo>,
+    renders: bool,
+) -> Result<Gathered, Fault> {
+    let mut samples = Vec::with_capacity(warp.frames.len());
+    for source in &warp.frames {
+        let key = FrameKey::of(source, job);
+        samples.push(match node.frames.get(&key) {
+            Some(sample) => sample,
+            None if renders => rendered(node, job, &key, info).await?,
+            None => {
+                return Err(Fault::NotFound("a frame that the view is warped from was dropped".to_owned()));
+            }
+        });
+    }
+    let ids = samples.iter().map(|sample| sample.id).collect();
+    let plan = Plan::Warp(Warp { samples: ids, ..warp.clone() });
+    let set = node.frames.set_of(info, job.visibility);
+    Ok(Gathered { job: ViewJob { plan, ..job.clone() }, info: set, samples })
+}
+
+/// Renders a frame that a job is warped from.
+async fn rendered(
+    node: &Node,
+    job: &ViewJob,
+    key: &FrameKey,
+    info: &Arc<SampleSetInfo>,
+) -> Result<Arc<Sample>, Fault> {
+    let FrameSource { camera, width, height, .. } = key.source;
+    let outputs = Outputs { range: true, ..Outputs::COLOR };
+    let plan = key.source.plan();
+    let direct = ViewJob { camera, width, height, outputs, plan, history: None, ..job.clone() };
+    let Rendered { frame, .. } =
+        node.render_thread.render_view(direct, info.clone(), Vec::new(), false).await?;
+    let without = || Fault::Unavailable("a rendered frame lacks colour or range".to_owned());
+    node.frames.keep(*key, &frame).ok_or_else(without)
+}
+
+/// The plan of a composed frame names its frames by what they are.
+pub(super) fn restore_plan(frame: &mut Frame, job: &ViewJob) {
+    frame.provenance.plan = job.plan.clone();
+}
+
+#[cfg(test)]
+mod tests {
+    use argus_scene::{Camera, Provenance, SceneHash, Served};
+    use glam::DVec3;
+
+    use super::*;
+
+    const SIZE: [u32; 2] = [8, 6];
+
+    fn key(x: f64) -> FrameKey {
+        let camera = Camera::look_at(DVec3::new(x, 0.0, 0.0), DVec3::NEG_Z);
+        let [width, height] = SIZE;
+        let source = FrameSource { camera, width, height, samples_per_pixel: 1 };
+        FrameKey { source, state: SceneState::default(), visibility: Visibility::default() }
+    }
+
+    fn frame() -> Frame {
+        let pixels = (SIZE[0] * SIZE[1]) as usize;
+        Frame {
+            width: SIZE[0],
+            height: SIZE[1],
+            color: Some(vec![9; 3 * pixels].into()),
+            range: Some(2f32.to_le_bytes().repeat(pixels).into()),
+            mask: None,
+            source: None,
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            decision: None,
+            provenance: Provenance {
+                scene: SceneHash([0; 32]),
+                state: SceneState::default(),
+                plan: Plan::direct(1),
+                specification: None,
+                device: String::new(),
+                history: false,
+            },
+            stages: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_least_recently_used_frame_is_dropped_first() {
+        let store = FrameStore::new(2 * key(0.0).source.bytes());
+        for x in [0.0, 1.0] {
+            store.keep(key(x), &frame()).unwrap();
+        }
+        assert!(store.get(&key(0.0)).is_some());
+        store.keep(key(2.0), &frame()).unwrap();
+        let held = [0.0, 1.0, 2.0].map(|x| store.get(&key(x)).is_some());
+        assert_eq!((held, store.held()), ([true, false, true], (2, 2 * key(0.0).source.bytes())));
+        store.clear();
+        assert_eq!(store.held(), (0, 0));
+    }
+
+    #[test]
+    fn a_frame_beyond_the_limit_is_used_and_not_kept() {
+        let store = FrameStore::new(key(0.0).source.bytes() - 1);
+        assert!(!store.has_room_for(&key(0.0).source));
+        assert!(store.keep(key(0.0), &frame()).is_some() && store.get(&key(0.0)).is_none());
+        assert_eq!(store.held(), (0, 0));
+    }
+
+    #[test]
+    fn a_frame_of_another_state_or_backend_is_another_frame() {
+        let store = FrameStore::new(1 << 20);
+        store.keep(key(0.0), &frame()).unwrap();
+        let later = FrameKey { state: SceneState::of_epoch(1), ..key(0.0) };
+        let other = Visibility::ALL.into_iter().find(|backend| *backend != Visibility::default()).unwrap();
+        let otherwise = FrameKey { visibility: other, ..key(0.0) };
+        assert!(store.get(&later).is_none() && store.get(&otherwise).is_none());
+        assert!(later.id() != key(0.0).id() && otherwise.id() != key(0.0).id());
+    }
+}
