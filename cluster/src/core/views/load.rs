@@ -14,10 +14,10 @@ const AVERAGE_MS: f64 = 2000.0;
 const AVERAGE_VIEWS: f64 = 4.0;
 
 /// Part of the processes' time that views may ask for. More, and views would wait for one another longer than they are rendered.
-const CARRIED: f64 = 0.7;
+const CARRIED: f64 = 0.6;
 
 /// Milliseconds in which a queue shall be worked off, and the least number of views that may wait.
-const DRAIN_MS: f64 = 500.0;
+const DRAIN_MS: f64 = 200.0;
 const DRAIN_VIEWS: f64 = 3.0;
 
 /// Milliseconds asked for in a millisecond, averaged over the last seconds.

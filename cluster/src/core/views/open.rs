@@ -30,6 +30,9 @@ const MOST_HELD: usize = 8;
 /// The finest level of refinement that a bundle may have: finer cameras serve too few viewers.
 const FINEST_LEVEL: u32 = 2;
 
+/// Views of a worker whose price is not known.
+const MOST_UNPRICED: usize = 4;
+
 /// Mean time that a view waits for a slice of background work, milliseconds: half of a slice.
 const HALF_SLICE_MS: f64 = 10.0;
 
@@ -166,7 +169,7 @@ impl Cluster<'_> {
 
     /// Workers that are asked for offers: healthy, with room, and without a failure at this view.
     fn asked(&self, view: &Pending, open: &OpenView) -> Vec<&Worker> {
-        let has_room = |worker: &&Worker| worker.queued() < self.config.max_views_per_worker;
+        let has_room = |worker: &&Worker| worker.queued() < self.room_of(worker);
         let untried = |worker: &&Worker| !view.tried.contains(&worker.id());
         let front = self.workers.queues().anyone().iter().take(MOST_ASKED + view.tried.len());
         let mut ids: Vec<WorkerId> = front.map(|entry| entry.worker).collect();
@@ -196,6 +199,15 @@ impl Cluster<'_> {
         }
         // Suspected and failing workers are the last resort.
         self.workers.iter().filter(|w| w.is_ready()).filter(has_room).collect()
+    }
+
+    /// Number of views that a worker may have. Until its price is known, all but a few wait here: then there is time for each, or
+    /// less detail.
+    fn room_of(&self, worker: &Worker) -> usize {
+        match worker.report().direct_cost {
+            Some(_) => self.config.max_views_per_worker,
+            None => MOST_UNPRICED.min(self.config.max_views_per_worker),
+        }
     }
 
     /// Milliseconds that a view may take whose cheapest way within its bound takes `ms`.

@@ -22,7 +22,7 @@ impl Renderer {
         let (Some(scene), Some(set)) = (self.scene.clone(), self.set.clone()) else { return };
         let Some(mut sampler) = self.sampler.take() else { return };
         let (began, rebuilt, mut slices) = (Instant::now(), self.rebuilt, Slices::default());
-        let mut costs = Vec::new();
+        let meter = self.meter.clone();
         let measured = self.guarded(|own| {
             let queue = own.queue.clone();
             let mut between = |sampler: &mut dyn Sampler| {
@@ -37,7 +37,9 @@ impl Renderer {
             };
             for (kind, detail) in [(ViewKind::Direct, Detail::Full), (ViewKind::FewRays, Detail::FewRays)] {
                 let cost = warm::direct_cost(sampler.as_mut(), &scene, &set, detail, &mut between)?;
-                costs.push((kind, cost));
+                debug!(?kind, ?cost, "views from triangles measured");
+                // At once, since views wait for prices.
+                meter.set_cost(kind, cost);
             }
             Ok(Vec::<Result<(), RenderError>>::new())
         });
@@ -48,7 +50,6 @@ impl Renderer {
         if let Err(error) = measured {
             warn!(%error, "views from triangles cannot be measured");
         }
-        debug!(ms = ms_since(began), %slices, ?costs, "views from triangles measured");
-        costs.into_iter().for_each(|(kind, cost)| self.meter.set_cost(kind, cost));
+        debug!(ms = ms_since(began), %slices, "prices of views from triangles are known");
     }
 }
