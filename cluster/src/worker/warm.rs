@@ -145,10 +145,13 @@ pub(super) fn compositor(
     Ok(Some(Cost { fixed_ms: large.fixed_ms + ms_per_texel * (texels - many).max(0.0), ..large }))
 }
 
+/// Renders a view of a size by a role, and discards it.
+type Rendering<'a, R> = dyn FnMut(&mut R, [u32; 2]) -> Result<(), RenderError> + 'a;
+
 /// Measures the cost of a role's views by their size. The time of `between`, which may use the role, does not count.
 fn measured<R>(
     mut role: R,
-    render: &mut dyn FnMut(&mut R, [u32; 2]) -> Result<(), RenderError>,
+    render: &mut Rendering<'_, R>,
     between: &mut dyn FnMut(&mut R),
 ) -> Result<Option<Cost>, RenderError> {
     let mut times: Vec<(u64, f64)> = Vec::new();
