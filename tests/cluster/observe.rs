@@ -66,6 +66,12 @@ async fn a_views_trace_includes_client_coordinator_compositor_and_sampler() {
     // A worker with both roles fetches no sample.
     let roles = |status: &serde_json::Value| status["samplers"] == 1 && status["compositors"] == 1;
     coordinator.wait_until("a sampler and a compositor", roles);
+    // While the compositor measures what its views cost, the sampler composes.
+    let is_priced = |status: &serde_json::Value| {
+        let workers = status["workers"].as_array();
+        workers.is_some_and(|workers| workers.iter().all(|worker| worker["warp_cost"].is_object()))
+    };
+    coordinator.wait_until("prices", is_priced);
     let mut view = argus(&["view", "--server", &coordinator.url, "--eye", "0,200,300", "--target", "0,0,0"]);
     let folder = tempfile::tempdir().unwrap();
     view.args(["--size", "96x72", "--search", "splat", "--out"]).arg(folder.path().join("view.png"));
