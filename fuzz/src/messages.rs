@@ -3,8 +3,8 @@
 
 use argus_proto::{Description, v1};
 use argus_scene::{
-    Bounds, Camera, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig, SampleCamera,
-    SampleSetInfo, Specification, Stage, View, frame::Decision, scene::NamedCamera,
+    Bounds, Camera, FrameSource, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig,
+    SampleCamera, SampleSetInfo, Specification, Stage, View, frame::Decision, scene::NamedCamera,
 };
 use prost::Message;
 
@@ -78,6 +78,7 @@ messages! {
     BundleHeader, FileBundle, FileHeader,
     PlanRequest => |m| converted(PlanRequest::try_from(m)),
     DirectPlan, WarpPlan,
+    FrameSource => |m| converted(FrameSource::try_from(m)),
     Plan => |m| converted(Plan::try_from(m)),
     Provenance => |m| converted(Provenance::try_from(m)),
     View => view,
@@ -138,6 +139,16 @@ fn rig(rig: Rig) -> Result<(), String> {
     Ok(())
 }
 
+/// A plan of a view from samples.
+fn warp_plan() -> v1::WarpPlan {
+    v1::WarpPlan {
+        samples: vec![v1::SampleId { version: 0, camera: 3 }],
+        supersampling: 1,
+        search: v1::Search::Splat as i32,
+        ..Default::default()
+    }
+}
+
 /// Valid messages, each with the index of its kind in [`ALL`].
 pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     let camera = || v1::Camera {
@@ -157,14 +168,13 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     wire.plan = Some(v1::PlanRequest { max_error: Some(0.1), supersampling: Some(2), ..Default::default() });
     messages.push(("View", wire.encode_to_vec()));
     messages.push(("Camera", camera().encode_to_vec()));
-    let warp = v1::WarpPlan {
-        samples: vec![v1::SampleId { version: 0, camera: 3 }],
-        supersampling: 1,
-        search: v1::Search::Splat as i32,
-        ..Default::default()
-    };
-    let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp)) };
+    let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp_plan())) };
     messages.push(("Plan", plan.encode_to_vec()));
+    let source = v1::FrameSource { camera: wire.camera, width: 64, height: 48, samples_per_pixel: 1 };
+    messages.push(("FrameSource", source.encode_to_vec()));
+    let frames = v1::WarpPlan { frames: vec![source], samples: Vec::new(), ..warp_plan() };
+    let frames = v1::Plan { kind: Some(v1::plan::Kind::Warp(frames)) };
+    messages.push(("Plan", frames.encode_to_vec()));
     let history = "0f1e2d3c".to_owned();
     let order = v1::ViewOrder { term: 1, plan: Some(plan), age_ms: 2.0, history, ..Default::default() };
     let ordered = v1::RenderRequest { view: Some(wire.clone()), order: Some(order), ..Default::default() };

@@ -7,15 +7,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use argus_proto::Fault;
 use argus_scene::{
-    Detail, Frame, FrameSource, Outputs, Plan, Sample, SampleId, SampleSetInfo, SceneState, Version, ViewJob,
-    Visibility, Warp,
+    Frame, FrameSource, Sample, SampleId, SampleSetInfo, SceneState, Version, ViewJob, Visibility,
 };
 use parking_lot::Mutex;
-
-use super::node::Node;
-use super::queue::Rendered;
 
 /// What a frame's bytes are a function of, beside the served scene and its specification.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +22,7 @@ pub(super) struct FrameKey {
 
 impl FrameKey {
     /// The key of a frame that is warped for a job, or of the direct frame that a job renders.
-    fn of(source: &FrameSource, job: &ViewJob) -> Self {
+    pub(super) fn of(source: &FrameSource, job: &ViewJob) -> Self {
         Self { source: *source, state: job.state, visibility: job.visibility }
     }
 
@@ -123,7 +118,7 @@ impl FrameStore {
     }
 
     /// The set of frames that show a state of the served set: the same `Arc` for equal sets.
-    fn set_of(&self, info: &SampleSetInfo, visibility: Visibility) -> Arc<SampleSetInfo> {
+    pub(super) fn set_of(&self, info: &SampleSetInfo, visibility: Visibility) -> Arc<SampleSetInfo> {
         let set = set_of_frames(info, visibility);
         let mut state = self.state.lock();
         if let Some(same) = state.sets.iter().find(|same| ***same == set) {
@@ -152,85 +147,9 @@ pub(super) fn set_of_frames(info: &SampleSetInfo, visibility: Visibility) -> Sam
     SampleSetInfo { version, visibility, ..info.clone() }
 }
 
-/// The images that a job needs so that its direct frame can be kept: those that were asked for, and range. `None` if its
-/// frame has no colour or would not fit, or its exposure is out of the range of a texel.
-pub(super) fn outputs_to_keep(node: &Node, job: &ViewJob, exposure: f32) -> Option<Outputs> {
-    let fits = FrameSource::allows(exposure) && node.frames.has_room_for(&source_of(job, 1));
-    (job.outputs.color && fits).then_some(Outputs { range: true, ..job.outputs })
-}
-
-/// Keeps a direct frame, which was rendered for a job.
-pub(super) fn keep(node: &Node, job: &ViewJob, frame: &Frame) {
-    let Plan::Direct { samples_per_pixel, detail: Detail::Full } = frame.provenance.plan else { return };
-    let _ = node.frames.keep(FrameKey::of(&source_of(job, samples_per_pixel), job), frame);
-}
-
-/// The direct frame of a job.
-fn source_of(job: &ViewJob, samples_per_pixel: u32) -> FrameSource {
-    FrameSource { camera: job.camera, width: job.width, height: job.height, samples_per_pixel }
-}
-
-/// What a view from frames is composed of.
-pub(super) struct Gathered {
-    /// The job, whose plan names the frames as samples.
-    pub(super) job: ViewJob,
-    pub(super) info: Arc<SampleSetInfo>,
-    pub(super) samples: Vec<Arc<Sample>>,
-}
-
-/// Gathers the frames of a job's plan. `renders`: those that are not held are rendered here.
-///
-/// # Errors
-/// [`Fault::NotFound`] for a frame that is not held, unless `renders`; else the error of rendering it.
-pub(super) async fn gather(
-    node: &Node,
-    job: &ViewJob,
-    warp: &Warp,
-    info: &Arc<SampleSetInfo>,
-    renders: bool,
-) -> Result<Gathered, Fault> {
-    let mut samples = Vec::with_capacity(warp.frames.len());
-    for source in &warp.frames {
-        let key = FrameKey::of(source, job);
-        samples.push(match node.frames.get(&key) {
-            Some(sample) => sample,
-            None if renders => rendered(node, job, &key, info).await?,
-            None => {
-                return Err(Fault::NotFound("a frame that the view is warped from was dropped".to_owned()));
-            }
-        });
-    }
-    let ids = samples.iter().map(|sample| sample.id).collect();
-    let plan = Plan::Warp(Warp { samples: ids, ..warp.clone() });
-    let set = node.frames.set_of(info, job.visibility);
-    Ok(Gathered { job: ViewJob { plan, ..job.clone() }, info: set, samples })
-}
-
-/// Renders a frame that a job is warped from.
-async fn rendered(
-    node: &Node,
-    job: &ViewJob,
-    key: &FrameKey,
-    info: &Arc<SampleSetInfo>,
-) -> Result<Arc<Sample>, Fault> {
-    let FrameSource { camera, width, height, .. } = key.source;
-    let outputs = Outputs { range: true, ..Outputs::COLOR };
-    let plan = key.source.plan();
-    let direct = ViewJob { camera, width, height, outputs, plan, history: None, ..job.clone() };
-    let Rendered { frame, .. } =
-        node.render_thread.render_view(direct, info.clone(), Vec::new(), false).await?;
-    let without = || Fault::Unavailable("a rendered frame lacks colour or range".to_owned());
-    node.frames.keep(*key, &frame).ok_or_else(without)
-}
-
-/// The plan of a composed frame names its frames by what they are.
-pub(super) fn restore_plan(frame: &mut Frame, job: &ViewJob) {
-    frame.provenance.plan = job.plan.clone();
-}
-
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Provenance, SceneHash, Served};
+    use argus_scene::{Camera, Plan, Provenance, SceneHash, Served};
     use glam::DVec3;
 
     use super::*;

@@ -12,6 +12,7 @@ mod fetch;
 mod fetches;
 mod frame_memory;
 mod frames;
+mod from_frames;
 mod health;
 mod histories;
 mod join;

@@ -28,11 +28,11 @@ use tonic::{Request, Response, Status, Streaming};
 use tracing::{Instrument, Span, debug, debug_span, field, warn};
 
 use super::frame_memory::{self, FramePermit};
-use super::frames::Gathered;
+use super::from_frames::{self, Gathered};
 use super::histories::MAX_NAME;
 use super::node::{ActiveRequest, Node};
 use super::queue::Rendered;
-use super::{bound, fetch, frames, probe, trace};
+use super::{bound, fetch, probe, trace};
 use crate::core::Source;
 use crate::core::quality::Observed;
 use crate::rate_limited_log::RateLimitedLog;
@@ -447,11 +447,11 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
 /// Renders a view from triangles, and keeps its frame if the order says so.
 async fn render_direct(node: &Arc<Node>, ordered: &Ordered, mut job: ViewJob) -> Result<Frame, Fault> {
     let exposure = ordered.info.lighting.exposure;
-    let to_keep = frames::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
+    let to_keep = from_frames::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
     job.outputs = to_keep.unwrap_or(job.outputs);
     let frame = render(node, ordered, &[], &job).await?;
     if to_keep.is_some() {
-        frames::keep(node, &job, &frame);
+        from_frames::keep(node, &job, &frame);
     }
     Ok(frame)
 }
@@ -485,7 +485,7 @@ async fn render(
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
                 if !job.plan.frames().is_empty() {
-                    frames::restore_plan(&mut frame, job);
+                    from_frames::restore_plan(&mut frame, job);
                 }
                 let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
@@ -530,7 +530,7 @@ async fn gather(
     if let Plan::Warp(warp) = &job.plan
         && !warp.frames.is_empty()
     {
-        return frames::gather(node, job, warp, &ordered.info, ordered.fallback.is_none()).await;
+        return from_frames::gather(node, job, warp, &ordered.info, ordered.fallback.is_none()).await;
     }
     let fetches = needed.iter();
     let fetches = fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
