@@ -44,7 +44,7 @@ pub struct Config {
     /// Most pixels per second of one client, with sub-pixels. `None`: no limit.
     pub pixels_per_sec_per_client: Option<f64>,
     /// A view is refused at once if its expected wait exceeds this time or its deadline. The wait is predicted by
-    /// measured costs of the views in flight. Below usual timeouts, so that no admitted view ends in one because of load.
+    /// measured costs of the views in flight.
     pub max_wait: Duration,
     /// Most unanswered views of one worker: two full batches, so that one is ready when the other is done.
     pub max_views_per_worker: usize,
@@ -127,7 +127,7 @@ impl Default for Config {
             max_sessions_per_client: 12288,
             pixels_per_sec: None,
             pixels_per_sec_per_client: None,
-            max_wait: Duration::from_secs(10),
+            max_wait: Duration::from_secs(60),
             max_views_per_worker: 128,
             max_attempts: 8,
             patience: Duration::from_secs(30),
