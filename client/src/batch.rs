@@ -32,7 +32,8 @@ pub struct Batch {
     pub height: u32,
     /// The images of each frame.
     pub outputs: Outputs,
-    /// The requested plan, fixed for all frames. If it names neither samples nor triangles, frames are rendered directly.
+    /// The requested plan. If it names neither samples nor triangles, the service fixes each frame's when it accepts the batch:
+    /// from samples where the views share enough of them, else from triangles.
     pub plan: PlanRequest,
 }
 
