@@ -34,8 +34,8 @@ fn each_study_prints_one_object_with_its_rows() {
         assert!(row["view_ms"].as_f64().unwrap() > 0.0 && row["flip"].as_f64().unwrap() > 0.0, "{row:#}");
     }
     let burst = json(&["study", "burst", "--quick", "--json"]);
-    // From samples with two divisions of the work, and directly with two visibility backends.
-    assert_eq!(burst["rows"].as_array().unwrap().len(), 4, "{burst:#}");
+    // As a batch, from samples with two divisions of the work, and directly with two visibility backends.
+    assert_eq!(burst["rows"].as_array().unwrap().len(), 5, "{burst:#}");
     for study in [&baseline, &burst] {
         assert!(study["scene"].is_string() && study["machine"]["cores"].is_u64(), "{study:#}");
     }
