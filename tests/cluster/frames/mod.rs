@@ -12,7 +12,7 @@ use image::RgbImage;
 use crate::support::{Coordinator, SMALL};
 
 /// Steady light and exposure, so that views of two clusters can be compared.
-const FIXED: [&str; 4] = ["--effects", "none", "--exposure", "0"];
+const FIXED: [&str; 6] = ["--effects", "all", "--indirect", "off", "--exposure", "0"];
 
 /// Longest wait until a worker has measured what views from frames cost.
 const PATIENCE: Duration = Duration::from_secs(90);
@@ -79,8 +79,9 @@ async fn a_view_near_a_direct_frame_is_warped_from_it_and_its_pin_repeats_it_on_
     assert!(warped - direct < 0.03, "{warped} against {direct}");
 
     // The status and the provenance say what it was made of.
+    let holds_frames = |status: &serde_json::Value| status["workers"][0]["frames_held"].as_u64() > Some(0);
+    coordinator.wait_until("a report of held frames", holds_frames);
     let status = coordinator.status();
-    assert!(status["workers"][0]["frames_held"].as_u64() > Some(0), "{status:#}");
     assert_eq!(frame.provenance.device, workers_device(&status));
 
     // A cluster that holds nothing renders the frames of the pin again.
