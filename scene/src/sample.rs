@@ -247,6 +247,14 @@ impl SampleSetInfo {
         }
     }
 
+    /// The level of light that the set is served in at last.
+    pub fn last_light(&self) -> LightLevel {
+        match self.first_light() {
+            LightLevel::Direct => LightLevel::Full,
+            stays => stays,
+        }
+    }
+
     /// How the samples are rendered.
     pub fn specification(&self) -> Specification {
         Specification {

@@ -65,10 +65,7 @@ impl Alone {
 
     /// The light of views of a service once all of it is ready.
     pub(crate) fn full_light(&self) -> LightLevel {
-        match self.prepared.set.first_light() {
-            LightLevel::Direct => LightLevel::Full,
-            stays => stays,
-        }
+        self.prepared.set.last_light()
     }
 
     /// Renders a view in that light, of the epoch nearest to a scene time in seconds. Of the plan, its supersampling

@@ -6,6 +6,7 @@ use std::time::Duration;
 use argus_scene::rig::Survey;
 use argus_scene::{Provenance, View};
 use tokio::time::{Instant, sleep};
+use tracing::warn;
 
 use super::shared_core::SharedCore;
 
@@ -26,6 +27,7 @@ pub(super) async fn pins(shared: &Arc<SharedCore>, views: Vec<Option<View>>) -> 
     let until = Instant::now() + PATIENCE;
     while !shared.read(|core| core.has_prices()) {
         if Instant::now() >= until {
+            warn!("what views from samples cost is not known, a batch is rendered from triangles");
             return of_triangles();
         }
         sleep(PAUSE).await;
@@ -42,5 +44,8 @@ pub(super) async fn pins(shared: &Arc<SharedCore>, views: Vec<Option<View>>) -> 
         let mut pins = shared.read(|core| core.batch_pins(&surveyed)).into_iter();
         is_valid.into_iter().map(|is_valid| if is_valid { pins.next().flatten() } else { None }).collect()
     });
-    decided.await.unwrap_or_else(|_| of_triangles())
+    decided.await.unwrap_or_else(|error| {
+        warn!(%error, "a batch cannot be planned, its views are rendered from triangles");
+        of_triangles()
+    })
 }

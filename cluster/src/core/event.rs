@@ -154,7 +154,7 @@ pub struct Report {
     pub sample_bytes: u64,
     /// The best light that its sampler has ready.
     pub light: LightLevel,
-    /// Cost of a view from triangles, measured before the worker is ready.
+    /// Cost of a view from triangles. Measured in slices once the worker can answer.
     pub direct_cost: Option<Cost>,
     /// Cost of a view from triangles with few rays of light, by the pixels that are rendered.
     pub few_rays_cost: Option<Cost>,

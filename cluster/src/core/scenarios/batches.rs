@@ -2,7 +2,7 @@
 
 use argus_scene::rig::{Sight, Survey, Target};
 use argus_scene::{
-    Camera, LightLevel, Outputs, Plan, PlanRequest, Rig, SampleSetInfo, SceneState, Version, View,
+    Camera, LightLevel, Outputs, Plan, PlanRequest, Preset, Rig, SampleSetInfo, SceneState, Version, View,
 };
 use glam::DVec3;
 
@@ -70,6 +70,23 @@ fn a_batch_comes_from_samples_once_its_views_save_more_than_they_cost() {
     assert!(many.iter().all(Option::is_some));
     let plans: Vec<&Plan> = many.iter().flatten().map(|pin| &pin.plan).collect();
     assert!(plans.iter().all(|plan| matches!(plan, Plan::Warp(warp) if !warp.samples.is_empty())));
+}
+
+#[test]
+fn a_batch_is_as_fine_and_as_exact_as_its_request_asks() {
+    let sim = priced(100.0, 5.0, LightLevel::Full);
+    let pins = |plan: PlanRequest| {
+        let of = |(view, survey): (View, Option<Survey>)| (View { plan, ..view }, survey);
+        sim.core.batch_pins(&views(&sim, 2000).into_iter().map(of).collect::<Vec<_>>())
+    };
+    let finer = pins(PlanRequest { supersampling: Some(2), ..PlanRequest::default() });
+    let is_fine = |pin: &Option<argus_scene::Provenance>| match pin.as_ref().map(|pin| &pin.plan) {
+        Some(Plan::Warp(warp)) => warp.supersampling == 2,
+        _ => false,
+    };
+    assert!(finer.iter().all(is_fine));
+    let exact = pins(PlanRequest { preset: Some(Preset::Exact), ..PlanRequest::default() });
+    assert!(exact.iter().all(Option::is_none), "samples err more than an exact view may");
 }
 
 #[test]

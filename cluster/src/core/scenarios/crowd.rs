@@ -1,4 +1,4 @@
-//! More is asked of the cluster than it can render in full: views come in less detail, and nobody waits.
+//! Views in less detail, and without long waits, where more are requested than the cluster can render in full.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -90,7 +90,7 @@ fn what_is_carried_is_rendered_in_full() {
 }
 
 #[test]
-fn a_crowd_gets_as_much_detail_as_there_is_time_for_and_nobody_waits() {
+fn under_load_views_have_as_much_detail_as_there_is_time_for_and_short_waits() {
     // 1.2, 4 and 16 times what two processes carry.
     for (times, coarsest) in [(1.2, Detail::FewRays), (4.0, Detail::HalfFewRays), (16.0, Detail::Quarter)] {
         let per_sec = times * 2e3 / FULL_MS;

@@ -1,16 +1,17 @@
 //! Plans of a batch: from samples, where its views share so many of them that rendering these costs less than it saves.
 //!
-//! One decision is made for all cameras of a batch. It follows from the cameras, the scene and the first prices that were measured,
-//! never from load, from what workers hold or from the order in which frames are done: so a batch gets the same bytes whenever it
-//! is asked for.
+//! One decision is made for all cameras of a batch. It follows from the cameras, the scene and the first prices that this coordinator
+//! learnt, not from the present load, from what workers hold or from the order in which frames are done. So while nothing moves
+//! and all light is there, a batch gets the same bytes from one coordinator whenever it is asked for.
 
 use std::collections::BTreeMap;
 
 use argus_scene::rig::Survey;
-use argus_scene::{FaceMask, Holes, LightLevel, Plan, Provenance, SampleSetInfo, View, Warp};
+use argus_scene::{FaceMask, Holes, Plan, Provenance, SampleSetInfo, View, Warp};
 
 use super::cluster::Cluster;
-use super::planner::predicted_excess;
+use super::plan::samples_per_pixel;
+use super::planner::{Aim, predicted_excess};
 
 /// Samples are rendered for a batch if this many times their price is saved: predictions are off by as much.
 const LEAST_GAIN: f64 = 1.3;
@@ -26,7 +27,7 @@ impl Cluster<'_> {
         let set = self.samples.set();
         let Some(prices) = self.workers.first_prices().filter(|_| stands_still(set)) else { return none() };
         let bundles: Vec<Option<Vec<(u64, FaceMask)>>> =
-            views.iter().map(|(_, survey)| self.sound_bundle(survey.as_ref()?)).collect();
+            views.iter().map(|(view, survey)| self.bundle_within(view, survey.as_ref()?)).collect();
         let mut faces: BTreeMap<u64, FaceMask> = BTreeMap::new();
         for (camera, wanted) in bundles.iter().flatten().flatten() {
             let faces = faces.entry(*camera).or_insert(FaceMask::NONE);
@@ -35,7 +36,8 @@ impl Cluster<'_> {
         let whole: f64 = faces.values().map(|faces| faces.share()).sum();
         let sample_ms = SAMPLE_OVER_VIEW * prices.direct.ms(set.rig.sample_texels());
         let saved_ms = |(view, _): &(View, Option<Survey>)| {
-            let pixels = u64::from(view.width) * u64::from(view.height);
+            let per_pixel = u64::from(samples_per_pixel(&view.plan));
+            let pixels = u64::from(view.width) * u64::from(view.height) * per_pixel;
             prices.direct.ms(pixels) - prices.warp.ms(pixels)
         };
         let saved: f64 =
@@ -44,36 +46,36 @@ impl Cluster<'_> {
         if !(saved > LEAST_GAIN * whole * sample_ms) {
             return none();
         }
-        let pin = |bundle: Vec<(u64, FaceMask)>| {
+        let pin = |(view, bundle): (&View, Vec<(u64, FaceMask)>)| {
             let cameras: Vec<u64> = bundle.into_iter().map(|(camera, _)| camera).collect();
             let ids = cameras.iter().map(|camera| self.samples.served(*camera)).collect();
             let faces = cameras.iter().map(|camera| (*camera, faces[camera])).collect();
             let samples = set.with_reflection_probes(ids);
+            let supersampling = samples_per_pixel(&view.plan).isqrt();
+            let warp = Warp { samples, faces, supersampling, holes: Holes::Trace, ..Warp::default() };
             Provenance {
                 scene: set.scene,
                 state: set.version.state,
-                plan: Plan::Warp(Warp { samples, faces, holes: Holes::Trace, ..Warp::default() }),
+                plan: Plan::Warp(warp),
                 specification: None,
                 device: String::new(),
                 history: false,
             }
         };
-        bundles.into_iter().map(|bundle| bundle.map(pin)).collect()
+        let with_bundles = views.iter().map(|(view, _)| view).zip(bundles);
+        with_bundles.map(|(view, bundle)| Some(pin((view, bundle?)))).collect()
     }
 
-    /// The cameras that would bring a view within its bound.
-    fn sound_bundle(&self, survey: &Survey) -> Option<Vec<(u64, FaceMask)>> {
+    /// The cameras that would bring a view within the bound of its request.
+    fn bundle_within(&self, view: &View, survey: &Survey) -> Option<Vec<(u64, FaceMask)>> {
         let bundle = self.bundle(survey).filter(|bundle| !bundle.is_empty())?;
         let cameras: Vec<u64> = bundle.iter().map(|(camera, _)| *camera).collect();
-        predicted_excess(Some(survey.coverage(&cameras)), 1.0).1.then_some(bundle)
+        let (excess, _) = predicted_excess(Some(survey.coverage(&cameras)), 1.0);
+        (excess <= Aim::of(&view.plan).most_excess).then_some(bundle)
     }
 }
 
 /// Whether a set's version lasts: nothing moves, and its light rises no more.
 fn stands_still(set: &SampleSetInfo) -> bool {
-    let last = match set.first_light() {
-        LightLevel::Direct => LightLevel::Full,
-        stays => stays,
-    };
-    set.epoch_secs == 0.0 && set.version.state.light == last
+    set.epoch_secs == 0.0 && set.version.state.light == set.last_light()
 }

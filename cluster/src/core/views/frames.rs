@@ -8,9 +8,8 @@ use argus_scene::rig::Survey;
 use argus_scene::{Camera, FaceMasks, FrameSource, Holes, Plan, Search, View, Warp};
 
 use super::cluster::Cluster;
-use super::open_view::OpenView;
+use super::open_view::{OpenView, direct_frame};
 use super::pending::Pending;
-use super::plan::samples_per_pixel;
 use super::planner::{EXCESS_OF_COARSE, LEAST_FINE, Offer};
 use crate::core::workers::Worker;
 
@@ -50,12 +49,7 @@ impl Cluster<'_> {
     /// The recent frames to survey for a view that leaves the way open: those nearest to it, of any worker that can warp
     /// them.
     pub(super) fn frames_around(&self, view: &View) -> Vec<FrameSource> {
-        let asked = FrameSource {
-            camera: view.camera,
-            width: view.width,
-            height: view.height,
-            samples_per_pixel: samples_per_pixel(&view.plan),
-        };
+        let asked = direct_frame(view);
         let set = self.samples.set();
         let metres = (set.extent.max - set.extent.min).length() * SHARE_OF_A_RADIAN;
         let pixels = u64::from(asked.width) * u64::from(asked.height) * u64::from(asked.samples_per_pixel);

@@ -110,7 +110,11 @@ mod tests {
         let (load, now) = after(150.0, 2.0);
         assert_eq!(load.most_ms(150.0, 0.0, 2, now), f64::INFINITY);
         assert_eq!(load.most_ms(150.0, 150.0, 2, now), f64::INFINITY, "one waits");
-        assert_eq!(Load::default().most_ms(150.0, 0.0, 0, now), f64::INFINITY, "nothing is asked of nobody");
+        assert_eq!(
+            Load::default().most_ms(150.0, 0.0, 0, now),
+            f64::INFINITY,
+            "without views, no worker is needed"
+        );
     }
 
     #[test]

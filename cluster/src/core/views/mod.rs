@@ -5,7 +5,8 @@
 //!
 //! `admission` holds the limits of clients, and `new_view` admits views. [`plan`] makes the plan of an explicit
 //! request. [`planner`] chooses the plan of a request that leaves the way open, among the offers that `open`
-//! collects, among them those of `frames` to warp recent frames; `session_memory` compares them with the session's last view. `targets` handles bounds on the error.
+//! collects, those of `frames` among them, and in the time that `load` leaves; `session_memory` compares them with the
+//! session's last view. `batch` plans the views of a batch together. `targets` handles bounds on the error.
 //! `dispatch` gives views to the workers that `choose` picks, and `outcome` handles frames and failures.
 
 mod admission;

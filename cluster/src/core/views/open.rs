@@ -10,7 +10,7 @@ use super::load::Load;
 use super::open_view::OpenView;
 use super::output::Output;
 use super::pending::Pending;
-use super::planner::{MOST_SAMPLES, Offer, excess_in, predicted_excess};
+use super::planner::{MOST_SAMPLES, Offer, excess_of, predicted_excess};
 use super::session_memory::Memory;
 use super::survey::SurveyWanted;
 use crate::core::event::{LastView, WorkerId};
@@ -145,7 +145,7 @@ impl Cluster<'_> {
                 let plan = Plan::Direct { samples_per_pixel: open.direct.samples_per_pixel, detail };
                 let cost = self.direct_cost(worker, detail);
                 let render_ms = cost.map(|cost| cost.ms(plan.sub_pixels(view.pixels)));
-                let (excess, is_sound) = excess_in(detail);
+                let (excess, is_sound) = (excess_of(detail), true);
                 let repeats = self.repeats(worker, open, &plan);
                 Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats }
             };

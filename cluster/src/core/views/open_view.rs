@@ -9,6 +9,12 @@ use super::planner::Aim;
 use super::session_memory::Memory;
 use crate::core::event::LastView;
 
+/// The direct frame that would answer a view that leaves the way open.
+pub(super) fn direct_frame(view: &View) -> FrameSource {
+    let View { camera, width, height, ref plan, .. } = *view;
+    FrameSource { camera, width, height, samples_per_pixel: samples_per_pixel(plan) }
+}
+
 /// What the planner needs to know about one view.
 #[derive(Debug, Clone)]
 pub(super) struct OpenView {
@@ -31,12 +37,7 @@ impl OpenView {
         last: Option<Box<LastView>>,
     ) -> Option<Box<Self>> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
-        let direct = FrameSource {
-            camera: view.camera,
-            width: view.width,
-            height: view.height,
-            samples_per_pixel: samples_per_pixel(&view.plan),
-        };
+        let direct = direct_frame(view);
         let aim = Aim::of(&view.plan);
         let memory = last.and_then(|last| Memory::of(view, *last));
         open.then(|| Box::new(Self { direct, aim, survey, memory, decision: None }))

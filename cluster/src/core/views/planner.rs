@@ -44,7 +44,7 @@ const EXCESS_OF_UNCOVERED: f64 = 0.4;
 pub(super) const EXCESS_OF_COARSE: f64 = 0.15;
 
 /// Predicted excess of views from triangles of which less is rendered, by `study detail`.
-const fn excess_of(detail: Detail) -> f64 {
+pub(super) const fn excess_of(detail: Detail) -> f64 {
     match detail {
         Detail::Full => 0.0,
         Detail::FewRays => 0.016,
@@ -145,11 +145,6 @@ pub fn predicted_excess(coverage: Option<Coverage>, factor: f64) -> (f64, bool) 
     let Some(Coverage { covered, fine }) = coverage else { return (EXCESS_OF_FINE * factor, true) };
     let excess = EXCESS_OF_FINE + EXCESS_OF_UNCOVERED * (1.0 - covered) + EXCESS_OF_COARSE * (covered - fine);
     (excess * factor, covered >= LEAST_COVERED && fine >= LEAST_FINE)
-}
-
-/// Predicted excess of a view from triangles in some detail, and whether it may be within a bound.
-pub(super) fn excess_in(detail: Detail) -> (f64, bool) {
-    (excess_of(detail), true)
 }
 
 /// The best offer, and the reason; `None` without offers.
@@ -287,9 +282,8 @@ mod tests {
 
     /// An offer from triangles in some detail, which takes this share of the time in full.
     fn reduced(detail: Detail, wait_ms: f64, render_ms: f64) -> Offer {
-        let (excess, is_sound) = excess_in(detail);
         let plan = Plan::Direct { samples_per_pixel: 1, detail };
-        Offer { plan, excess, is_sound, ..direct(1, wait_ms, Some(render_ms)) }
+        Offer { plan, excess: excess_of(detail), ..direct(1, wait_ms, Some(render_ms)) }
     }
 
     #[test]

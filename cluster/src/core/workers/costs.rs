@@ -6,7 +6,7 @@ use crate::core::event::Report;
 use crate::core::quality::Cost;
 use crate::core::smooth::Smoothed;
 
-/// Prices of views as one worker measured them, before any load.
+/// Prices of views as one worker reported them once it had measured both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::core) struct Prices {
     /// From triangles, with direct light.

@@ -28,8 +28,7 @@ use std::sync::Arc;
 
 use argus_scene::{FrameSource, LightLevel};
 
-pub(super) use costs::MeasuredCosts;
-pub(super) use costs::Prices;
+pub(super) use costs::{MeasuredCosts, Prices};
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
 pub(super) use recent_frames::RecentFrame;
