@@ -22,10 +22,10 @@ pub(super) const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
 const SIZE_WHERE_SLOW: [u32; 2] = [160, 120];
 
 /// Number of measurements of each view. The fastest counts, since other processes use the same cores.
-pub(super) const ROUNDS: usize = 3;
+const ROUNDS: usize = 3;
 
 /// Milliseconds after which a view is not measured again, since clients wait meanwhile.
-pub(super) const SLOW_MS: f64 = 200.0;
+const SLOW_MS: f64 = 200.0;
 
 /// Texels per side of the samples that views are measured from.
 pub(super) const SIDES: [u32; 2] = [96, 192];
@@ -145,6 +145,29 @@ pub(super) fn compositor(
     Ok(Some(Cost { fixed_ms: large.fixed_ms + ms_per_texel * (texels - many).max(0.0), ..large }))
 }
 
+/// The shortest time of a rendering by a role, milliseconds. The time of `between`, which may use the role, does not count.
+///
+/// # Errors
+/// The error of rendering.
+pub(super) fn fastest<R>(
+    role: &mut R,
+    render: &mut dyn FnMut(&mut R) -> Result<(), RenderError>,
+    between: &mut dyn FnMut(&mut R),
+) -> Result<f64, RenderError> {
+    let (mut fastest, since) = (f64::INFINITY, Instant::now());
+    for _ in 0..ROUNDS {
+        let began = Instant::now();
+        render(role)?;
+        fastest = fastest.min(began.elapsed().as_secs_f64() * 1e3);
+        between(role);
+        // Views that waited count, too: they wait for prices.
+        if since.elapsed().as_secs_f64() * 1e3 > SLOW_MS {
+            break;
+        }
+    }
+    Ok(fastest)
+}
+
 /// Renders a view of a size by a role, and discards it.
 type Rendering<'a, R> = dyn FnMut(&mut R, [u32; 2]) -> Result<(), RenderError> + 'a;
 
@@ -159,18 +182,7 @@ fn measured<R>(
         let pixels = |size: [u32; 2]| u64::from(size[0]) * u64::from(size[1]);
         let is_slow = |&(few, ms): &(u64, f64)| ms * pixels(size) as f64 / few as f64 > SLOW_MS;
         let size = if times.last().is_some_and(is_slow) { SIZE_WHERE_SLOW } else { size };
-        let (mut fastest, since) = (f64::INFINITY, Instant::now());
-        for _ in 0..ROUNDS {
-            let began = Instant::now();
-            render(&mut role, size)?;
-            fastest = fastest.min(began.elapsed().as_secs_f64() * 1e3);
-            between(&mut role);
-            // Views that waited count, too: they wait for prices.
-            if since.elapsed().as_secs_f64() * 1e3 > SLOW_MS {
-                break;
-            }
-        }
-        times.push((pixels(size), fastest));
+        times.push((pixels(size), fastest(&mut role, &mut |role| render(role, size), between)?));
     }
     Ok(Cost::fit(times.into_iter()))
 }

@@ -9,7 +9,7 @@ use crate::core::smooth::Smoothed;
 /// Prices of views as one worker reported them once it had measured both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::core) struct Prices {
-    /// From triangles, with direct light.
+    /// From triangles, in full detail.
     pub(in crate::core) direct: Cost,
     /// From samples.
     pub(in crate::core) warp: Cost,

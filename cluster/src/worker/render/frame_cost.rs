@@ -16,7 +16,7 @@ use super::{Renderer, ms_since};
 use crate::core::quality::Cost;
 use crate::worker::frames::set_of_frames;
 use crate::worker::meter::ViewKind;
-use crate::worker::warm::{ROUNDS, SIZES, SLOW_MS, view};
+use crate::worker::warm::{SIZES, fastest, view};
 
 /// A frame as a sample, and the view that it is warped to: that of its own camera.
 struct Warped {
@@ -80,29 +80,13 @@ fn measured(
         between();
         // Views of all sizes have the same programs.
         let ready = if times.is_empty() { compositor.ready(&job, between) } else { Ok(()) };
-        let time = ready.and_then(|()| fastest(compositor, &job, between));
+        let mut compose = |(): &mut ()| {
+            let frames = compositor.compose(std::slice::from_ref(&job), &Cancel::default());
+            frames.into_iter().try_for_each(|frame| frame.map(drop))
+        };
+        let time = ready.and_then(|()| fastest(&mut (), &mut compose, &mut |()| between()));
         compositor.release(&ids);
         times.push((u64::from(job.width) * u64::from(job.height), time?));
     }
     Ok(Cost::fit(times.into_iter()))
-}
-
-/// The shortest time of composing a view, milliseconds.
-fn fastest(
-    compositor: &mut dyn Compositor,
-    job: &ViewJob,
-    between: &mut dyn FnMut(),
-) -> Result<f64, RenderError> {
-    let mut fastest = f64::INFINITY;
-    for _ in 0..ROUNDS {
-        let began = Instant::now();
-        let frames = compositor.compose(std::slice::from_ref(job), &Cancel::default());
-        frames.into_iter().try_for_each(|frame| frame.map(drop))?;
-        fastest = fastest.min(ms_since(began));
-        between();
-        if fastest > SLOW_MS {
-            break;
-        }
-    }
-    Ok(fastest)
 }
