@@ -1,8 +1,6 @@
 //! Assembles frames of direct views from tiles.
 
-use argus_scene::{
-    Frame, InvalidField, Outputs, Plan, Provenance, Scene, Served, Specification, Stage, ViewJob,
-};
+use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Specification, Stage, ViewJob};
 use bytes::Bytes;
 
 use crate::tile::Tile;
@@ -81,26 +79,18 @@ pub(crate) fn frame(
     let Outputs { mask, source, confidence, .. } = view.outputs;
     let pixels = view.width as usize * view.height as usize;
     let all = |wanted: bool, value: u8| wanted.then(|| Bytes::from(vec![value; pixels]));
+    let provenance = Provenance {
+        specification: Some(specification),
+        device: device.to_owned(),
+        ..Provenance::of_plan(scene.hash, view.state, view.plan.clone())
+    };
     Frame {
-        width: view.width,
-        height: view.height,
         color: parts.color,
         range: parts.range,
         mask: all(mask, 0),
         source: all(source, 0),
         confidence: all(confidence, 255),
-        unresolved_fraction: 0.0,
-        served: Served::default(),
-        predicted: None,
-        decision: None,
-        provenance: Provenance {
-            scene: scene.hash,
-            state: view.state,
-            plan: view.plan.clone(),
-            specification: Some(specification),
-            device: device.to_owned(),
-            history: false,
-        },
         stages,
+        ..Frame::without_images(view.width, view.height, provenance)
     }
 }

@@ -54,6 +54,13 @@ pub struct Provenance {
     pub history: bool,
 }
 
+impl Provenance {
+    /// By any device and any specification: a pin that asks for no more than this plan.
+    pub fn of_plan(scene: SceneHash, state: SceneState, plan: Plan) -> Self {
+        Self { scene, state, plan, specification: None, device: String::new(), history: false }
+    }
+}
+
 /// Numbers of a frame's pixels by how they were served.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Served {
@@ -177,6 +184,25 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// A frame whose images are still to come. It says nothing of its cost, and that no pixel is a guess.
+    pub fn without_images(width: u32, height: u32, provenance: Provenance) -> Self {
+        Self {
+            width,
+            height,
+            color: None,
+            range: None,
+            mask: None,
+            source: None,
+            confidence: None,
+            unresolved_fraction: 0.0,
+            served: Served::default(),
+            predicted: None,
+            decision: None,
+            provenance,
+            stages: Vec::new(),
+        }
+    }
+
     /// Milliseconds of all its rendering, including discarded frames.
     pub fn rendering_ms(&self) -> f64 {
         self.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()

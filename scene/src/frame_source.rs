@@ -166,7 +166,7 @@ mod tests {
 
     use super::*;
     use crate::tone::display_from_radiance;
-    use crate::{Provenance, SceneHash, SceneState, Served, Specification};
+    use crate::{Provenance, SceneHash, SceneState, Specification};
 
     fn source(width: u32, height: u32) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);
@@ -178,26 +178,13 @@ mod tests {
         let range = |i: usize| ranges.get(i).copied().unwrap_or(2.0).to_le_bytes();
         let source = source(256, 1);
         Frame {
-            width: 256,
-            height: 1,
             color: Some((0..=255u8).flat_map(|byte| [byte; 3]).collect()),
             range: Some((0..256).flat_map(range).collect()),
-            mask: None,
-            source: None,
-            confidence: None,
-            unresolved_fraction: 0.0,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: source.plan(),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                256,
+                1,
+                Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), source.plan()),
+            )
         }
     }
 

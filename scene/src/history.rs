@@ -104,7 +104,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::{Provenance, SceneHash, SceneState, Served, Warp};
+    use crate::{Provenance, SceneHash, SceneState, Warp};
 
     fn camera() -> Camera {
         Camera::look_at(DVec3::new(3.0, 2.0, 5.0), DVec3::ZERO)
@@ -114,26 +114,17 @@ mod tests {
         let id = |index| SampleId { version: 0, camera: index };
         let samples = vec![id(7), id(4), id(SampleId::REFLECTION_PROBES)];
         Frame {
-            width: ranges.len() as u32,
-            height: 1,
-            color: None,
             range: Some(ranges.iter().flat_map(|range| range.to_le_bytes()).collect()),
-            mask: None,
             source: Some(Bytes::copy_from_slice(sources)),
-            confidence: None,
-            unresolved_fraction: 0.0,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::Warp(Warp { samples, ..Warp::default() }),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                ranges.len() as u32,
+                1,
+                Provenance::of_plan(
+                    SceneHash([0; 32]),
+                    SceneState::default(),
+                    Plan::Warp(Warp { samples, ..Warp::default() }),
+                ),
+            )
         }
     }
 

@@ -456,14 +456,7 @@ mod tests {
         assert_eq!(field(large), "plan.supersampling");
         let pin = |plan| {
             let scene = crate::SceneHash([0; 32]);
-            Some(Provenance {
-                scene,
-                state: crate::SceneState::default(),
-                plan,
-                specification: None,
-                device: String::new(),
-                history: false,
-            })
+            Some(Provenance::of_plan(scene, crate::SceneState::default(), plan))
         };
         let direct = pin(Plan::direct(64));
         let pinned = View { width: 4096, height: 4096, pin: direct, ..view() };

@@ -190,14 +190,10 @@ fn alone(args: &Args, config: &Config) -> anyhow::Result<Taken> {
 /// The provenance of a view from triangles at a scene time.
 fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::Result<Provenance> {
     let side = plan.supersampling.unwrap_or(1);
-    Ok(Provenance {
-        scene: description.scene_hash,
-        state: SceneState { epoch: epoch_of(secs, description.epoch_secs)?, light: description.first_light },
-        plan: Plan::direct(side.saturating_mul(side)),
-        specification: None,
-        device: String::new(),
-        history: false,
-    })
+    let (samples_per_pixel, detail) = (side.saturating_mul(side), plan.detail.unwrap_or_default());
+    let state = SceneState { epoch: epoch_of(secs, description.epoch_secs)?, light: description.first_light };
+    let plan = Plan::Direct { samples_per_pixel, detail };
+    Ok(Provenance::of_plan(description.scene_hash, state, plan))
 }
 
 /// Mean FLIP of a view against the reference. The reference is traced on this machine and kept for the next call.

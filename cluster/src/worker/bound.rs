@@ -70,7 +70,7 @@ fn fine_share(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Optio
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{OmniLayout, Plan, Provenance, SceneHash, SceneState, Served, Warp};
+    use argus_scene::{OmniLayout, Plan, Provenance, SceneHash, SceneState, Warp};
     use bytes::Bytes;
     use glam::DVec3;
 
@@ -82,26 +82,13 @@ mod tests {
     fn frame(range: f32, source: u8) -> Frame {
         let pixels = (SIZE[0] * SIZE[1]) as usize;
         Frame {
-            width: SIZE[0],
-            height: SIZE[1],
-            color: None,
             range: Some(Bytes::from(range.to_le_bytes().repeat(pixels))),
-            mask: None,
             source: Some(Bytes::from(vec![source; pixels])),
-            confidence: None,
-            unresolved_fraction: 0.0,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::Warp(Warp::default()),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                SIZE[0],
+                SIZE[1],
+                Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), Plan::Warp(Warp::default())),
+            )
         }
     }
 

@@ -149,7 +149,7 @@ pub(super) fn set_of_frames(info: &SampleSetInfo, visibility: Visibility) -> Sam
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Plan, Provenance, SceneHash, Served};
+    use argus_scene::{Camera, Plan, Provenance, SceneHash};
     use glam::DVec3;
 
     use super::*;
@@ -166,26 +166,13 @@ mod tests {
     fn frame() -> Frame {
         let pixels = (SIZE[0] * SIZE[1]) as usize;
         Frame {
-            width: SIZE[0],
-            height: SIZE[1],
             color: Some(vec![9; 3 * pixels].into()),
             range: Some(2f32.to_le_bytes().repeat(pixels).into()),
-            mask: None,
-            source: None,
-            confidence: None,
-            unresolved_fraction: 0.0,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::direct(1),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                SIZE[0],
+                SIZE[1],
+                Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), Plan::direct(1)),
+            )
         }
     }
 

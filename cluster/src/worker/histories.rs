@@ -82,7 +82,7 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Frame, Plan, Provenance, SampleId, SceneHash, SceneState, Served, Warp};
+    use argus_scene::{Camera, Frame, Plan, Provenance, SampleId, SceneHash, SceneState, Warp};
     use glam::DVec3;
 
     use super::*;
@@ -90,26 +90,17 @@ mod tests {
     fn history(pixels: usize) -> History {
         let samples = vec![SampleId { version: 0, camera: 0 }];
         let frame = Frame {
-            width: pixels as u32,
-            height: 1,
-            color: None,
             range: Some(2f32.to_le_bytes().repeat(pixels).into()),
-            mask: None,
             source: Some(vec![1; pixels].into()),
-            confidence: None,
-            unresolved_fraction: 0.0,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::Warp(Warp { samples, ..Warp::default() }),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                pixels as u32,
+                1,
+                Provenance::of_plan(
+                    SceneHash([0; 32]),
+                    SceneState::default(),
+                    Plan::Warp(Warp { samples, ..Warp::default() }),
+                ),
+            )
         };
         History::of(&frame, &Camera::look_at(DVec3::ONE, DVec3::ZERO), None).unwrap()
     }

@@ -218,33 +218,19 @@ fn adjusted_lab([r, g, b]: [f64; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Provenance, SceneHash, SceneState, Served, Warp};
+    use argus_scene::{Provenance, SceneHash, SceneState, Warp};
 
     use super::*;
 
     fn frame(width: u32, height: u32) -> Frame {
         let color = (0..width * height).flat_map(|pixel| [pixel as u8, 7, 9]).collect::<Vec<u8>>();
         Frame {
-            width,
-            height,
             color: Some(color.into()),
-            range: None,
-            mask: None,
-            source: None,
-            confidence: None,
-            unresolved_fraction: 0.0,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::Warp(Warp::default()),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                width,
+                height,
+                Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), Plan::Warp(Warp::default())),
+            )
         }
     }
 

@@ -171,8 +171,6 @@ mod tests {
     fn traced_pixels_replace_guesses_in_every_image() {
         let bytes = |n: usize, value: u8| Some(Bytes::from(vec![value; n]));
         let mut frame = Frame {
-            width: 2,
-            height: 2,
             color: bytes(12, 9),
             range: bytes(16, 0),
             mask: Some(Bytes::from_static(&[0, 255, 0, 255])),
@@ -180,17 +178,11 @@ mod tests {
             confidence: Some(Bytes::from_static(&[200, 0, 100, 0])),
             unresolved_fraction: 0.5,
             served: Served { warped: 2, unresolved: 2, ..Served::default() },
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::Warp(Warp::default()),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                2,
+                2,
+                Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), Plan::Warp(Warp::default())),
+            )
         };
         let pixels = guessed(&frame);
         assert_eq!(pixels, [1, 3]);

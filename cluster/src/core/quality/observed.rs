@@ -96,32 +96,20 @@ fn differences(luma: &[u8], columns: usize, step: usize) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Plan, Provenance, SceneHash, SceneState, Served};
+    use argus_scene::{Plan, Provenance, SceneHash, SceneState};
 
     use super::*;
 
     fn frame(width: u32, height: u32, color: Vec<u8>, confidence: Option<Vec<u8>>) -> Frame {
         Frame {
-            width,
-            height,
             color: Some(color.into()),
-            range: None,
-            mask: None,
-            source: None,
             confidence: confidence.map(Into::into),
             unresolved_fraction: 0.25,
-            served: Served::default(),
-            predicted: None,
-            decision: None,
-            provenance: Provenance {
-                scene: SceneHash([0; 32]),
-                state: SceneState::default(),
-                plan: Plan::direct(1),
-                specification: None,
-                device: String::new(),
-                history: false,
-            },
-            stages: Vec::new(),
+            ..Frame::without_images(
+                width,
+                height,
+                Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), Plan::direct(1)),
+            )
         }
     }
 

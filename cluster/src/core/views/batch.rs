@@ -53,14 +53,7 @@ impl Cluster<'_> {
             let samples = set.with_reflection_probes(ids);
             let supersampling = samples_per_pixel(&view.plan).isqrt();
             let warp = Warp { samples, faces, supersampling, holes: Holes::Trace, ..Warp::default() };
-            Provenance {
-                scene: set.scene,
-                state: set.version.state,
-                plan: Plan::Warp(warp),
-                specification: None,
-                device: String::new(),
-                history: false,
-            }
+            Provenance::of_plan(set.scene, set.version.state, Plan::Warp(warp))
         };
         let with_bundles = views.iter().map(|(view, _)| view).zip(bundles);
         with_bundles.map(|(view, bundle)| Some(pin((view, bundle?)))).collect()

@@ -207,14 +207,7 @@ mod tests {
     fn pinned(change: impl FnOnce(&mut Provenance)) -> Result<Plan, Fault> {
         let set = set_info();
         let free = plan(&searched()).unwrap();
-        let mut pin = Provenance {
-            scene: set.scene,
-            state: set.version.state,
-            plan: free,
-            specification: None,
-            device: String::new(),
-            history: false,
-        };
+        let mut pin = Provenance::of_plan(set.scene, set.version.state, free);
         change(&mut pin);
         plan(&View { pin: Some(pin), ..view() })
     }
