@@ -7,7 +7,7 @@ use prost::Message;
 use prost_types::field_descriptor_proto::Type;
 
 /// The messages of a cluster's status. Serialised, they are the output of `argus status --json`.
-const STATUS: [&str; 5] = ["StatusResponse", "WorkerStatus", "Counters", "Refinements", "Cost"];
+const STATUS: [&str; 6] = ["StatusResponse", "WorkerStatus", "Counters", "Refinements", "Pressure", "Cost"];
 
 /// Fields of a status whose JSON is not the field's value, and the attribute that says what it is.
 const OWN_JSON: [(&str, &str); 7] = [

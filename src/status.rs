@@ -128,6 +128,21 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
         status.rays_per_tick,
         status.ray_ms * 1e3
     )?;
+    let pressure = status.pressed();
+    let lacking = match pressure.lacking > 0.0 {
+        true => format!("{:.1} too many, so views have less detail", pressure.lacking),
+        false => "which is carried".to_owned(),
+    };
+    let coming = match (pressure.samples_coming, pressure.carried_in_ms) {
+        (0, _) => String::new(),
+        (n, None) => format!("; {n} samples are being rendered"),
+        (n, Some(ms)) => format!("; {n} samples that lower it are there in {:.1} s", ms * 1e-3),
+    };
+    writeln!(
+        text,
+        "  views ask for  {:8.1} of {} processes, {lacking}{coming}",
+        pressure.asked, pressure.answering
+    )?;
     let refinements = status.refined();
     writeln!(
         text,

@@ -54,7 +54,7 @@ messages! {
     },
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
-    StatusResponse, Refinements, WorkerStatus, Counters,
+    StatusResponse, Refinements, Pressure, WorkerStatus, Counters,
     SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
     HeldSample, PartialSample, PlaneHeader, SampleHeader,
     SampleChunk => |m| begun(super::chunks::samples, m),

@@ -15,6 +15,11 @@ impl v1::StatusResponse {
         self.refinements.unwrap_or_default()
     }
 
+    /// What views ask of the workers; zeros if the message lacks it.
+    pub fn pressed(&self) -> v1::Pressure {
+        self.pressure.unwrap_or_default()
+    }
+
     /// The scene's name; empty if the message lacks it.
     pub fn scene_name(&self) -> &str {
         scene_name(&self.scene)

@@ -77,6 +77,12 @@ fn cluster(to: &mut Exposition<'_>, status: &StatusResponse, in_flight: usize) -
     )?;
     to.gauge("views_in_flight", "Views waiting or in work", in_flight as f64)?;
     to.gauge("sessions_open", "Open sessions", status.counts().sessions_open as f64)?;
+    let pressure = status.pressed();
+    to.gauges(
+        "pressure_processes",
+        "What views ask for, each by its cheapest way within its error bound, and what they lack of it, in processes",
+        [([("what", "asked")], pressure.asked), ([("what", "lacking")], pressure.lacking)],
+    )?;
     let refinements = status.refined();
     to.gauges(
         "refinements",

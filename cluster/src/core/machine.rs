@@ -291,10 +291,11 @@ impl Core {
             // A shell that was held up for several ticks closes one, which counts everything since.
             self.tick_began = now;
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
-            let ordered = self.samples.tick(&self.workers, ticks, now);
+            let (views, cluster) = self.parts();
+            let lacking = views.tick(cluster, now);
+            let ordered = self.samples.tick(&self.workers, ticks, lacking, now);
             self.workers.count(WorkKind::Samples, ordered as u64);
             self.workers.tick(ticks);
-            self.views.tick(now);
         }
         self.seek_visibility(actions);
         if let Some(split) = self.workers.better_split(now) {
@@ -314,9 +315,7 @@ impl Core {
             let Some(given) = views.next(&mut round, cluster, now) else { return };
             let (sources, to_render) = self.samples.find(given.worker, &given.samples, &self.workers, now);
             self.workers.count(WorkKind::Samples, to_render);
-            if let Some(kind) = given.decided {
-                self.workers.count(kind, 1);
-            }
+            given.decided.iter().for_each(|(kind, n)| self.workers.count(*kind, *n));
             let (views, cluster) = self.parts();
             let Some((order, queued)) = views.give(&given, sources, cluster) else { continue };
             self.workers.begin(given.worker, given.view_id, queued);

@@ -46,7 +46,20 @@ pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> StatusR
         workers: workers.iter().map(worker_status).collect(),
         error_factor: samples.error_factor(),
         counters: Some(counters(workers, views)),
+        pressure: Some(pressure(samples, views, workers.queues().anyone().len())),
         ..StatusResponse::default()
+    }
+}
+
+/// What views ask for, and what is done about it.
+fn pressure(samples: &Samples, views: &Views, answering: usize) -> v1::Pressure {
+    let (pressure, lot) = (views.pressure(), samples.lot());
+    v1::Pressure {
+        asked: pressure.asked,
+        lacking: pressure.lacking,
+        answering: answering as u32,
+        samples_coming: samples.coming() as u32,
+        carried_in_ms: (lot.secs > 0.0).then(|| (lot.secs - lot.passed_secs).max(0.0) * 1e3),
     }
 }
 

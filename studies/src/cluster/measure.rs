@@ -22,6 +22,9 @@ use crate::burst::{connect, patient};
 use crate::local_cluster::LocalCluster;
 use crate::processes::cpu_secs;
 
+/// Longest time until pipelines are compiled, roles are stable, and a still scene has its samples.
+const MOST_SETTLING: Duration = Duration::from_secs(300);
+
 /// One run of a cluster.
 #[derive(Debug, Clone)]
 pub(super) struct Run<'a> {
@@ -261,20 +264,16 @@ async fn watch(
             break;
         }
         anyhow::ensure!(
-            begin.elapsed() < Duration::from_secs(300),
+            begin.elapsed() < MOST_SETTLING,
             "the first ticks take more than five minutes"
         );
     }
-    let before = snapshot(client, cluster).await?;
-    let (from, frames_before, begin) = {
-        let mut sums = sums.lock();
-        sums.parts = Parts::default();
-        (sums.whole(run.views), sums.frames, Instant::now())
-    };
-    while whole(sums, run.views)? < from + run.ticks {
-        pause().await;
+    let mut stretch = stretch_of(run, cluster, client, sums).await?;
+    // A sample that was late on a busy machine belongs to the time before: such a stretch is measured anew.
+    while run.method == Method::Still && stretch.samples_rendered() > 0 && begin.elapsed() < MOST_SETTLING {
+        stretch = stretch_of(run, cluster, client, sums).await?;
     }
-    let after = snapshot(client, cluster).await?;
+    let Stretch { before, after, frames_before, begin } = stretch;
     let sums = sums.lock();
     // Count ticks by frames between the two snapshots. Two ticks are in flight at a time, so the ends of single ticks
     // would be less exact.
@@ -319,6 +318,41 @@ async fn watch(
         holding: count(|w| w.holding_ms * 1e-3),
         cpu,
     })
+}
+
+/// The ticks between two moments.
+struct Stretch {
+    before: Snapshot,
+    after: Snapshot,
+    /// Frames that came before the first moment, and its time.
+    frames_before: u64,
+    begin: Instant,
+}
+
+impl Stretch {
+    fn samples_rendered(&self) -> u64 {
+        let of = |snapshot: &Snapshot| snapshot.status.workers.iter().map(|w| w.samples_rendered).sum::<u64>();
+        of(&self.after).saturating_sub(of(&self.before))
+    }
+}
+
+/// Waits for as many ticks as a run measures.
+async fn stretch_of(
+    run: &Run<'_>,
+    cluster: &LocalCluster,
+    client: &Client,
+    sums: &Mutex<Sums>,
+) -> Result<Stretch> {
+    let before = snapshot(client, cluster).await?;
+    let (from, frames_before, begin) = {
+        let mut sums = sums.lock();
+        sums.parts = Parts::default();
+        (sums.whole(run.views), sums.frames, Instant::now())
+    };
+    while whole(sums, run.views)? < from + run.ticks {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+    }
+    Ok(Stretch { before, after: snapshot(client, cluster).await?, frames_before, begin })
 }
 
 /// The cluster's status and CPU times at one moment.

@@ -1,9 +1,14 @@
 //! Which samples are worth their price: their savings and costs in seconds of one process.
+//!
+//! While views have the time that they are worth, one bundle is rendered at a time, by workers that are idle. While they lack
+//! time, all bundles that pay are rendered *at once*, best first, as many as save what is lacking: the samplers, of which the balance
+//! formula says how many there are, leave views to the other workers until these samples are there.
 
 use argus_scene::FaceMask;
 
 use super::Samples;
 use super::investments::Bundle;
+use crate::core::event::WorkerId;
 use crate::core::workers::Workers;
 
 /// The usual number of sub-samples of a texel.
@@ -11,6 +16,26 @@ const SUB_SAMPLES: u64 = 4;
 
 /// Seconds of a single ray until one was measured.
 const USUAL_RAY_SECS: f64 = 2e-6;
+
+/// Samplers render at once for at most this many times the predicted time: it may be wrong, and views are not left to others
+/// without end.
+const PATIENCE: f64 = 3.0;
+
+/// Samples that are rendered at once, since views lack time.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(in crate::core) struct Lot {
+    /// Predicted seconds until they are there; 0 without any.
+    pub(in crate::core) secs: f64,
+    /// Seconds since they were decided.
+    pub(in crate::core) passed_secs: f64,
+}
+
+impl Lot {
+    /// Whether samplers still leave views to others.
+    fn lasts(self) -> bool {
+        self.passed_secs < PATIENCE * self.secs
+    }
+}
 
 impl Samples {
     /// Learns the seconds that views would have saved with these faces of cameras' samples.
@@ -24,40 +49,82 @@ impl Samples {
         self.placement.credit(used, pixels / used.len().max(1) as f64);
     }
 
-    /// Closes a tick: invests in the bundle that saves most for its price. One bundle is rendered at a time. Returns
-    /// the number of samples to render.
-    pub(super) fn invest(&mut self, workers: &Workers, ticks: f64) -> usize {
-        self.investments.tick(ticks);
-        let is_coming = |index: u64| {
-            let faces = self.placement.faces(index);
-            faces.is_some_and(|faces| self.locations.holders_of(self.served(index), faces).next().is_none())
-        };
-        if !(self.config.refining_share > 0.0) || self.placement.placed().any(is_coming) {
+    /// Closes a tick: invests in the bundles that save most for their price, once those that were chosen before are there. `lacking`
+    /// is the number of processes that views lack. Returns the number of samples to render.
+    pub(super) fn invest(&mut self, workers: &Workers, ticks: f64, lacking: f64) -> usize {
+        let tick_secs = self.config.tick.as_secs_f64();
+        self.investments.tick(ticks, lacking > 0.0);
+        self.lot.passed_secs += ticks * tick_secs;
+        if !(self.config.refining_share > 0.0) || self.placed_are_coming() {
             return 0;
         }
+        self.lot = Lot::default();
         let Some(sample_secs) = self.sample_price_secs(workers) else { return 0 };
+        let (mut missing, mut price_secs, mut lacking_secs) = (0, 0.0, lacking * tick_secs);
+        while let Some(chosen) = self.best_bundle(sample_secs, workers) {
+            missing += self.missing(&chosen.bundle).count();
+            price_secs += chosen.price_secs;
+            let pixels = pixels_for(chosen.secs_a_tick, workers) / chosen.bundle.len() as f64;
+            chosen.bundle.iter().for_each(|(index, faces)| self.placement.invest(*index, *faces, pixels));
+            self.changed = true;
+            lacking_secs -= chosen.secs_a_tick;
+            if !(lacking_secs > 0.0) {
+                break;
+            }
+        }
+        if lacking > 0.0 {
+            let samplers = workers.queues().samplers().len().max(1);
+            self.lot = Lot { secs: price_secs / samplers as f64, passed_secs: 0.0 };
+        }
+        missing
+    }
+
+    /// The bundle that saves most for its price, if there is room for it.
+    fn best_bundle(&self, sample_secs: f64, workers: &Workers) -> Option<Chosen> {
         let price = |bundle: &[(u64, FaceMask)]| sample_secs * self.whole_samples(bundle);
         let ticks_an_epoch = match self.versions.moves() {
             true => self.config.epoch.as_secs_f64() / self.config.tick.as_secs_f64(),
             false => f64::INFINITY,
         };
-        let Some((bundle, secs)) = self.investments.best(price, ticks_an_epoch) else { return 0 };
-        let (bundle, missing) = (bundle.to_vec(), self.missing(bundle).count());
+        let (bundle, secs_a_tick) = self.investments.best(price, ticks_an_epoch)?;
         let most = (self.config.refining_bytes / self.sample_bytes(workers).max(1)) as usize;
         let placed_anew = bundle.iter().filter(|(index, _)| !self.placement.is_placed(*index)).count();
-        if self.placement.placed().count() + placed_anew > most {
-            return 0;
-        }
-        let pixels = pixels_for(secs, workers) / bundle.len() as f64;
-        bundle.iter().for_each(|(index, faces)| self.placement.invest(*index, *faces, pixels));
-        self.changed = true;
-        missing
+        let there_is_room = self.placement.placed().count() + placed_anew <= most;
+        let chosen = || Chosen { bundle: bundle.to_vec(), price_secs: price(bundle), secs_a_tick };
+        there_is_room.then(chosen)
     }
 
-    /// The faces of a bundle that no worker holds, by camera.
+    /// Whether placed samples are not held by any worker yet.
+    fn placed_are_coming(&self) -> bool {
+        self.placement.placed().any(|index| self.is_coming(index))
+    }
+
+    fn is_coming(&self, index: u64) -> bool {
+        let faces = self.placement.faces(index);
+        faces.is_some_and(|faces| self.locations.holders_of(self.served(index), faces).next().is_none())
+    }
+
+    /// Samples that are rendered at once, since views lack time.
+    pub(in crate::core) fn lot(&self) -> Lot {
+        self.lot
+    }
+
+    /// Number of placed samples that no worker holds yet.
+    pub(in crate::core) fn coming(&self) -> usize {
+        self.placement.placed().filter(|index| self.is_coming(*index)).count()
+    }
+
+    /// Whether a worker renders samples at once, and leaves views to others.
+    pub(in crate::core) fn renders_at_once(&self, worker: WorkerId) -> bool {
+        self.lot.lasts() && self.has_to_render(worker, |index| self.is_coming(index))
+    }
+
+    /// The faces of a bundle that no worker holds or will hold, by camera.
     fn missing(&self, bundle: &[(u64, FaceMask)]) -> impl Iterator<Item = FaceMask> {
-        let lacked =
-            |(index, faces): &(u64, FaceMask)| faces.without(self.locations.faces_held(self.served(*index)));
+        let lacked = |(index, faces): &(u64, FaceMask)| {
+            let placed = self.placement.faces(*index).unwrap_or(FaceMask::NONE);
+            faces.without(self.locations.faces_held(self.served(*index))).without(placed)
+        };
         bundle.iter().map(lacked).filter(|faces| !faces.is_empty())
     }
 
@@ -76,6 +143,13 @@ impl Samples {
         };
         workers.costs().sample_secs().or_else(as_a_view).filter(|secs| *secs > 0.0)
     }
+}
+
+/// A bundle that is worth its price.
+struct Chosen {
+    bundle: Bundle,
+    price_secs: f64,
+    secs_a_tick: f64,
 }
 
 /// Converts seconds of one process to pixels of holes: the rays that could be traced in that time.

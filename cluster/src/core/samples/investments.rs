@@ -15,6 +15,9 @@ const HORIZON_TICKS: f64 = 60.0;
 /// Weight of the newest tick in a bundle's average savings: a short visit of a viewer is no reason to invest.
 const WEIGHT: f64 = 0.1;
 
+/// The same while views lack time: then a short visit is, since each view that is cheaper leaves time to the others.
+const WEIGHT_UNDER_LOAD: f64 = 0.5;
+
 /// Most remembered bundles: those that save most.
 const MOST_BUNDLES: usize = 256;
 
@@ -61,8 +64,9 @@ impl Investments {
     }
 
     /// Closes a tick.
-    pub(super) fn tick(&mut self, ticks: f64) {
-        let weight = 1.0 - (1.0 - WEIGHT).powf(ticks);
+    pub(super) fn tick(&mut self, ticks: f64, under_load: bool) {
+        let newest = if under_load { WEIGHT_UNDER_LOAD } else { WEIGHT };
+        let weight = 1.0 - (1.0 - newest).powf(ticks);
         for savings in self.bundles.values_mut() {
             let a_tick = savings.fresh_secs / ticks.max(1.0);
             savings.secs_a_tick += weight * (a_tick - savings.secs_a_tick);
@@ -111,7 +115,7 @@ mod tests {
         for _ in 0..ticks {
             investments.learn(whole(&[3, 1]), secs_a_tick / 2.0);
             investments.learn(whole(&[1, 3]), secs_a_tick / 2.0);
-            investments.tick(1.0);
+            investments.tick(1.0, false);
         }
         investments
     }
@@ -128,6 +132,10 @@ mod tests {
             None,
             "3 s are saved at most, and 4 s is the price"
         );
+        let mut under_load = Investments::default();
+        under_load.learn(whole(&[1, 3]), 0.2);
+        under_load.tick(1.0, true);
+        assert!(under_load.best(price, f64::INFINITY).is_some(), "there is no time to wait");
     }
 
     #[test]
@@ -143,7 +151,7 @@ mod tests {
         for _ in 0..50 {
             investments.learn(whole(&[1]), 1.0);
             investments.learn(whole(&[2]), 2.0);
-            investments.tick(1.0);
+            investments.tick(1.0, false);
         }
         let of = |prices: [f64; 3]| investments.best(|b| prices[b[0].0 as usize], 60.0).map(|(b, _)| b[0].0);
         assert_eq!(of([0.0, 1.0, 1.0]), Some(2));
@@ -162,10 +170,10 @@ mod tests {
             investments.learn(whole(&[1 << 40]), secs);
         }
         investments.learn(Vec::new(), 1.0);
-        investments.tick(1.0);
+        investments.tick(1.0, false);
         assert_eq!(investments.bundles.len(), MOST_BUNDLES);
         assert!(!investments.bundles.contains_key(&vec![1 << 40]));
-        (0..400).for_each(|_| investments.tick(1.0));
+        (0..400).for_each(|_| investments.tick(1.0, false));
         assert!(investments.bundles.is_empty(), "interest fades");
     }
 
@@ -176,7 +184,7 @@ mod tests {
         for _ in 0..50 {
             investments.learn(vec![(3, left), (1, left)], 1.0);
             investments.learn(vec![(1, right), (3, left)], 1.0);
-            investments.tick(1.0);
+            investments.tick(1.0, false);
         }
         let (bundle, secs) = investments.best(|_| 1.0, 60.0).unwrap();
         assert_eq!(bundle, [(1, left.union(right)), (3, left)]);

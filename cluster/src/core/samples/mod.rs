@@ -45,6 +45,7 @@ use calibrated_error::CalibratedError;
 use cameras::Cameras;
 use directory::Directory;
 use distribution::DistributionTrees;
+use invest::Lot;
 use investments::Investments;
 use recent_use::RecentUse;
 use versions::Versions;
@@ -61,6 +62,7 @@ pub(super) struct Samples {
     trees: DistributionTrees,
     placement: Placement,
     investments: Investments,
+    lot: Lot,
     recent: RecentUse,
     /// Correction of predicted errors of views from samples.
     error: CalibratedError,
@@ -86,6 +88,7 @@ impl Samples {
             trees: DistributionTrees::default(),
             placement: Placement::default(),
             investments: Investments::default(),
+            lot: Lot::default(),
             recent: RecentUse::default(),
             error: CalibratedError::default(),
             versions,
@@ -222,10 +225,10 @@ impl Samples {
     }
 
     /// Closes a tick: places samples where views lack them and where they are worth their price, and forgets unneeded
-    /// ones. Returns the number of samples to render.
-    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, now: Uptime) -> usize {
+    /// ones. `lacking` is the number of processes that views lack. Returns the number of samples to render.
+    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, lacking: f64, now: Uptime) -> usize {
         let placed = self.place(workers, ticks);
-        let invested = self.invest(workers, ticks);
+        let invested = self.invest(workers, ticks, lacking);
         self.directory.prune(&self.locations, now);
         self.error.relax(ticks * self.config.tick.as_secs_f64());
         self.changed = true;

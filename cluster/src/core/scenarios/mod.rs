@@ -5,6 +5,7 @@ mod copies;
 mod crowd;
 mod epochs;
 mod frames;
+mod investing;
 mod open;
 mod placement;
 mod property;

@@ -31,7 +31,7 @@ pub(in crate::core) struct Given {
     /// The samples of its plan, and how much the view depends on each.
     pub(in crate::core) samples: Vec<(SampleId, Access)>,
     /// The demand to count, if the way was open until now.
-    pub(in crate::core) decided: Option<WorkKind>,
+    pub(in crate::core) decided: Vec<(WorkKind, u64)>,
 }
 
 /// The result of trying to dispatch a view.
@@ -133,7 +133,7 @@ impl Views {
             let queued = QueuedView { predicted_ms: 0.0, direct: view.is_direct(), work: view.work() };
             self.load.asks(cluster.workers.costs().expected_secs(&queued) * 1e3, now);
         }
-        Attempt::Given(Given { view_id, worker, samples, decided: None })
+        Attempt::Given(Given { view_id, worker, samples, decided: Vec::new() })
     }
 
     /// Chooses plan and worker of a view that leaves the way open.
@@ -158,9 +158,13 @@ impl Views {
             open.decision = Some(decision);
         }
         self.in_flight.add(view);
-        let kind = if view.is_direct() { WorkKind::DirectAnywhere } else { WorkKind::Views };
+        let micros = worth_ms.map_or(0, |ms| (ms * 1e3) as u64);
+        let decided = match view.is_direct() {
+            _ if view.attempt > 0 => Vec::new(),
+            true => vec![(WorkKind::DirectAnywhere, 1), (WorkKind::MicrosAnywhere, micros)],
+            false => vec![(WorkKind::Views, 1)],
+        };
         let samples = view.samples().iter().map(|id| (*id, Access::AtHand)).collect();
-        let decided = (view.attempt == 0).then_some(kind);
         Attempt::Given(Given { view_id, worker: offer.worker, samples, decided })
     }
 

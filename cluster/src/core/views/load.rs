@@ -80,10 +80,25 @@ impl Load {
     /// The milliseconds that a view may take whose cheapest way within its bound takes `ms`; infinite while all that is asked
     /// is carried. `queued_ms` is the time of the views that wait, `processes` the number of workers that answer views.
     pub(super) fn most_ms(&self, ms: f64, queued_ms: f64, processes: usize, now: Uptime) -> f64 {
-        let there_is = CARRIED * processes as f64 - self.fixed.at(now);
+        let there_is = self.there_is(processes, now);
         let asked = self.open.at(now) + queued_ms / DRAIN_MS.max(DRAIN_VIEWS * ms);
         // Written so that nothing asked is all carried.
         if asked > there_is { ms * (there_is / asked).max(0.0) + self.left_ms } else { f64::INFINITY }
+    }
+
+    /// Processes that are asked for by views, each by the cheapest way within its bound.
+    pub(super) fn asked(&self, now: Uptime) -> f64 {
+        self.open.at(now) + self.fixed.at(now)
+    }
+
+    /// Processes that open views lack, since all that is asked is more than is carried; 0 if it is carried.
+    pub(super) fn lacking(&self, processes: usize, now: Uptime) -> f64 {
+        (self.open.at(now) - self.there_is(processes, now).max(0.0)).max(0.0)
+    }
+
+    /// Processes that there are for open views.
+    fn there_is(&self, processes: usize, now: Uptime) -> f64 {
+        CARRIED * processes as f64 - self.fixed.at(now)
     }
 }
 
@@ -165,6 +180,15 @@ mod tests {
         assert!((taken / (100.0 * share) - 1.0).abs() < 0.02, "{taken} of {share}");
         load.took(0.0, f64::INFINITY);
         assert_eq!(load.most_ms(100.0, 0.0, 2, now), share, "nothing is saved up while all is carried");
+    }
+
+    #[test]
+    fn what_is_lacking_is_what_is_asked_beyond_what_is_carried() {
+        let (load, now) = after(100.0, 80.0);
+        assert!((load.lacking(2, now) - (8.0 - CARRIED * 2.0)).abs() < 0.5, "{}", load.lacking(2, now));
+        assert!((load.asked(now) - 8.0).abs() < 0.5);
+        assert_eq!(load.lacking(20, now), 0.0);
+        assert!(load.lacking(0, now) > 7.0, "without workers, all is lacking");
     }
 
     #[test]

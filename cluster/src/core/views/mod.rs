@@ -52,8 +52,8 @@ use admission::Admission;
 use load::Load;
 use pending::{InFlight, Pending, Waiting};
 
-/// Most surveys for bundles in a tick. Demand for samples changes slowly.
-const MOST_BUNDLE_SURVEYS: u32 = 4;
+/// Most surveys for bundles in a tick. Each stands for the views since the last one.
+const MOST_BUNDLE_SURVEYS: u32 = 8;
 
 /// Counts of views since the coordinator started.
 #[derive(Debug, Clone, Copy, Default)]
@@ -70,6 +70,15 @@ pub(super) struct ViewCounts {
     pub(super) superseded: u64,
     /// Frames that were rejected because of their error.
     pub(super) frames_refused: u64,
+}
+
+/// What views ask of the cluster, in processes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pressure {
+    /// By all views, each by its cheapest way within its bound.
+    pub(super) asked: f64,
+    /// By open views, beyond what is carried.
+    pub(super) lacking: f64,
 }
 
 /// All open views, and the usage of clients.
@@ -93,6 +102,8 @@ pub(super) struct Views {
     unsurveyed: u32,
     /// What is asked of the cluster.
     load: Load,
+    /// What was asked of it, and lacking, at the last tick.
+    pressure: Pressure,
     /// Whether new views are refused.
     draining: bool,
     counts: ViewCounts,
@@ -112,6 +123,7 @@ impl Views {
             bundle_surveys_left: Cell::default(),
             unsurveyed: 0,
             load: Load::default(),
+            pressure: Pressure::default(),
             draining: false,
             counts: ViewCounts::default(),
             config: config.clone(),
@@ -206,10 +218,18 @@ impl Views {
         self.counts.superseded += 1;
     }
 
-    /// Ends a tick.
-    pub(super) fn tick(&mut self, now: Uptime) {
+    /// Ends a tick. Returns the number of processes that views lack.
+    pub(super) fn tick(&mut self, cluster: Cluster<'_>, now: Uptime) -> f64 {
         self.bundle_surveys_left.set(MOST_BUNDLE_SURVEYS);
         self.admission.prune(now);
+        let lacking = self.load.lacking(cluster.answering(), now);
+        self.pressure = Pressure { asked: self.load.asked(now), lacking };
+        lacking
+    }
+
+    /// What was asked of the cluster, and lacking, at the last tick.
+    pub(super) fn pressure(&self) -> Pressure {
+        self.pressure
     }
 
     /// The survey that tells which bundle of samples would have served a view. `None` for most views: a few per tick

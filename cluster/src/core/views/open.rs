@@ -191,6 +191,11 @@ impl Cluster<'_> {
         };
         let asked = able(&ids);
         let fresh: Vec<&Worker> = asked.iter().copied().filter(untried).collect();
+        let free = fresh.iter().copied().filter(|worker| !self.samples.renders_at_once(worker.id()));
+        let free: Vec<&Worker> = free.collect();
+        if !free.is_empty() {
+            return free;
+        }
         if !fresh.is_empty() {
             return fresh;
         }
@@ -212,9 +217,22 @@ impl Cluster<'_> {
 
     /// Milliseconds that a view may take whose cheapest way within its bound takes `ms`.
     pub(super) fn most_ms(&self, load: &Load, ms: f64, now: Uptime) -> f64 {
-        let answering = self.workers.queues().anyone().len();
         let queued_ms: f64 = self.workers.iter().map(Worker::queued_ms).sum();
-        load.most_ms(ms, queued_ms, answering, now)
+        load.most_ms(ms, queued_ms, self.free(), now)
+    }
+
+    /// Number of workers that answer views.
+    pub(super) fn answering(&self) -> usize {
+        self.workers.queues().anyone().len()
+    }
+
+    /// Number of workers that answer views now: those that render samples at once leave them to the others, if there are others.
+    fn free(&self) -> usize {
+        let busy = self.workers.iter().filter(|w| w.answers() && self.samples.renders_at_once(w.id())).count();
+        match self.answering().saturating_sub(busy) {
+            0 => self.answering(),
+            free => free,
+        }
     }
 
     /// Cost of a view from triangles at a worker, by the pixels that are rendered: as measured by it or by a worker with the same

@@ -10,7 +10,9 @@
 //! ```
 //!
 //! P − K processes *composite*: V views at c seconds each, b = V·c. Direct views whose request leaves the way open
-//! are answered by any process, and count here as well: b = V·c + D_open·g_direct. Both kinds of work divide freely
+//! are answered by any process, and count here as well: b = V·c + D_open·g_open, where g_open is the cheapest way within a
+//! view's bound. What is rendered in less detail, since there is no time, counts in full: the demand is what views ask for, not
+//! what they get. Both kinds of work divide freely
 //! among the processes of their stage. The next tick's samples are rendered while this tick's views are composed, so
 //! a tick takes as long as the slower stage (the cluster paper's eq. 2 with a = S·g, b = V·c):
 //!
@@ -80,6 +82,8 @@ pub struct Demand {
     pub views: f64,
     /// Views from triangles that any process answers: those whose request leaves the way open.
     pub direct_anywhere: f64,
+    /// Their seconds by the cheapest ways within their bounds; 0 if unknown, and then each counts as a direct view.
+    pub anywhere_secs: f64,
 }
 
 /// Costs, seconds of one process.
@@ -130,7 +134,10 @@ impl Load {
         let samples = work(demand.samples, costs.sample_secs);
         let direct = work(demand.direct, costs.direct_secs);
         let rays = work(demand.rays, costs.ray_secs);
-        let anywhere = work(demand.direct_anywhere, costs.direct_secs);
+        let anywhere = match measured(demand.anywhere_secs) {
+            0.0 => work(demand.direct_anywhere, costs.direct_secs),
+            secs => secs,
+        };
         Self {
             sampling_secs: measured(samples + direct + rays),
             compositing_secs: measured(work(demand.views, costs.view_secs) + anywhere),
@@ -362,7 +369,7 @@ mod tests {
             assert_eq!(split(&demand, &unknown_g, 6), Split::Divided(1), "g = {bad}");
             let unknown_c = Costs { view_secs: bad, ..costs() };
             assert_eq!(split(&demand, &unknown_c, 6), Split::Divided(5), "c = {bad}");
-            let strange = Demand { samples: bad, views: bad, rays: bad, direct: bad, direct_anywhere: bad };
+            let strange = Demand { samples: bad, views: bad, rays: bad, direct: bad, direct_anywhere: bad, anywhere_secs: bad };
             assert_eq!(Load::of(&strange, &costs()), Load::default(), "demand {bad}");
             assert_eq!(samplers(load(bad, bad), 6), 1);
         }

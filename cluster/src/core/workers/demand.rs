@@ -12,6 +12,8 @@ pub(in crate::core) enum WorkKind {
     Direct,
     /// Views from triangles whose request left the way open.
     DirectAnywhere,
+    /// Microseconds of these views, by the cheapest ways within their bounds.
+    MicrosAnywhere,
     /// V: views from samples.
     Views,
     /// R: single rays.
@@ -24,6 +26,7 @@ pub(super) struct Rates {
     samples: Rate,
     direct: Rate,
     direct_anywhere: Rate,
+    micros_anywhere: Rate,
     views: Rate,
     rays: Rate,
 }
@@ -32,7 +35,14 @@ impl Rates {
     /// Starts without counts; `weight` of the newest tick is in (0, 1].
     pub(super) fn new(weight: f64) -> Self {
         let rate = || Rate::new(weight);
-        Self { samples: rate(), direct: rate(), direct_anywhere: rate(), views: rate(), rays: rate() }
+        Self {
+            samples: rate(),
+            direct: rate(),
+            direct_anywhere: rate(),
+            micros_anywhere: rate(),
+            views: rate(),
+            rays: rate(),
+        }
     }
 
     /// Counts in the current tick.
@@ -41,6 +51,7 @@ impl Rates {
             WorkKind::Samples => &mut self.samples,
             WorkKind::Direct => &mut self.direct,
             WorkKind::DirectAnywhere => &mut self.direct_anywhere,
+            WorkKind::MicrosAnywhere => &mut self.micros_anywhere,
             WorkKind::Views => &mut self.views,
             WorkKind::Rays => &mut self.rays,
         };
@@ -49,8 +60,9 @@ impl Rates {
 
     /// Closes the tick.
     pub(super) fn roll(&mut self) {
-        let Self { samples, direct, direct_anywhere, views, rays } = self;
-        [samples, direct, direct_anywhere, views, rays].into_iter().for_each(Rate::roll);
+        let Self { samples, direct, direct_anywhere, micros_anywhere, views, rays } = self;
+        let all = [samples, direct, direct_anywhere, micros_anywhere, views, rays];
+        all.into_iter().for_each(Rate::roll);
     }
 
     /// The demand per closed tick.
@@ -59,6 +71,7 @@ impl Rates {
             samples: self.samples.per_tick(),
             direct: self.direct.per_tick(),
             direct_anywhere: self.direct_anywhere.per_tick(),
+            anywhere_secs: self.micros_anywhere.per_tick() * 1e-6,
             rays: self.rays.per_tick(),
             views: self.views.per_tick(),
         }
