@@ -1,6 +1,6 @@
 //! Arguments of `argus study service`.
 
-use argus_studies::service::{Options, Walk, run};
+use argus_studies::service::{Mode, Options, Walk, run};
 use argus_studies::{Effort as _, Report};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use indicatif::ProgressBar;
@@ -14,7 +14,7 @@ use crate::args;
 /// Without --scene: terrain:500000; without --size: 320x240. Each mode has a new cluster. Cold: clients send as soon
 /// as there is an address. Warm: the same walk again, after a warm-up walk and time to settle. Each view's due time
 /// is fixed beforehand, and its latency counts from then; a view without a frame after 30 s has failed and counts
-/// with that time. Twelve views of each phase are compared with direct views of 16 samples a pixel. The planner's
+/// with that time. 24 views of each phase are compared with direct views of 16 samples a pixel. The planner's
 /// predictions are compared with the frames: time_predicted is the share of frames within 30% or 3 ms, error_bounded
 /// the share of frames from samples whose error is at most the predicted one, planning_us the coordinator's
 /// microseconds a view. Takes two or three minutes a run, more if views are late.
@@ -57,6 +57,9 @@ pub(super) struct Service {
     /// 24]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10_000))]
     regret_views: Option<u32>,
+    /// A way of requesting views; may be given more than once [default: all]
+    #[arg(long, value_name = "MODE", value_parser = mode())]
+    mode: Vec<Mode>,
     /// Also measure two and four times the capacity for direct views, in every mode: `share_of_peak` is the rate of
     /// answered views over that of the best forced method that is as good. Takes two or three minutes more a run
     #[arg(long)]
@@ -69,6 +72,11 @@ pub(super) struct Service {
 fn walk() -> impl TypedValueParser<Value = Walk> {
     PossibleValuesParser::new(Walk::ALL.map(Walk::name))
         .map(|name| Walk::ALL.into_iter().find(|walk| walk.name() == name).unwrap_or(Walk::Steady))
+}
+
+fn mode() -> impl TypedValueParser<Value = Mode> {
+    PossibleValuesParser::new(Mode::ALL.map(Mode::name))
+        .map(|name| Mode::ALL.into_iter().find(|mode| mode.name() == name).unwrap_or(Mode::Default))
 }
 
 impl Service {
@@ -84,6 +92,7 @@ impl Service {
         options.runs = self.runs.map_or(options.runs, usize::from);
         options.empty_caches = self.empty_caches;
         options.regret_views = self.regret_views.unwrap_or(options.regret_views);
+        options.modes = self.mode;
         options.overload = self.overload;
         options.serve = self.serve;
         run(&std::env::current_exe()?, &options, progress).await

@@ -29,9 +29,10 @@ use argus_client::{Client, ClusterStatus, ConnectOptions, RenderOptions};
 use argus_scene::{Frame, Outputs, Plan, View};
 use indicatif::ProgressBar;
 
+pub use self::mode::Mode;
 pub use self::walk::Walk;
 
-use self::mode::{Mode, Phase};
+use self::mode::Phase;
 use self::row::{Measured, plot, row};
 use self::truth::{Judged, Truths};
 use self::watch::{Samples, settle};
@@ -67,6 +68,8 @@ pub struct Options {
     pub empty_caches: bool,
     /// Views rendered one at a time with every method, to measure the planner's regret; 0: none.
     pub regret_views: u32,
+    /// The ways of requesting views that are measured; empty: all.
+    pub modes: Vec<Mode>,
     /// Whether to measure loads beyond the capacity of direct views too, on further clusters.
     pub overload: bool,
     /// Further arguments of `argus serve`, such as the rig's.
@@ -84,10 +87,11 @@ impl Default for Options {
             seconds: 10.0,
             workers: 2,
             runs: 1,
-            judged: 12,
+            judged: 24,
             settle_secs: 15.0,
             empty_caches: false,
             regret_views: 24,
+            modes: Vec::new(),
             overload: false,
             serve: Vec::new(),
         }
@@ -143,16 +147,20 @@ const PHASES: [Phase; 2] = [Phase::Cold, Phase::Warm];
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     let runs = options.runs.max(1);
     let phases = PHASES.len() + if options.overload { 2 } else { 0 };
-    progress.set_length((runs * Mode::ALL.len() * phases) as u64);
+    let modes = match options.modes.is_empty() {
+        true => Mode::ALL.to_vec(),
+        false => options.modes.clone(),
+    };
+    progress.set_length((runs * modes.len() * phases) as u64);
     let (mut truths, mut measured, mut device) = (Truths::default(), Vec::new(), String::new());
     if !options.empty_caches {
         progress.set_message("filling caches");
         fill_caches(argus, options).await.context("filling caches")?;
     }
     for run in 0..runs {
-        for turn in 0..Mode::ALL.len() {
+        for turn in 0..modes.len() {
             // Modes take turns to be first, so that none always profits from the one before it.
-            let mode = Mode::ALL[(run + turn) % Mode::ALL.len()];
+            let mode = modes[(run + turn) % modes.len()];
             let outcome = of_mode(argus, options, mode, &mut truths, progress).await;
             let (used, phases) = outcome.with_context(|| format!("mode {}", mode.name()))?;
             device = used;

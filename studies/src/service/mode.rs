@@ -4,7 +4,7 @@ use argus_scene::{PlanRequest, Search};
 
 /// How views are requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Mode {
+pub enum Mode {
     /// The service chooses the plan.
     Default,
     /// Rendered from triangles.
@@ -14,9 +14,11 @@ pub(super) enum Mode {
 }
 
 impl Mode {
-    pub(super) const ALL: [Self; 3] = [Self::Default, Self::Direct, Self::Warp];
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Default, Self::Direct, Self::Warp];
 
-    pub(super) fn name(self) -> &'static str {
+    /// The name in arguments and rows.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Default => "default",
             Self::Direct => "direct",

@@ -150,6 +150,7 @@ impl Views {
         if view.attempt == 0 {
             self.load.asks_openly(worth_ms.unwrap_or(0.0), now);
             self.load.took(decision.render_ms, most_ms);
+            self.load.follow((decision.render_ms, most_ms), cluster.work(), now);
         }
         self.in_flight.subtract(view);
         view.plan = offer.plan;

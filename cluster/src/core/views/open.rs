@@ -6,7 +6,7 @@ use argus_scene::rig::{Among, Survey};
 use argus_scene::{Camera, Detail, FaceMask, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
-use super::load::Load;
+use super::load::{Load, Work};
 use super::open_view::OpenView;
 use super::output::Output;
 use super::pending::Pending;
@@ -217,8 +217,12 @@ impl Cluster<'_> {
 
     /// Milliseconds that a view may take whose cheapest way within its bound takes `ms`.
     pub(super) fn most_ms(&self, load: &Load, ms: f64, now: Uptime) -> f64 {
-        let queued_ms: f64 = self.workers.iter().map(Worker::queued_ms).sum();
-        load.most_ms(ms, queued_ms, self.free(), now)
+        load.most_ms(ms, self.work(), now)
+    }
+
+    /// What there is to do, and the workers that do it.
+    pub(super) fn work(&self) -> Work {
+        Work { queued_ms: self.workers.iter().map(Worker::queued_ms).sum(), processes: self.free() }
     }
 
     /// Number of workers that answer views.
