@@ -15,7 +15,7 @@ use crate::args;
 /// as there is an address. Warm: the same walk again, after a warm-up walk and time to settle. Each view's due time
 /// is fixed beforehand, and its latency counts from then; a view without a frame after 30 s has failed and counts
 /// with that time. 24 views of each phase are compared with direct views of 16 samples a pixel. The planner's
-/// predictions are compared with the frames: time_predicted is the share of frames within 30% or 3 ms, error_bounded
+/// predictions are compared with the frames: time_predicted is the share of frames within 30% or 5 ms, error_bounded
 /// the share of frames from samples whose error is at most the predicted one, planning_us the coordinator's
 /// microseconds a view. Takes two or three minutes a run, more if views are late.
 #[derive(clap::Args)]

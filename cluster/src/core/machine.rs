@@ -318,7 +318,7 @@ impl Core {
             given.decided.iter().for_each(|(kind, n)| self.workers.count(*kind, *n));
             let (views, cluster) = self.parts();
             let Some((order, queued)) = views.give(&given, sources, cluster) else { continue };
-            self.workers.begin(given.worker, given.view_id, queued);
+            self.workers.begin(given.worker, given.view_id, queued, now);
             self.samples.begin(given.worker, given.samples.iter().map(|(id, _)| *id));
             actions.push(Action::Dispatch { view_id: given.view_id, order });
         }
@@ -337,7 +337,7 @@ impl Core {
             }
             Output::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
             Output::TakenBack { worker, view_id, samples, answered } => {
-                if self.workers.end(worker, view_id) {
+                if self.workers.end(worker, view_id, now) {
                     self.samples.end(worker, &samples, answered);
                 }
             }

@@ -263,10 +263,7 @@ async fn watch(
         if whole(sums, run.views)? >= 2 && settled.1.elapsed() >= run.settle {
             break;
         }
-        anyhow::ensure!(
-            begin.elapsed() < MOST_SETTLING,
-            "the first ticks take more than five minutes"
-        );
+        anyhow::ensure!(begin.elapsed() < MOST_SETTLING, "the first ticks take more than five minutes");
     }
     let mut stretch = stretch_of(run, cluster, client, sums).await?;
     // A sample that was late on a busy machine belongs to the time before: such a stretch is measured anew.
@@ -331,7 +328,8 @@ struct Stretch {
 
 impl Stretch {
     fn samples_rendered(&self) -> u64 {
-        let of = |snapshot: &Snapshot| snapshot.status.workers.iter().map(|w| w.samples_rendered).sum::<u64>();
+        let of =
+            |snapshot: &Snapshot| snapshot.status.workers.iter().map(|w| w.samples_rendered).sum::<u64>();
         of(&self.after).saturating_sub(of(&self.before))
     }
 }

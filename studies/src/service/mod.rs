@@ -372,7 +372,7 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
         ));
     }
     notes.push(
-        "time_predicted: share of planned frames whose queueing and rendering took the predicted time within 30% or 3 ms. \
+        "time_predicted: share of planned frames whose queueing and rendering took the predicted time within 30% or 5 ms. \
         error_bounded, error_ratio: for judged frames from samples, the share whose mean FLIP is at most the predicted one \
         (the direct view's plus the predicted excess), and the median of predicted over true FLIP. regret: queueing and \
         rendering time over that of the best method within bound, minus 1, view by view. planning_us: microseconds per \

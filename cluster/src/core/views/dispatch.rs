@@ -140,7 +140,7 @@ impl Views {
     fn place_open(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime) -> Attempt {
         let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
-        let offers = cluster.offers(view, open);
+        let offers = cluster.offers(view, open, now);
         let worth_ms = worth_ms(&offers, &open.aim);
         let most_ms = worth_ms.map_or(f64::INFINITY, |ms| cluster.most_ms(&self.load, ms, now));
         let aim = Aim { most_ms, ..open.aim };
@@ -150,7 +150,7 @@ impl Views {
         if view.attempt == 0 {
             self.load.asks_openly(worth_ms.unwrap_or(0.0), now);
             self.load.took(decision.render_ms, most_ms);
-            self.load.follow((decision.render_ms, most_ms), cluster.work(), now);
+            self.load.follow((decision.render_ms, most_ms), cluster.work(now), now);
         }
         self.in_flight.subtract(view);
         view.plan = offer.plan;

@@ -139,7 +139,8 @@ impl Load {
         let secs = now.since(self.followed).as_secs_f64().min(1.0);
         self.followed = now;
         let queue = work.queued_ms / work.processes.max(1) as f64 / QUEUE_MS.max(QUEUE_VIEWS * ms);
-        let rises = if most_ms.is_finite() { 1.0 - queue } else { (CARRIED - self.carried) / CHANGE_A_SECOND };
+        let rises =
+            if most_ms.is_finite() { 1.0 - queue } else { (CARRIED - self.carried) / CHANGE_A_SECOND };
         let carried = self.carried + CHANGE_A_SECOND * secs * rises.clamp(-1.0, 1.0);
         self.carried = carried.clamp(LEAST_CARRIED, MOST_CARRIED);
     }

@@ -118,7 +118,7 @@ impl Views {
         // Limits are checked first, so that refused views cost no planning under overload.
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let (least, most) = match open {
-            true => self.expected_wait_anywhere(cluster),
+            true => self.expected_wait_anywhere(cluster, now),
             false => {
                 let least = self.expected_wait(true, cluster).min(self.expected_wait(false, cluster));
                 (least, self.config.max_wait)
@@ -185,9 +185,9 @@ impl Views {
 
     /// Predicted time until the views that any worker can answer are done, and the longest that another one may wait. Views are
     /// reduced before they wait, so longer queues mean that even the least is more than is carried.
-    fn expected_wait_anywhere(&self, cluster: Cluster<'_>) -> (Duration, Duration) {
+    fn expected_wait_anywhere(&self, cluster: Cluster<'_>, now: Uptime) -> (Duration, Duration) {
         let workers = cluster.workers;
-        let queued_ms: f64 = workers.iter().map(Worker::queued_ms).sum();
+        let queued_ms: f64 = workers.iter().map(|worker| worker.queued_ms(now)).sum();
         let decided: usize = workers.iter().map(Worker::queued).sum();
         let each_ms = if decided > 0 { queued_ms / decided as f64 } else { 0.0 };
         let ahead_ms = queued_ms + each_ms * self.waiting.open.len() as f64;

@@ -131,14 +131,14 @@ impl Cluster<'_> {
     }
 
     /// The offers of workers with room for a view.
-    pub(super) fn offers(&self, view: &Pending, open: &OpenView) -> Vec<Offer> {
+    pub(super) fn offers(&self, view: &Pending, open: &OpenView, now: Uptime) -> Vec<Offer> {
         let asked = self.asked(view, open);
         let mut cached = CachedPlans::new();
         let mut offers = Vec::new();
         for worker in asked {
             let entry = worker.queue_entry();
             let tie_break = (entry.queued, entry.dispatched);
-            let wait_ms = self.wait_before(worker);
+            let wait_ms = self.wait_before(worker, now);
             let work = view.pixels.saturating_mul(u64::from(open.direct.samples_per_pixel));
             let id = worker.id();
             let in_detail = |detail: Detail| {
@@ -217,12 +217,12 @@ impl Cluster<'_> {
 
     /// Milliseconds that a view may take whose cheapest way within its bound takes `ms`.
     pub(super) fn most_ms(&self, load: &Load, ms: f64, now: Uptime) -> f64 {
-        load.most_ms(ms, self.work(), now)
+        load.most_ms(ms, self.work(now), now)
     }
 
     /// What there is to do, and the workers that do it.
-    pub(super) fn work(&self) -> Work {
-        Work { queued_ms: self.workers.iter().map(Worker::queued_ms).sum(), processes: self.free() }
+    pub(super) fn work(&self, now: Uptime) -> Work {
+        Work { queued_ms: self.workers.iter().map(|w| w.queued_ms(now)).sum(), processes: self.free() }
     }
 
     /// Number of workers that answer views.
@@ -232,7 +232,8 @@ impl Cluster<'_> {
 
     /// Number of workers that answer views now: those that render samples at once leave them to the others, if there are others.
     fn free(&self) -> usize {
-        let busy = self.workers.iter().filter(|w| w.answers() && self.samples.renders_at_once(w.id())).count();
+        let busy =
+            self.workers.iter().filter(|w| w.answers() && self.samples.renders_at_once(w.id())).count();
         match self.answering().saturating_sub(busy) {
             0 => self.answering(),
             free => free,
@@ -254,11 +255,11 @@ impl Cluster<'_> {
     }
 
     /// Milliseconds until a worker can begin another view.
-    fn wait_before(&self, worker: &Worker) -> f64 {
+    fn wait_before(&self, worker: &Worker, now: Uptime) -> f64 {
         let samples = f64::from(worker.report().queued_samples) * worker.report().sample_ms.unwrap_or(0.0);
         let slices = if self.samples.is_refining(worker) { HALF_SLICE_MS } else { 0.0 };
         let measuring = if worker.is_measuring() { MEASURING_MS } else { 0.0 };
-        worker.queued_ms() + samples + slices + measuring
+        worker.queued_ms(now) + samples + slices + measuring
     }
 
     /// The surveyed cameras whose samples a worker holds, with the faces that it holds. Without a survey: the nearest

@@ -369,7 +369,14 @@ mod tests {
             assert_eq!(split(&demand, &unknown_g, 6), Split::Divided(1), "g = {bad}");
             let unknown_c = Costs { view_secs: bad, ..costs() };
             assert_eq!(split(&demand, &unknown_c, 6), Split::Divided(5), "c = {bad}");
-            let strange = Demand { samples: bad, views: bad, rays: bad, direct: bad, direct_anywhere: bad, anywhere_secs: bad };
+            let strange = Demand {
+                samples: bad,
+                views: bad,
+                rays: bad,
+                direct: bad,
+                direct_anywhere: bad,
+                anywhere_secs: bad,
+            };
             assert_eq!(Load::of(&strange, &costs()), Load::default(), "demand {bad}");
             assert_eq!(samplers(load(bad, bad), 6), 1);
         }

@@ -37,6 +37,7 @@ pub(super) use worker::{PrefetchLists, QueuedView, Worker};
 
 use super::config::Config;
 use super::event::{Action, ViewId, WorkerId};
+use super::time::Uptime;
 use balance::{Costs, Demand, Split};
 use demand::Rates;
 use hysteresis::Hysteresis;
@@ -185,13 +186,13 @@ impl Workers {
     }
 
     /// Adds a view to a worker's queue.
-    pub(super) fn begin(&mut self, id: WorkerId, view_id: ViewId, view: QueuedView) {
-        self.change(id, |worker| worker.begin(view_id, view));
+    pub(super) fn begin(&mut self, id: WorkerId, view_id: ViewId, view: QueuedView, now: Uptime) {
+        self.change(id, |worker| worker.begin(view_id, view, now));
     }
 
     /// Removes a view from a worker's queue. Returns whether it was there.
-    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId) -> bool {
-        self.change(id, |worker| worker.end(view_id)).unwrap_or(false)
+    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId, now: Uptime) -> bool {
+        self.change(id, |worker| worker.end(view_id, now)).unwrap_or(false)
     }
 
     /// Records that a worker answered a view of `work` pixels, with sub-pixels.

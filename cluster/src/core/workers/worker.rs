@@ -9,6 +9,9 @@ use super::silence::Rhythm;
 use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
 use crate::core::time::Uptime;
 
+/// Most of a view in work that counts as done, as long as it is not answered.
+const MOST_DONE: f64 = 0.9;
+
 /// A view in a worker's queue.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::core) struct QueuedView {
@@ -53,6 +56,8 @@ pub(in crate::core) struct Worker {
     measure_sequence: Option<u64>,
     /// Unanswered views.
     views: BTreeMap<ViewId, QueuedView>,
+    /// When it began with the oldest of these.
+    works_since: Uptime,
     /// Number of views that it ever got, which orders equal workers.
     dispatched: u64,
     /// Busy milliseconds at the start of the current tick.
@@ -86,6 +91,7 @@ impl Worker {
             set_sequence: knows_set.then_some(1),
             measure_sequence: None,
             views: BTreeMap::new(),
+            works_since: Uptime::default(),
             dispatched: 0,
             busy_at_tick_ms: 0.0,
             suspected: false,
@@ -305,19 +311,28 @@ impl Worker {
         self.busy_at_tick_ms = self.busy_ms();
     }
 
-    /// Predicted milliseconds of the views in its queue.
-    pub(in crate::core) fn queued_ms(&self) -> f64 {
-        self.views.values().map(|view| view.predicted_ms).sum()
+    /// Predicted milliseconds until the views in its queue are done. The oldest is in work since it came, or since the one before
+    /// it was done.
+    pub(in crate::core) fn queued_ms(&self, now: Uptime) -> f64 {
+        let all: f64 = self.views.values().map(|view| view.predicted_ms).sum();
+        let oldest_ms = self.views.values().next().map_or(0.0, |view| view.predicted_ms);
+        let done_ms = now.since(self.works_since).as_secs_f64() * 1e3;
+        // One that takes longer than predicted is not done yet.
+        all - done_ms.min(MOST_DONE * oldest_ms)
     }
 
     /// Adds a view to its queue.
-    pub(super) fn begin(&mut self, view_id: ViewId, view: QueuedView) {
+    pub(super) fn begin(&mut self, view_id: ViewId, view: QueuedView, now: Uptime) {
+        if self.views.is_empty() {
+            self.works_since = now;
+        }
         self.views.insert(view_id, view);
         self.dispatched += 1;
     }
 
     /// Removes a view from its queue; whether it was there.
-    pub(super) fn end(&mut self, view_id: ViewId) -> bool {
+    pub(super) fn end(&mut self, view_id: ViewId, now: Uptime) -> bool {
+        self.works_since = now;
         self.views.remove(&view_id).is_some()
     }
 
