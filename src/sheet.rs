@@ -20,10 +20,10 @@ const INK: Rgb888 = Rgb888::new(225, 225, 225);
 
 /// One viewer's row: three images of the same size and a caption.
 pub(crate) struct Entry<'a> {
-    /// The view from samples.
-    pub(crate) warped: &'a RgbImage,
-    /// The same view from triangles.
-    pub(crate) direct: &'a RgbImage,
+    /// The view that is judged.
+    pub(crate) shown: &'a RgbImage,
+    /// Its reference.
+    pub(crate) reference: &'a RgbImage,
     /// Their FLIP map.
     pub(crate) difference: &'a RgbImage,
     /// A short caption; the part that does not fit is cut off.
@@ -34,7 +34,7 @@ pub(crate) struct Entry<'a> {
 pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
     let (width, height) = entries
         .iter()
-        .fold((1, 1), |(w, h), entry| (entry.warped.width().max(w), entry.warped.height().max(h)));
+        .fold((1, 1), |(w, h), entry| (entry.shown.width().max(w), entry.shown.height().max(h)));
     let (entry_width, entry_height) = (3 * (width + GAP) + 3 * GAP, height + LINE + 2 * GAP);
     let columns = columns(entries.len() as u32, entry_width, entry_height);
     let rows = (entries.len() as u32).div_ceil(columns);
@@ -45,14 +45,14 @@ pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
     ));
     canvas.text(title, 2 * GAP, 2 * GAP);
     for column in 0..columns {
-        for (i, heading) in ["from samples", "from triangles", "FLIP error"].into_iter().enumerate() {
+        for (i, heading) in ["by default", "reference", "FLIP error"].into_iter().enumerate() {
             canvas.text(heading, column * entry_width + 2 * GAP + i as u32 * (width + GAP), LINE + 2 * GAP);
         }
     }
     for (i, entry) in (0..).zip(entries) {
         let left = (i % columns) * entry_width + 2 * GAP;
         let top = (i / columns) * entry_height + 2 * LINE + 2 * GAP;
-        for (j, image) in (0..).zip([entry.warped, entry.direct, entry.difference]) {
+        for (j, image) in (0..).zip([entry.shown, entry.reference, entry.difference]) {
             canvas.image(image, left + j * (width + GAP), top);
         }
         canvas.text(&entry.caption, left, top + height + 2);
@@ -140,7 +140,12 @@ mod tests {
             (0..5).map(|i| [fill(50 + i), fill(100 + i), fill(150 + i)]).collect();
         let entries: Vec<Entry<'_>> = images
             .iter()
-            .map(|[warped, direct, difference]| Entry { warped, direct, difference, caption: "0.01".into() })
+            .map(|[shown, reference, difference]| Entry {
+                shown,
+                reference,
+                difference,
+                caption: "0.01".into(),
+            })
             .collect();
         let sheet = draw("title", &entries);
         for image in images.iter().flatten() {

@@ -1,30 +1,39 @@
-//! `argus demo`: a local cluster, its clients, and the errors of their views.
+//! `argus demo`: a local cluster and a crowd of viewers, by default and from triangles.
 
+mod crowd;
 mod judge;
+mod kind;
+mod pace;
+mod pictures;
 mod table;
+mod timeline;
 
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::time::Duration;
 
 use anyhow::Context;
-use argus_client::load::path_views;
-use argus_client::{Answer, Client, ClusterStatus};
-use argus_scene::{PlanRequest, View};
+use argus_scene::PlanRequest;
 use argus_studies::LocalCluster;
-use argus_studies::burst::{connect, patient};
-use futures::future::try_join_all;
+use argus_studies::burst::connect;
+use argus_studies::service::settle;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::demo::judge::Judged;
-use crate::demo::table::Figures;
-use crate::{args, output, processes, sheet};
+use crate::demo::crowd::{Load, Shown};
+use crate::demo::pace::Pace;
+use crate::demo::table::{Figures, Outcome};
+use crate::{args, output, processes};
 
-/// Starts a cluster of processes on this machine, lets clients request views over gRPC, compares each view with the one
-/// rendered from the triangles, and writes images, a contact sheet and a table of costs.
+/// Starts a cluster of processes on this machine and sends it a crowd of viewers. Each viewer walks around its own viewpoint and
+/// asks for views over gRPC.
+///
+/// The crowd asks for three times what the workers carry from triangles, by the costs that they measured. The same load follows
+/// with all views from triangles, for a third of the time. A table shows both. The folder gets a plot of latency over time, and a
+/// contact sheet of each viewer's last view beside its reference from triangles, of sixteen samples a pixel.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
   argus demo
+  argus demo --quick
   argus demo --scene model.glb --views 8 --size 320x240 --out pictures
   argus demo --scene mirrors --reflections maps")]
 pub(crate) struct Args {
@@ -34,12 +43,18 @@ pub(crate) struct Args {
     scene: String,
     #[command(flatten)]
     environment: args::Environment,
-    /// Number of clients, each with its own viewpoint
-    #[arg(long, value_name = "N", default_value = "16", value_parser = clap::value_parser!(u16).range(1..=256))]
-    views: u16,
-    /// Size of a view in pixels
-    #[arg(long, value_name = "WxH", default_value = "200x150", value_parser = args::size)]
-    size: [u32; 2],
+    /// Number of viewers, each with its own viewpoint [default: 16; with --quick 4]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=256))]
+    views: Option<u16>,
+    /// Size of a view in pixels [default: 200x150; with --quick 96x72]
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+    /// Seconds for which the crowd asks for views [default: 12; with --quick 2]
+    #[arg(long, value_name = "T", value_parser = args::positive)]
+    seconds: Option<f64>,
+    /// Run a small crowd for a moment, to see that everything works; the figures are noise
+    #[arg(long)]
+    quick: bool,
     /// Number of worker processes [default: one a core, at least 2 and at most 4]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
@@ -53,106 +68,78 @@ pub(crate) struct Args {
     samples: args::PassedOn<args::Samples>,
 }
 
-/// Samples a side of a reference's pixel.
-const TRUTH_SIDE: u32 = 4;
-/// Longer than the interval between workers' reports of their costs.
-const REPORTS: Duration = Duration::from_millis(600);
-
-/// The views of all clients with one plan.
-struct Round {
-    answers: Vec<Answer>,
-    /// From the first request to the last frame.
-    total: Duration,
-    /// The cluster's status afterwards.
-    status: ClusterStatus,
-}
-
-/// Rounds after the first, which waits for samples and for the driver to compile.
-const STEADY_ROUNDS: usize = 4;
+/// Viewers, size of a view in pixels, and seconds: by default, and with `--quick`.
+const FULL: (u16, [u32; 2], f64) = (16, [200, 150], 12.0);
+const QUICK: (u16, [u32; 2], f64) = (4, [96, 72], 2.0);
+/// Seconds of views from triangles, as a share of the crowd's.
+const DIRECT_SHARE: f64 = 1.0 / 3.0;
+/// Longest wait for samples that are still in work after the crowd.
+const SETTLING: Duration = Duration::from_secs(15);
 
 pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
-    let count = usize::from(args.views);
+    let defaults = if args.quick { QUICK } else { FULL };
+    let viewers = args.views.unwrap_or(defaults.0);
+    let size = args.size.unwrap_or(defaults.1);
+    let seconds = args.seconds.unwrap_or(defaults.2);
     let workers = args.workers.map_or_else(processes::default_count, usize::from);
-    let progress = progress((3 + STEADY_ROUNDS as u64) * count as u64);
+    let progress = progress();
 
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
-    let name = args.environment.of(&args.scene);
-    let (scene, more) = (name.clone(), args.samples.arguments);
-    let starting = move || LocalCluster::start(&program, &scene, workers, &more);
+    let scene = args.environment.of(&args.scene);
+    let (served, more) = (scene.clone(), args.samples.arguments);
+    let starting = move || LocalCluster::start(&program, &served, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
-    let first = connect(&cluster, workers).await?;
-    let mut clients = vec![first];
-    while clients.len() < count {
-        clients.push(Client::connect(cluster.url()).await?);
-    }
+    let client = connect(&cluster, workers).await?;
+    progress.set_message("measuring what a view costs");
+    let pace = Pace::measure(&client, workers, size[0] * size[1]).await?;
 
-    let ask = async |message, plan| {
-        progress.set_message(message);
-        let views = path_views(clients[0].description(), u32::from(args.views), args.size, plan);
-        ask_all(&clients, &views, &progress).await
-    };
-    let direct = PlanRequest { direct: true, ..PlanRequest::default() };
-    let warped = ask("views from samples", PlanRequest::from_samples()).await?;
-    let mut steady = Vec::new();
-    for _ in 0..STEADY_ROUNDS {
-        steady.push(ask("the same views, samples at hand", PlanRequest::from_samples()).await?);
-    }
-    let naive = ask("the same views from triangles", direct).await?;
-    let truth = PlanRequest { supersampling: Some(TRUTH_SIDE), ..direct };
-    let truth = ask("references of sixteen samples a pixel", truth).await?;
+    progress.set_message(format!("a crowd of {viewers} viewers"));
+    let plan = PlanRequest::default();
+    let load = Load { viewers, size, per_sec: pace.asked_per_sec, seconds, plan };
+    let mut crowd = crowd::run(&client, load, &progress).await?;
+    progress.set_message("waiting until samples in work are done");
+    settle(&client, workers, SETTLING).await?;
+    progress.set_message("the same load from triangles");
+    let plan = PlanRequest { direct: true, ..plan };
+    let load = Load { seconds: seconds * DIRECT_SHARE, plan, ..load };
+    let direct = crowd::run(&client, load, &progress).await?;
+    progress.set_message("comparing with references of sixteen samples a pixel");
+    settle(&client, workers, SETTLING).await?;
+    let last: Vec<Shown> = std::mem::take(&mut crowd.last).into_values().collect();
+    let judged = judge::all(&client, last).await?;
+    let status = client.status().await?;
     tokio::task::spawn_blocking(move || cluster.stop()).await??;
-
-    progress.set_message("comparing");
-    let judged = judge::all(&warped.answers, &naive.answers, &truth.answers)?;
     progress.finish_and_clear();
-    let figures = Figures::of(&name, workers, &warped, &steady, &naive, &judged);
-    let title =
-        format!("{}: {count} views of {}x{}, {workers} workers", figures.scene, args.size[0], args.size[1]);
-    let sheet = write_pictures(&args.out, &title, &judged)?;
+
+    let title = format!("{scene}: {viewers} viewers of {}x{}, {workers} workers", size[0], size[1]);
+    pictures::write_images(&args.out, &title, &judged)?;
+    pictures::write_curve(&args.out, &title, &crowd, &direct)?;
+    let figures = Figures {
+        scene,
+        workers,
+        viewers,
+        size,
+        pace,
+        default: Outcome::of(crowd, seconds, judged.iter().map(|view| view.flip)),
+        direct: Outcome::of(direct, load.seconds, judged.iter().map(|view| view.flip_direct)),
+        samples: status.workers.iter().map(|worker| worker.samples_rendered).sum(),
+        sample_ms: status.sample_ms,
+        view_ms: status.view_ms,
+        sheet: args.out.join("contact-sheet.png").display().to_string(),
+    };
     if args.json {
-        return output::json(&figures.with_sheet(&sheet));
+        return output::json(&figures);
     }
     print!("{figures}");
-    println!("\nThe images and the contact sheet are in {}", sheet.display());
+    println!("\nThe images, the contact sheet and latency.svg are in {}", args.out.display());
     Ok(())
 }
 
-/// All clients request their own view at the same time.
-async fn ask_all(clients: &[Client], views: &[View], progress: &ProgressBar) -> anyhow::Result<Round> {
-    let options = patient();
-    let begin = Instant::now();
-    let answers = clients.iter().zip(views).map(async |(client, view)| {
-        let answer = client.render(view, &options).await;
-        progress.inc(1);
-        answer
-    });
-    let answers = try_join_all(answers).await?;
-    let total = begin.elapsed();
-    tokio::time::sleep(REPORTS).await;
-    let status = clients.first().context("there are no clients")?.status().await?;
-    Ok(Round { answers, total, status })
-}
-
-/// Writes all images and the contact sheet. Returns the sheet's path.
-fn write_pictures(folder: &Path, title: &str, judged: &[Judged]) -> anyhow::Result<PathBuf> {
-    let write = |name: String, image: &image::RgbImage| {
-        output::write_rgb_png(&folder.join(name), image.width(), image.height(), image)
-    };
-    for (i, view) in judged.iter().enumerate() {
-        write(format!("view-{i:02}.png"), &view.warped)?;
-        write(format!("direct-{i:02}.png"), &view.truth)?;
-        write(format!("flip-{i:02}.png"), &view.difference)?;
-    }
-    let entries: Vec<sheet::Entry<'_>> = judged.iter().enumerate().map(|(i, view)| view.entry(i)).collect();
-    write("contact-sheet.png".to_owned(), &sheet::draw(title, &entries))?;
-    Ok(folder.join("contact-sheet.png"))
-}
-
 /// A progress bar on standard error, if that is a terminal.
-fn progress(steps: u64) -> ProgressBar {
-    let bar = ProgressBar::new(steps);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {
+fn progress() -> ProgressBar {
+    let bar = ProgressBar::no_length();
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>4}/{len} {msg} ({elapsed})") {
         bar.set_style(style);
     }
     bar.enable_steady_tick(Duration::from_millis(100));

@@ -53,5 +53,5 @@ pub mod warp;
 
 pub use effort::Effort;
 pub use local_cluster::LocalCluster;
-pub use plot::Plot;
+pub use plot::{Axis, Plot, Series};
 pub use report::{Machine, Report};

@@ -3,13 +3,18 @@
 //! The colours are those of Okabe and Ito ("Color Universal Design", 2008), which remain distinct for common kinds of
 //! colour blindness. Shapes make them distinct in print.
 
+mod raster;
+
 use std::ops::Range;
 
 use anyhow::{Result, anyhow};
+use image::RgbImage;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use self::raster::Raster;
 
 /// One plot, with a name for its file.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -172,7 +177,22 @@ impl Plot {
         Ok(text)
     }
 
-    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), Box<dyn std::error::Error>> {
+    /// The plot as an image of the same size.
+    ///
+    /// # Errors
+    /// An error of the drawing library.
+    pub fn image(&self) -> Result<RgbImage> {
+        let mut image = RgbImage::new(SIZE.0, SIZE.1);
+        let area = Raster(&mut image).into_drawing_area();
+        self.draw(&area).map_err(|error| anyhow!("cannot draw {}: {error}", self.name))?;
+        drop(area);
+        Ok(image)
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), Box<dyn std::error::Error>>
+    where
+        B::ErrorType: 'static,
+    {
         let points = || self.series.iter().flat_map(|series| &series.points);
         let guides = self.guides.iter().map(|guide| guide.0);
         let x = Scale::over(&self.x, points().map(|p| p.0).chain(guides));
@@ -335,6 +355,10 @@ mod tests {
                 };
                 let svg = plot.svg().unwrap();
                 assert!(svg.starts_with("<svg") && svg.contains("a&lt;b") && !svg.contains("NaN"), "{svg}");
+                let image = plot.image().unwrap();
+                assert!(
+                    image.pixels().any(|pixel| pixel.0 == [0; 3]) && image.pixels().any(|p| p.0 == [255; 3])
+                );
             }
         }
     }

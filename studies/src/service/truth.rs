@@ -167,7 +167,7 @@ fn predicted_excess(frame: &Frame) -> Option<f64> {
 }
 
 /// A direct view of `side`² samples per pixel, of the size of `like`, that shows this state.
-fn direct_view(like: &Frame, camera: Camera, state: SceneState, side: u32) -> View {
+pub fn direct_view(like: &Frame, camera: Camera, state: SceneState, side: u32) -> View {
     let plan = PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() };
     let pin = Some(Provenance {
         state,

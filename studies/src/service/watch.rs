@@ -22,7 +22,10 @@ const MOST_PAGE_BYTES: u64 = 1 << 20;
 
 /// Waits until all workers have joined, their queues are empty, no more samples are rendered and all light is shown, or until `at_most` has
 /// passed. Returns whether the service settled.
-pub(super) async fn settle(client: &Client, workers: usize, at_most: Duration) -> Result<bool> {
+///
+/// # Errors
+/// The service's status cannot be read.
+pub async fn settle(client: &Client, workers: usize, at_most: Duration) -> Result<bool> {
     let until = Instant::now() + at_most;
     let (mut calm, mut rendered) = (0, None);
     while calm < CALM {
