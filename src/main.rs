@@ -11,6 +11,7 @@ mod config;
 mod coordinator;
 mod credentials;
 mod demo;
+mod effect_table;
 mod exit;
 mod health;
 mod load;

@@ -4,15 +4,20 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use argus_cluster::SceneSource;
-use argus_scene::effects::{Causes, EffectRow, Paid};
+use argus_cluster::coordinator::Config;
+use argus_scene::effects::{EffectCost, EffectRow};
 use argus_scene::mitsuba::{self, Settings, SkyLight};
 use argus_scene::{
-    Bounds, Camera, Effect, EffectPlan, EffectRequest, Effects, Exposure, LightRequest, RigKind, Scene,
+    Bounds, Camera, Effect, EffectPlan, EffectRequest, Effects, Exposure, LightRequest, Outputs, PlanRequest,
+    RigKind, Scene, View,
 };
 use serde::Serialize;
 
-use crate::wiring::OpenScene;
-use crate::{args, output};
+use crate::wiring::{Alone, OpenScene};
+use crate::{args, effect_table, output};
+
+/// Pixels of the view by which `--costs` measures effects.
+const MEASURED_SIZE: [u32; 2] = [160, 120];
 
 /// Describes a scene: triangles, bounds, materials, lights, cameras, and the effects that it calls for.
 #[derive(clap::Args)]
@@ -33,9 +38,13 @@ pub(crate) struct Args {
     #[command(flatten)]
     environment: args::Environment,
     /// Show the effect plan instead: for each effect of light its cause, how often it is paid, the largest change of a
-    /// pixel, and whether and why `argus serve` computes it. Renders nothing
+    /// pixel, and whether and why `argus serve` computes it. Renders nothing, unless --costs is given
     #[arg(long)]
     plan: bool,
+    /// Also measure what the effects that are on cost, by two small views: with indirect light this takes seconds. What effects that
+    /// are off would cost, a service measures: see `argus status --effects`
+    #[arg(long, requires = "plan")]
+    costs: bool,
     /// Plan for these effects, as of `argus serve`
     #[arg(long, value_name = "LIST", default_value = "auto", value_parser = args::effects, requires = "plan")]
     effects: Effects,
@@ -216,7 +225,8 @@ fn plan(args: &Args) -> anyhow::Result<()> {
     let metered = opened.metered(request.metering());
     let exposure = Exposure::Auto.factor(scene.lighting.exposure, metered);
     request.exposure = Some(exposure);
-    let plan = EffectPlan::of(scene, &request, None);
+    let costs = if args.costs { costs(args)? } else { Vec::new() };
+    let plan = EffectPlan::of(scene, &request, None).with_costs(&costs);
     let (hash, light_effects) = (scene.hash.to_string(), plan.light_effects().to_string());
     let indirect = plan.indirect(&request).to_string();
     if args.json {
@@ -226,51 +236,23 @@ fn plan(args: &Args) -> anyhow::Result<()> {
     println!("{}: effects {} give {light_effects}; indirect light {indirect}", scene.name, args.effects);
     println!("light {light}");
     println!("exposure {exposure:.4}, by the light at visible surfaces");
-    println!("{:<15} {:<3} {:>11}  {:<12} {:<30} why", "effect", "", "bound", "paid", "causes");
-    for row in &plan.rows {
-        let paid: Vec<&str> = row.paid.iter().map(|paid| Paid::name(*paid)).collect();
-        println!(
-            "{:<15} {:<3} {:>11}  {:<12} {:<30} {}",
-            row.effect.name(),
-            if row.on { "on" } else { "off" },
-            bound(row),
-            paid.join(", "),
-            causes(&row.causes),
-            row.why,
-        );
-    }
-    println!("bound: the largest change of a pixel's byte when the effect is switched");
+    effect_table::print(&plan);
     Ok(())
 }
 
-/// The bound in bytes, of which one is rounding.
-fn bound(row: &EffectRow) -> String {
-    match row.bound {
-        0.0 => "none".to_owned(),
-        1.0 => "any".to_owned(),
-        _ => format!("{:.1} bytes", row.bound_bytes()),
-    }
-}
-
-/// Causes in a few words.
-fn causes(causes: &Causes) -> String {
-    let Causes { materials, lights, nodes, instances, sky } = causes;
-    let lists = [("materials", materials), ("lights", lights), ("nodes", nodes), ("instances", instances)];
-    let mut words: Vec<String> = lists
-        .into_iter()
-        .filter(|(_, list)| !list.is_empty())
-        .map(|(name, list)| match list.len() {
-            1..=3 => {
-                let numbers: Vec<String> = list.iter().map(u32::to_string).collect();
-                format!("{name} {}", numbers.join(","))
-            }
-            count => format!("{count} {name}"),
-        })
-        .collect();
-    if *sky {
-        words.push("sky".to_owned());
-    }
-    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+/// What effects cost in a view that this process renders, in all the light that a service would give it. The first view is not
+/// counted: it compiles programs, and makes what all views share.
+fn costs(args: &Args) -> anyhow::Result<Vec<EffectCost>> {
+    let EffectRequest { indirect, reflections, .. } = EffectRequest::default();
+    let config =
+        Config { effects: args.effects, light: args.light, indirect, reflections, ..Config::default() };
+    let mut alone = Alone::open(&args.environment.of(&args.scene), &config)?;
+    let (camera, [width, height]) = (alone.scene().default_camera(), MEASURED_SIZE);
+    let (outputs, plan) = (Outputs::COLOR, PlanRequest { direct: true, ..PlanRequest::default() });
+    let view = View { camera, width, height, outputs, plan, pin: None };
+    alone.render(&view, alone.full_light(), 0.0)?;
+    let frame = alone.render(&view, alone.full_light(), 0.0)?;
+    Ok(EffectCost::predicted(&frame.stages, u64::from(width * height)))
 }
 
 /// A point in the format of `--eye`.

@@ -8,7 +8,7 @@ use argus_client::{Client, ClientError, ClusterStatus};
 use console::Term;
 
 use crate::settings::Sources;
-use crate::{args, output};
+use crate::{args, effect_table, output};
 
 /// Shows the workers, their roles, and the balance between them.
 ///
@@ -18,6 +18,7 @@ use crate::{args, output};
 #[command(after_help = "\
 Examples:
   argus status --json
+  argus status --effects          what effects of light cost
   argus status --watch            a live table, until Ctrl-C
   argus status --watch 0.2")]
 pub(crate) struct Args {
@@ -27,6 +28,10 @@ pub(crate) struct Args {
     /// view_ms, tick_predicted_ms, tick_measured_ms, workers: [{id, pid, role, address, …}], counters, …
     #[arg(long)]
     json: bool,
+    /// Show the effect plan instead, with what each effect of light costs as the workers measured it. With --json: rows of effect,
+    /// causes, paid, predicted_ms, bound, on, why, measured_ms, saved_ms
+    #[arg(long, conflicts_with = "watch")]
+    effects: bool,
     /// Refresh the table every SECONDS, and show the views answered per second
     #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "1", value_parser = args::positive, conflicts_with = "json")]
     watch: Option<f64>,
@@ -37,6 +42,14 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if let Some(secs) = args.watch {
         let every = Duration::try_from_secs_f64(secs).context("--watch")?;
         return watch(&client, every).await;
+    }
+    if args.effects {
+        let plan = client.describe().await?.effect_plan;
+        if args.json {
+            return output::json(&plan);
+        }
+        effect_table::print(&plan);
+        return Ok(());
     }
     let status = client.status().await?;
     if args.json {

@@ -2,6 +2,7 @@
 //! receiver.
 
 use argus_proto::{Description, v1};
+use argus_scene::effects::EffectCost;
 use argus_scene::{
     Bounds, Camera, FrameSource, Light, Lighting, Limits, Plan, PlanRequest, Prediction, Provenance, Rig,
     SampleCamera, SampleSetInfo, Specification, Stage, View, frame::Decision, scene::NamedCamera,
@@ -69,7 +70,9 @@ messages! {
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
     Specification => |m| converted(Specification::try_from(m)),
-    MegaViewsSampling, VplIndirect, PointIndirect, PathIndirect, EffectRow, ReflectionProbes, ProbePoints,
+    MegaViewsSampling, VplIndirect, PointIndirect, PathIndirect,
+    EffectCost => |m| converted(EffectCost::try_from(m)),
+    EffectRow, ReflectionProbes, ProbePoints,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),
     SceneState, Version, SampleId,
     Stage => |m| converted(Stage::try_from(m)),

@@ -15,9 +15,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, LightLevel, Lighting, Outputs, PixelJob, Pixels,
-    Plan, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler,
-    Sampling, Scene, Specification, Stage, ViewJob, Visibility,
+    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, LightEffects, LightLevel, Lighting, Outputs,
+    PixelJob, Pixels, Plan, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob,
+    SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -540,6 +540,10 @@ impl Sampler for GpuSampler {
 
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
         views.iter().map(|view| self.render_view(view, cancel)).collect()
+    }
+
+    fn render_with(&mut self, effects: LightEffects, view: &ViewJob) -> Option<Result<Frame, RenderError>> {
+        self.render_with_effects(effects, view)
     }
 
     fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {

@@ -7,8 +7,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytes::Bytes;
 
 use crate::{
-    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, LightLevel, Outputs, Plan, ReflectionProbeSet,
-    RenderError, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Stage, Visibility,
+    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, LightEffects, LightLevel, Outputs, Plan,
+    ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Stage,
+    Visibility,
 };
 
 /// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
@@ -168,6 +169,12 @@ pub trait Sampler: Send {
 
     /// Renders views whose plan is [`Plan::Direct`], one result each, in order.
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
+
+    /// Renders a view with other effects of direct light than the set's, to measure what they cost; it may show another time. `None` where that takes
+    /// more than other rays, such as other programs, or is not possible now. The default is for samplers that cannot.
+    fn render_with(&mut self, _effects: LightEffects, _view: &ViewJob) -> Option<Result<Frame, RenderError>> {
+        None
+    }
 
     /// Renders some pixels of views, one result each, in order, with the bytes of [`Sampler::render_views`]. A
     /// sampler that rasterises its views and traces single rays may find another triangle along edges. The default is

@@ -4,6 +4,7 @@
 mod browse;
 mod deploy;
 mod device_loss;
+mod effects;
 mod extent;
 mod frames;
 mod holes;

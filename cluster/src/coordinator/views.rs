@@ -21,12 +21,14 @@ use super::drive::{Answer, answer};
 use super::session;
 use super::shared_core::SharedCore;
 use super::view_request::ViewRequest;
+use crate::core::Core;
 use crate::security::guard::Caller;
 use crate::send_timeout::with_send_timeout;
 
 /// The gRPC service.
 pub(super) struct ViewsService {
     pub(super) shared: Arc<SharedCore>,
+    /// The description before anything was measured.
     description: Description,
 }
 
@@ -83,7 +85,9 @@ impl Views for ViewsService {
             0 => {}
             theirs => check_version(theirs)?,
         }
-        Ok(Response::new((&self.description).into()))
+        let costs = self.shared.read(Core::effect_costs);
+        let effect_plan = self.description.effect_plan.clone().with_costs(&costs);
+        Ok(Response::new((&Description { effect_plan, ..self.description.clone() }).into()))
     }
 
     async fn render(

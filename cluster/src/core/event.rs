@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
+use argus_scene::effects::EffectCost;
 use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::Survey;
 use argus_scene::{FaceMask, LightLevel, Plan, Prediction, SampleId, SceneState, View, Visibility};
@@ -162,6 +163,8 @@ pub struct Report {
     pub warp_cost: Option<Cost>,
     /// Cost of a view that is warped from recent frames.
     pub frame_cost: Option<Cost>,
+    /// What effects of light cost in views from triangles. For people: no decision reads it.
+    pub effect_costs: Vec<EffectCost>,
     /// Number of recent frames that it keeps.
     pub frames_held: u64,
     /// Their bytes.

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use argus_proto::Fault;
 use argus_proto::v1::StatusResponse;
+use argus_scene::effects::EffectCost;
 use argus_scene::rig::{Sight, Survey};
 use argus_scene::{Provenance, SampleSetInfo, Version, View};
 
@@ -112,6 +113,11 @@ impl Core {
         };
         !self.views.is_draining()
             && self.workers.members().any(|worker| worker.seems_well() && is_priced(worker))
+    }
+
+    /// What effects of light cost in views from triangles, as workers measured it.
+    pub fn effect_costs(&self) -> Vec<EffectCost> {
+        self.workers.effect_costs()
     }
 
     /// Whether a view is waiting or in work.

@@ -8,6 +8,7 @@ use parking_lot::Mutex;
 use crate::core::Report;
 use crate::core::quality::Cost;
 use crate::core::smooth::Smoothed;
+use crate::worker::effect_meter::EffectMeter;
 
 /// Work of one kind.
 #[derive(Debug, Clone, Copy, Default)]
@@ -115,6 +116,7 @@ struct Sums {
     few_rays_cost: ViewCost,
     warp_cost: ViewCost,
     frame_cost: ViewCost,
+    effects: EffectMeter,
     samples: Work,
     direct: Work,
     views: Work,
@@ -188,6 +190,11 @@ impl Meter {
         self.0.lock().cost_of(kind).observe(pixels, ms);
     }
 
+    /// Changes what is known of the cost of effects.
+    pub(super) fn effects(&self, change: impl FnOnce(&mut EffectMeter)) {
+        change(&mut self.0.lock().effects);
+    }
+
     /// Records samples that were rendered in `count` slices, and the time of all slices.
     pub(super) fn add_parts(&self, count: usize, rendering: Duration) {
         self.0.lock().parts.add_warm(count, rendering.as_secs_f64() * 1e3);
@@ -218,6 +225,7 @@ impl Meter {
             (sums.direct_cost.cost_like(None), sums.warp_cost.cost_like(None));
         report.few_rays_cost = sums.few_rays_cost.cost_like(Some(&sums.direct_cost));
         report.frame_cost = sums.frame_cost.cost_like(None);
+        report.effect_costs = sums.effects.costs();
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
         report.views_composed = sums.views.total;

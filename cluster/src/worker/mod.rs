@@ -8,6 +8,7 @@
 mod bound;
 mod claim;
 mod config;
+mod effect_meter;
 mod fetch;
 mod fetches;
 mod frame_memory;

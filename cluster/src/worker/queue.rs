@@ -18,6 +18,7 @@ use tokio::sync::oneshot;
 use super::claim::Claimed;
 use super::config::Config;
 use super::policy::{Kind, Limits, Policy, Turn, Waiting, take_batch};
+use super::warm::EffectTrial;
 use crate::core::Role;
 use crate::core::quality::Cost;
 
@@ -99,6 +100,8 @@ pub(super) enum Work {
 pub(super) enum Background {
     /// Measure the cost of views from triangles.
     MeasureDirect,
+    /// Render a small view to measure what effects of light cost. For people: no decision needs it.
+    MeasureEffects(EffectTrial),
     /// Upload a sample to the compositor before views need it. `reply` is sent when this is done or abandoned.
     Hold { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
     /// Report a measurement. It is queued behind samples that must be uploaded first.

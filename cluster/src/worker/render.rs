@@ -14,8 +14,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, FaceMask, Frame, LightLevel, PixelJob, RenderError, Sample, SampleId, SampleJob,
-    SampleSetInfo, Sampler, Scene,
+    Compositor, Detail, FaceMask, Frame, LightLevel, PixelJob, Plan, RenderError, Sample, SampleId,
+    SampleJob, SampleSetInfo, Sampler, Scene,
 };
 use tracing::{debug, info, warn};
 
@@ -55,6 +55,8 @@ pub(super) struct Renderer {
     is_measured: bool,
     /// The cost of views from triangles is being measured, or will be as soon as no view waits.
     measures_direct: bool,
+    /// What effects cost will be measured, once nothing more important is to be done.
+    measures_effects: bool,
     /// The best light that the sampler has ready.
     light: LightLevel,
     /// Whether better light is being prepared.
@@ -144,6 +146,7 @@ impl Renderer {
             is_warm: false,
             is_measured: false,
             measures_direct: false,
+            measures_effects: false,
             light: LightLevel::Direct,
             light_rises: false,
             batches: 0,
@@ -187,6 +190,7 @@ impl Renderer {
                 Work::Direct(tasks) => self.direct(tasks),
             }
             self.prepare_light();
+            self.seek_effects();
             self.tidy();
         }
     }
@@ -501,9 +505,11 @@ impl Renderer {
     /// Records the time of each view.
     fn observe(&self, results: &Results<Frame>) {
         for frame in results.iter().flatten().flatten() {
-            let plan = &frame.provenance.plan;
-            let pixels = plan.sub_pixels(u64::from(frame.width) * u64::from(frame.height));
+            let (plan, pixels) = (&frame.provenance.plan, sub_pixels(frame));
             self.meter.observe_view(ViewKind::of(plan), pixels, frame.rendering_ms());
+            if matches!(plan, Plan::Direct { detail: Detail::Full, .. }) {
+                self.meter.effects(|effects| effects.observe(pixels, &frame.stages));
+            }
         }
     }
 
@@ -555,6 +561,11 @@ fn warmed_sampler(
         .inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
     debug!(ms = ms_since(began), "sampler warmed up");
     Ok(sampler)
+}
+
+/// Pixels of a frame that were rendered, with sub-pixels.
+fn sub_pixels(frame: &Frame) -> u64 {
+    frame.provenance.plan.sub_pixels(u64::from(frame.width) * u64::from(frame.height))
 }
 
 fn ms_since(began: Instant) -> f64 {

@@ -9,8 +9,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Camera, Cancel, Compositor, Detail, Output, Outputs, Plan, ProbeSource, ReflectionProbeSet, RenderError,
-    SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Version, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor, Detail, Frame, LightEffects, LightLevel, Output, Outputs, Plan, ProbeSource,
+    ReflectionProbeSet, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene,
+    SceneState, Version, ViewJob, Visibility, Warp,
 };
 
 use crate::core::quality::Cost;
@@ -20,6 +21,17 @@ pub(super) const SIZES: [[u32; 2]; 2] = [[64, 48], [320, 240]];
 
 /// Replaces the typical size where its view would take longer than [`SLOW_MS`], by the time of the small one.
 const SIZE_WHERE_SLOW: [u32; 2] = [160, 120];
+
+/// A view that is rendered to measure what effects cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum EffectTrial {
+    /// With all effects of direct light, at the small size. It says whether a larger view is quick, and counts if not.
+    Begin,
+    /// With all effects of direct light.
+    All,
+    /// With the set's effects, in the best light.
+    Own,
+}
 
 /// Number of measurements of each view. The fastest counts, since other processes use the same cores.
 const ROUNDS: usize = 3;
@@ -45,11 +57,11 @@ pub(super) fn sampler(
     scene: &Scene,
     info: &SampleSetInfo,
 ) -> Result<(), RenderError> {
-    direct_view(sampler, scene, info, (SIZES[0], Detail::Full))
+    direct_view(sampler, scene, info, (SIZES[0], Detail::Full)).map(drop)
 }
 
 /// Measures the cost of views from triangles in some detail, by the pixels that are rendered, of a sampler whose programs are
-/// compiled. Calls `between` between views.
+/// compiled. `seen` gets each frame. Calls `between` between views.
 ///
 /// # Errors
 /// The error of rendering.
@@ -58,27 +70,64 @@ pub(super) fn direct_cost(
     scene: &Scene,
     info: &SampleSetInfo,
     detail: Detail,
+    seen: &mut dyn FnMut(&Frame),
     between: &mut dyn FnMut(&mut dyn Sampler),
 ) -> Result<Option<Cost>, RenderError> {
     measured(
         sampler,
-        &mut |sampler, size| direct_view(*sampler, scene, info, (size, detail)),
+        &mut |sampler, size| direct_view(*sampler, scene, info, (size, detail)).map(|frame| seen(&frame)),
         &mut |sampler| {
             between(*sampler);
         },
     )
 }
 
-/// Renders a view from triangles, and discards it.
+/// Renders a view from triangles.
 fn direct_view(
     sampler: &mut dyn Sampler,
     scene: &Scene,
     info: &SampleSetInfo,
     (size, detail): ([u32; 2], Detail),
-) -> Result<(), RenderError> {
+) -> Result<Frame, RenderError> {
     let plan = Plan::Direct { samples_per_pixel: 1, detail };
     let view = view(info, scene.default_camera(), size, plan, sampler.usual_visibility());
-    sampler.render_views(&[view], &Cancel::default()).into_iter().try_for_each(|frame| frame.map(drop))
+    only_view(sampler, &view)
+}
+
+/// Renders one view from triangles.
+fn only_view(sampler: &mut dyn Sampler, view: &ViewJob) -> Result<Frame, RenderError> {
+    let frames = sampler.render_views(std::slice::from_ref(view), &Cancel::default());
+    let none = || RenderError::Internal("a result is missing".to_owned());
+    frames.into_iter().next().ok_or_else(none)?
+}
+
+/// Whether a view of [`SIZE_WHERE_SLOW`] is quick, where one of the small size took `ms`.
+pub(super) fn is_larger_quick(ms: f64) -> bool {
+    let pixels = |[width, height]: [u32; 2]| f64::from(width * height);
+    ms * pixels(SIZE_WHERE_SLOW) / pixels(SIZES[0]) <= SLOW_MS
+}
+
+/// Renders a small view to measure what its effects cost: with all effects of direct light, in that light alone, or with those
+/// of the set, in the best `light` that is ready. `None` where the sampler cannot render it.
+///
+/// # Errors
+/// The error of rendering.
+pub(super) fn view_of_effects(
+    sampler: &mut dyn Sampler,
+    scene: &Scene,
+    info: &SampleSetInfo,
+    trial: EffectTrial,
+    light: LightLevel,
+) -> Result<Option<Frame>, RenderError> {
+    let size = if trial == EffectTrial::Begin { SIZES[0] } else { SIZE_WHERE_SLOW };
+    let usual = view(info, scene.default_camera(), size, Plan::direct(1), sampler.usual_visibility());
+    let in_light = |light| ViewJob { state: SceneState { light, ..usual.state }, ..usual.clone() };
+    match trial {
+        EffectTrial::Own => only_view(sampler, &in_light(light)).map(Some),
+        EffectTrial::Begin | EffectTrial::All => {
+            sampler.render_with(LightEffects::ALL, &in_light(LightLevel::Direct)).transpose()
+        }
+    }
 }
 
 /// The job of small samples that views are measured from.

@@ -1,6 +1,6 @@
 //! Conversions of the effect plan.
 
-use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
+use argus_scene::effects::{Causes, EffectCost, EffectKind, EffectRow, Paid};
 use argus_scene::{EffectPlan, InvalidField};
 
 use super::{duration_ms, known, unspecified};
@@ -62,6 +62,25 @@ impl TryFrom<v1::Paid> for Paid {
             v1::Paid::View => Self::View,
             v1::Paid::Epoch => Self::Epoch,
             v1::Paid::Pose => Self::Pose,
+        })
+    }
+}
+
+impl From<EffectCost> for v1::EffectCost {
+    fn from(EffectCost { effect, predicted_ms, measured_ms }: EffectCost) -> Self {
+        Self { effect: v1::EffectKind::from(effect) as i32, predicted_ms, measured_ms }
+    }
+}
+
+impl TryFrom<v1::EffectCost> for EffectCost {
+    type Error = InvalidField;
+
+    fn try_from(wire: v1::EffectCost) -> Result<Self, InvalidField> {
+        let ms = |ms: Option<f64>, field| ms.map(|ms| duration_ms(ms, field)).transpose();
+        Ok(Self {
+            effect: known::<v1::EffectKind>(wire.effect, "effect_costs.effect")?.try_into()?,
+            predicted_ms: ms(wire.predicted_ms, "effect_costs.predicted_ms")?,
+            measured_ms: ms(wire.measured_ms, "effect_costs.measured_ms")?,
         })
     }
 }

@@ -163,6 +163,17 @@ impl DirectLight {
         Arc::make_mut(&mut self.tracing).knobs = knobs;
     }
 
+    /// Changes the effects of later images, at a pose. Emission stays off if it needs textures that are not held. Returns whether
+    /// that is possible: not while another thread uses the rays.
+    pub(crate) fn set_effects(&mut self, scene: &Scene, effects: LightEffects, time_secs: f64) -> bool {
+        let Some(tracing) = Arc::get_mut(&mut self.tracing) else { return false };
+        let lacks_textures = reads_textures(scene) && tracing.emission.len() < scene.textures.len();
+        let emitters = effects.emitters && !lacks_textures;
+        tracing.effects = LightEffects { emitters, ..effects };
+        tracing.emitters = emitters_at(scene, &tracing.emission, tracing.effects, time_secs);
+        true
+    }
+
     /// Has texels of images cast one of so many of their rays.
     pub(crate) fn divide_rays(&mut self, divisor: u32) {
         self.ray_divisor = divisor;
@@ -324,9 +335,13 @@ fn too_large() -> RenderError {
 
 /// The textures that [`emitters_at`] reads.
 fn emission_textures(scene: &Scene, effects: LightEffects) -> Vec<MipChain> {
+    if effects.emitters && reads_textures(scene) { mip_chains(scene) } else { Vec::new() }
+}
+
+/// Whether the light of emitters depends on textures.
+fn reads_textures(scene: &Scene) -> bool {
     let is_read = |m: &Material| m.emissive_texture.is_some() || m.alpha == AlphaMode::Blend;
-    let textured = scene.materials.iter().any(|m| m.emissive != Vec3::ZERO && is_read(m));
-    if effects.emitters && textured { mip_chains(scene) } else { Vec::new() }
+    scene.materials.iter().any(|m| m.emissive != Vec3::ZERO && is_read(m))
 }
 
 fn emitters_at(scene: &Scene, textures: &[MipChain], effects: LightEffects, time_secs: f64) -> Emitters {

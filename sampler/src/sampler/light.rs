@@ -2,7 +2,10 @@
 
 use std::time::Instant;
 
-use argus_scene::{Indirect, InvalidField, LightLevel, Lighting, RenderError, SampleSetInfo, Stage};
+use argus_scene::{
+    Cancel, Frame, Indirect, InvalidField, LightEffects, LightLevel, Lighting, RenderError, SampleSetInfo,
+    Stage, ViewJob,
+};
 
 use super::GpuSampler;
 use crate::indirect::{IndirectLight, LightInputs};
@@ -120,6 +123,24 @@ impl GpuSampler {
             direct.set_knobs(light);
         }
         Ok(())
+    }
+
+    /// Renders a view of the present pose with other effects of direct light: no light that is kept is made with them. `None` if the sampler was made without any, since programs that read
+    /// surfaces back were not made, or while other light is being prepared.
+    pub(super) fn render_with_effects(
+        &mut self,
+        effects: LightEffects,
+        view: &ViewJob,
+    ) -> Option<Result<Frame, RenderError>> {
+        if !effects.any() || !self.direct.as_mut()?.set_effects(&self.scene, effects, self.posed_secs) {
+            return None;
+        }
+        let view = ViewJob { time_secs: self.posed_secs, ..view.clone() };
+        let frame = self.render_view(&view, &Cancel::default());
+        let (scene, own, time_secs) = (&self.scene, self.knobs.effects, self.posed_secs);
+        // Light that cannot be restored is made anew for the next job.
+        self.direct.take_if(|direct| !direct.set_effects(scene, own, time_secs));
+        Some(frame)
     }
 
     /// Prepares a level of light beside other work. Returns whether it is ready.

@@ -124,6 +124,25 @@ fn a_row_removed_from_the_effect_plan_takes_its_pass_and_its_milliseconds_along(
 }
 
 #[test]
+fn a_view_with_other_effects_is_that_of_their_sampler_and_leaves_the_own_ones_as_they_were() {
+    let job = view_job(Camera::look_at(CAMERA.0, CAMERA.1), [48, 36], 1);
+    // Textures of emission are not read for a measurement alone.
+    for (textured, emitters) in [(true, false), (true, true), (false, false)] {
+        let mut scene = scene_with_lights();
+        scene.materials.iter_mut().filter(|_| !textured).for_each(|m| m.emissive_texture = None);
+        let scene = Arc::new(scene);
+        let own = LightEffects { shadows: true, emitters, ..LightEffects::NONE };
+        let all = LightEffects { emitters: emitters || !textured, ..LightEffects::ALL };
+        let [mut own, mut all, mut none] = [own, all, LightEffects::NONE].map(|e| with(&scene, e));
+        let [before, expected, _] = [&mut own, &mut all, &mut none].map(|one| direct(one, &job).color);
+        assert!(before != expected);
+        assert!(own.render_with(LightEffects::ALL, &job).unwrap().unwrap().color == expected, "{textured}");
+        assert!(direct(&mut own, &job).color == before);
+        assert!(none.render_with(LightEffects::ALL, &job).is_none(), "its surfaces are not read back");
+    }
+}
+
+#[test]
 fn a_spot_light_casts_no_ray_where_its_cone_does_not_reach() {
     let mut scene = empty_scene();
     place(&mut scene, quad(Vec3::ZERO, Vec3::X * 20.0, Vec3::NEG_Z * 20.0, 1.0, 0), DAffine3::IDENTITY);

@@ -41,7 +41,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-pub use costs::{SHARED_STAGE, STAGES};
+pub use costs::{COST_PIXELS, EffectCost, SHARED_STAGE, STAGES};
 pub use request::{EffectCosts, EffectRequest, Effects, ReflectionRequest};
 
 use crate::tone::srgb_from_linear;

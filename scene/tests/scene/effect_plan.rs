@@ -1,7 +1,7 @@
 //! The effect plan: its bounds against the reference, and its decisions.
 use crate::common;
 
-use argus_scene::effects::{EffectCosts, EffectKind, SHARED_STAGE, STAGES};
+use argus_scene::effects::{COST_PIXELS, EffectCost, EffectCosts, EffectKind, SHARED_STAGE, STAGES};
 use argus_scene::reference::{DirectLight, Indirect, Reflecting, Tracer};
 use argus_scene::reflection::BOUNCES;
 use argus_scene::{
@@ -441,6 +441,31 @@ fn stages_of_a_frame_are_the_costs_of_their_effects() {
     assert_eq!(of(EffectKind::SkyVisibility), (None, Some(0.0)), "it is on, and none of its stages ran");
     assert_eq!(of(EffectKind::Emitters), (None, None), "it is off");
     assert_eq!(of(EffectKind::Sun), (None, None), "it has no stage of its own");
+}
+
+#[test]
+fn a_services_costs_are_scaled_to_one_size_and_a_row_without_cause_claims_none() {
+    let scene = matt(Lighting { lights: vec![Light::sun(), Light::sun()], ..Lighting::default() });
+    let stages = [
+        ("trace shadows", 1.0),
+        ("trace sky", 3.0),
+        ("trace emitters", 2.0),
+        ("shade view", 9.0),
+        (SHARED_STAGE, 8.0),
+    ]
+    .map(|(name, ms)| Stage::new(name, ms));
+    // A quarter of the pixels, and two lights together.
+    let mut costs = EffectCost::predicted(&stages, COST_PIXELS / 4);
+    costs[0].measured_ms = Some(5.0);
+    let plan =
+        plan(&scene, Effects::List(LightEffects { shadows: true, ..LightEffects::NONE })).with_costs(&costs);
+    let of = |effect| {
+        plan.row(effect).map(|row| (row.on, row.predicted_ms, row.measured_ms, row.saved_ms)).unwrap()
+    };
+    assert_eq!(of(EffectKind::Shadows), (true, Some(4.0), Some(5.0), None));
+    assert_eq!(of(EffectKind::SkyVisibility), (false, Some(12.0), None, Some(12.0)));
+    assert_eq!(of(EffectKind::Emitters), (false, None, None, None), "nothing emits");
+    assert_eq!(of(EffectKind::Sun), (true, None, None, None), "it is a part of shading");
 }
 
 #[test]

@@ -12,6 +12,7 @@
 pub mod balance;
 mod costs;
 mod demand;
+mod effects;
 pub mod hysteresis;
 mod join;
 mod queues;

@@ -109,6 +109,7 @@ impl Renderer {
     pub(super) fn background(&mut self, work: Background) {
         match work {
             Background::MeasureDirect => self.measure_direct(),
+            Background::MeasureEffects(trial) => self.measure_effects(trial),
             Background::Measured { warp_cost, backend_costs, reply } => {
                 self.meter.set_cost(ViewKind::Warp, warp_cost);
                 // The receiver is gone if a newer assignment arrived.
