@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use argus_proto::convert::{light_level, scene_hash_bytes, visibility, wire_light_level};
 use argus_proto::{PROTOCOL_VERSION, v1};
-use argus_scene::{FaceMask, InvalidField, Limits, SampleId, SampleSetInfo, Version, Visibility};
+use argus_scene::{FaceMask, InvalidField, Limits, Plan, SampleId, SampleSetInfo, Version, Visibility};
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
-use crate::core::{Assignment, Hello, Probed, Report, Role, Source};
+use crate::core::{Assignment, Fallback, Hello, Probed, Report, Role, Source};
 use crate::sealed::SealKey;
 use crate::security::Security;
 
@@ -232,6 +232,22 @@ pub(crate) fn observed(observed: Observed) -> v1::Observed {
 pub(crate) fn observed_from(wire: v1::Observed) -> Observed {
     let v1::Observed { detail, coarse_detail, edges, unresolved, agreeing, residual } = wire;
     Observed { detail, coarse_detail, edges, unresolved, agreeing, residual }
+}
+
+/// What replaces a frame from samples.
+///
+/// # Errors
+/// A plan that is not from triangles, or an error that is none.
+pub(crate) fn fallback(wire: v1::Fallback) -> Result<Fallback, InvalidField> {
+    let plan = wire.plan.ok_or_else(|| InvalidField::new("order.fallback.plan", "is missing"))?;
+    let plan = Plan::try_from(plan)?;
+    if plan.needs_samples() || !plan.frames().is_empty() {
+        return Err(InvalidField::new("order.fallback.plan", "must be from triangles"));
+    }
+    match wire.most_excess {
+        most_excess if (0.0..=1.0).contains(&most_excess) => Ok(Fallback { plan, most_excess }),
+        other => Err(InvalidField::new("order.fallback.most_excess", format!("must be 0 to 1, not {other}"))),
+    }
 }
 
 pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {

@@ -55,6 +55,7 @@ messages! {
     },
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
+
     StatusResponse, Refinements, Pressure, WorkerStatus, Counters,
     SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
     HeldSample, PartialSample, PlaneHeader, SampleHeader,
@@ -95,6 +96,7 @@ messages! {
     FrameData, DescribeRequest,
     DescribeResponse => |m| converted(Description::try_from(m)),
     RenderRequest => |m| view(m.view.unwrap_or_default()),
+    Fallback,
     ViewOrder => |m| converted(Plan::try_from(m.plan.unwrap_or_default())),
     SampleSource,
     RenderBatchRequest => |m| {

@@ -58,7 +58,10 @@ impl ViewRequest {
                 predicted: order.expected.map(Into::into),
                 history: self.history.clone(),
                 decision: order.decision.map(Into::into),
-                fallback_samples_per_pixel: order.fallback.unwrap_or(0),
+                fallback: order.fallback.as_ref().map(|fallback| v1::Fallback {
+                    plan: Some((&fallback.plan).into()),
+                    most_excess: fallback.most_excess,
+                }),
                 keeps_frame: order.keeps_frame,
             }),
         }

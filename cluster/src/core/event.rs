@@ -344,6 +344,15 @@ pub struct Source {
     pub dispensable: bool,
 }
 
+/// What replaces a frame from samples that is not good enough.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fallback {
+    /// A view from triangles, in as much detail as there is time for.
+    pub plan: Plan,
+    /// Error beyond which the frame is replaced: mean FLIP above that of a direct view.
+    pub most_excess: f64,
+}
+
 /// An order: a view for a worker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
@@ -368,9 +377,8 @@ pub struct Order {
     pub judged: bool,
     /// The planner's decision; `None` if the request or its pin named the plan.
     pub decision: Option<Decision>,
-    /// Samples per pixel of the direct view that replaces the frame, if the worker lacks a sample or the frame from
-    /// samples is not good enough.
-    pub fallback: Option<u32>,
+    /// What replaces the frame, if the worker lacks a sample or the frame from samples is not good enough.
+    pub fallback: Option<Fallback>,
     /// Whether the worker keeps the frame, if it is from triangles, to warp other views from it.
     pub keeps_frame: bool,
 }

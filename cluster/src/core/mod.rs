@@ -37,8 +37,8 @@ mod workers;
 
 pub use config::Config;
 pub use event::{
-    Action, Assignment, Client, Event, Failure, Hello, LastView, Order, Probed, Report, Role, Source, ViewId,
-    WorkerId,
+    Action, Assignment, Client, Event, Failure, Fallback, Hello, LastView, Order, Probed, Report, Role,
+    Source, ViewId, WorkerId,
 };
 pub use machine::Core;
 pub use time::Uptime;

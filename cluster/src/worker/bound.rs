@@ -4,10 +4,11 @@
 //! Two faults are detected. Samples may miss a part of the view, which the frame itself says. And texels may be too
 //! coarse: a surface that is far from its sample and near the viewer shows blocks. Only the ranges reveal this.
 
+use argus_scene::rig::Coverage;
 use argus_scene::{Camera, Frame, SampleCamera};
 use glam::DVec2;
 
-use crate::core::planner::{LEAST_FINE, MOST_TEXEL_PIXELS};
+use crate::core::planner::{LEAST_FINE, MOST_TEXEL_PIXELS, predicted_excess};
 
 /// Greatest share of pixels that samples may miss. Tracing more holes costs much of a direct view, and samples are
 /// unreliable around holes.
@@ -21,15 +22,23 @@ const MOST_UNRESOLVED_BY_FRAMES: f64 = 0.15;
 const GRID: [u32; 2] = [32, 24];
 
 /// The fault of a frame from samples; `None` if it is within the bound. `samples` are the cameras of its plan's
-/// samples, in order. Reads the frame's range and source images.
-pub(super) fn shortfall(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Option<String> {
+/// samples, in order. One that shows the whole view finely is good enough whatever the bound; under load `most_excess` may be
+/// greater than such a frame's error, and then a coarser one is good enough too. Reads the frame's range and source images.
+pub(super) fn shortfall(
+    frame: &Frame,
+    camera: &Camera,
+    samples: &[SampleCamera],
+    most_excess: f64,
+) -> Option<String> {
     let is_of_frames = !frame.provenance.plan.frames().is_empty();
     let most = if is_of_frames { MOST_UNRESOLVED_BY_FRAMES } else { MOST_UNRESOLVED };
     if frame.unresolved_fraction > most {
         return Some(format!("the samples miss {:.1}% of the view", frame.unresolved_fraction * 100.0));
     }
     let fine = fine_share(frame, camera, samples)?;
-    let is_coarse = fine < LEAST_FINE;
+    let covered = 1.0 - frame.unresolved_fraction;
+    let (excess, _) = predicted_excess(Some(Coverage { covered, fine: fine * covered }), 1.0);
+    let is_coarse = fine < LEAST_FINE && excess > most_excess;
     is_coarse.then(|| format!("the samples are too coarse for {:.1}% of the view", (1.0 - fine) * 100.0))
 }
 
@@ -99,7 +108,7 @@ mod tests {
 
     fn judged(frame: &Frame, eye: DVec3, samples: &[SampleCamera]) -> Option<String> {
         let camera = Camera { fov_deg: 58.0, ..Camera::look_at(eye, eye + DVec3::X) };
-        shortfall(frame, &camera, samples)
+        shortfall(frame, &camera, samples, 0.0)
     }
 
     #[test]
@@ -110,6 +119,17 @@ mod tests {
         assert_eq!([at(0.0), at(2.0)], [None, None]);
         assert!(at(5.0).is_some_and(|reason| reason.contains("too coarse for 100.0%")));
         assert!(at(9.99).is_some());
+    }
+
+    #[test]
+    fn under_load_coarser_frames_are_good_enough() {
+        let samples = [sample(DVec3::ZERO)];
+        let camera = |eye: DVec3| Camera { fov_deg: 58.0, ..Camera::look_at(eye, eye + DVec3::X) };
+        let coarse = |most_excess: f64| {
+            shortfall(&frame(5.0, 1), &camera(DVec3::new(5.0, 0.0, 0.0)), &samples, most_excess)
+        };
+        assert!(coarse(0.05).is_some());
+        assert_eq!(coarse(0.2), None);
     }
 
     #[test]

@@ -33,8 +33,8 @@ use super::histories::MAX_NAME;
 use super::node::{ActiveRequest, Node};
 use super::queue::Rendered;
 use super::{bound, fetch, probe, trace};
-use crate::core::Source;
 use crate::core::quality::Observed;
+use crate::core::{Fallback, Source, planner};
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::Kind;
 use crate::send_timeout::with_send_timeout;
@@ -81,8 +81,8 @@ struct Ordered {
     history: Option<String>,
     /// The planner's decision; `None` if the request named the plan.
     decision: Option<Decision>,
-    /// The direct plan that replaces the plan if a sample or frame is missing, or the result is not good enough.
-    fallback: Option<Plan>,
+    /// What replaces the frame if a sample or frame is missing, or the result is not good enough.
+    fallback: Option<Fallback>,
     /// The request bounds the error.
     is_bounded: bool,
     /// A direct frame is kept, for other views to be warped from it.
@@ -97,9 +97,6 @@ impl Ordered {
         self.fallback.is_some() && !beyond
     }
 }
-
-/// Greatest number of sub-pixels of a pixel.
-const MOST_SUB_PIXELS: u32 = 256;
 
 #[tonic::async_trait]
 impl Views for ViewsService {
@@ -356,8 +353,7 @@ fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Or
         ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history };
     let (tracers, pinned) = (order.tracers, pin.is_some());
     let decision = order.decision.map(Decision::try_from).transpose()?;
-    let fallback = (1..=MOST_SUB_PIXELS).contains(&order.fallback_samples_per_pixel);
-    let fallback = fallback.then_some(Plan::direct(order.fallback_samples_per_pixel));
+    let fallback = order.fallback.map(wire::fallback).transpose()?;
     let (history, outputs, keeps_frame) = (name, asked, order.keeps_frame);
     Ok(Ordered {
         job,
@@ -388,7 +384,7 @@ fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
 async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
     let began = Instant::now();
     let with = |frame: Frame, decision: Option<Decision>| Frame { decision, ..frame };
-    let Some(plan) = &ordered.fallback else {
+    let Some(Fallback { plan, .. }) = &ordered.fallback else {
         return Ok(with(traced(node, ordered, until).await?, ordered.decision));
     };
     match traced(node, ordered, until).await {
@@ -403,7 +399,11 @@ async fn good_enough(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>
     let job = ViewJob { plan: plan.clone(), history: None, ..ordered.job.clone() };
     let mut frame = render_direct(node, ordered, job).await?;
     frame.stages.push(Stage::new(Stage::REFUSED, refused_ms));
-    let fell_short = |decision| Decision { reason: Reason::FrameFellShort, excess: 0.0, ..decision };
+    let excess = match plan {
+        Plan::Direct { detail, .. } => planner::excess_of(*detail),
+        Plan::Warp(_) => 0.0,
+    };
+    let fell_short = |decision| Decision { reason: Reason::FrameFellShort, excess, ..decision };
     Ok(with(frame, ordered.decision.map(fell_short)))
 }
 
@@ -421,8 +421,8 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         (job.outputs.range, job.outputs.source) = (true, true);
     }
     let mut frame = render(node, ordered, &ordered.samples, &job).await?;
-    if ordered.is_judged()
-        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?)
+    if let Some(Fallback { most_excess, .. }) = ordered.fallback.as_ref().filter(|_| ordered.is_judged())
+        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?, *most_excess)
     {
         return Err(Fault::NotFound(reason));
     }

@@ -239,25 +239,28 @@ impl Survey {
         judged.map_or(FaceMask::ALL, Judged::faces)
     }
 
-    /// Coverage of the view by these cameras together; a camera that is not judged covers nothing.
+    /// Coverage of the view by these cameras together, in the order of a plan; a camera that is not judged covers nothing.
     pub fn coverage(&self, indices: &[u64]) -> Coverage {
         let whole: Vec<(u64, FaceMask)> = indices.iter().map(|index| (*index, FaceMask::ALL)).collect();
         self.coverage_by_faces(&whole)
     }
 
-    /// Coverage of the view by these faces of cameras together; a camera that is not judged covers nothing.
+    /// Coverage of the view by these faces of cameras together, in the order of a plan; a camera that is not judged covers
+    /// nothing. A target is shown by the first camera that sees it, as in a frame from these samples.
     pub fn coverage_by_faces(&self, cameras: &[(u64, FaceMask)]) -> Coverage {
-        let of = |mask: fn(&Judged) -> u64| {
-            let faces = |judged: &Judged| cameras.iter().find(|(index, _)| *index == judged.index);
-            let chosen = self.judged.iter().filter_map(|judged| Some((judged, faces(judged)?.1)));
-            let together = chosen.fold(0, |all, (judged, faces)| all | mask(judged) & judged.within(faces));
+        if self.targets.is_empty() {
             // A view without targets misses nothing.
-            f64::from(together.count_ones()) / (self.targets.len().max(1)) as f64
-        };
-        match self.targets.is_empty() {
-            true => Coverage { covered: 1.0, fine: 1.0 },
-            false => Coverage { covered: of(|judged| judged.seen), fine: of(Judged::fine) },
+            return Coverage { covered: 1.0, fine: 1.0 };
         }
+        let (mut seen, mut fine) = (0_u64, 0_u64);
+        for (index, faces) in cameras {
+            let Some(judged) = self.judged.iter().find(|judged| judged.index == *index) else { continue };
+            let within = judged.within(*faces);
+            fine |= judged.fine() & within & !seen;
+            seen |= judged.seen & within;
+        }
+        let share = |mask: u64| f64::from(mask.count_ones()) / self.targets.len() as f64;
+        Coverage { covered: share(seen), fine: share(fine) }
     }
 }
 

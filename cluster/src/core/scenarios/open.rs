@@ -118,7 +118,10 @@ fn held_samples_are_used_only_if_that_is_faster() {
         let order = &sim.orders[&view_id];
         let decision = order.decision.unwrap();
         assert_eq!((decision.reason, decision.render_ms), (Reason::Soonest, direct_ms.min(warp_ms)));
-        assert_eq!(order.fallback, warped.then_some(1));
+        assert_eq!(
+            order.fallback.as_ref().map(|fallback| &fallback.plan),
+            warped.then_some(&Plan::direct(1))
+        );
         // It fetches nothing.
         assert!(order.sources.iter().all(|source| source.dispensable && source.addresses.is_empty()));
     }

@@ -6,7 +6,7 @@ use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
 
 use super::frames::warping_pays;
 use super::pending::{BLOCKING_QUEUES, Pending};
-use super::planner::{Aim, worth_ms};
+use super::planner::{Aim, fallback, worth_ms};
 use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
 use super::{Cluster, Views};
@@ -144,6 +144,7 @@ impl Views {
         let worth_ms = worth_ms(&offers, &open.aim);
         let most_ms = worth_ms.map_or(f64::INFINITY, |ms| cluster.most_ms(&self.load, ms, now));
         let aim = Aim { most_ms, ..open.aim };
+        let fallback = fallback(&offers, &aim);
         let Some((offer, decision)) = choose_after(offers, &aim, open.memory.as_ref()) else {
             return Attempt::Full;
         };
@@ -156,7 +157,7 @@ impl Views {
         view.plan = offer.plan;
         view.version = cluster.samples.set().version;
         if let Some(open) = &mut view.open {
-            open.decision = Some(decision);
+            (open.decision, open.fallback) = (Some(decision), fallback);
         }
         self.in_flight.add(view);
         let micros = worth_ms.map_or(0, |ms| (ms * 1e3) as u64);
@@ -226,11 +227,7 @@ impl Views {
             expected: view.expected,
             judged: view.target_search.as_ref().is_some_and(|target_search| target_search.judged),
             decision,
-            fallback: view
-                .open
-                .as_ref()
-                .filter(|_| !view.is_direct())
-                .map(|open| open.direct.samples_per_pixel),
+            fallback: view.open.as_ref().filter(|_| !view.is_direct()).and_then(|open| open.fallback.clone()),
             keeps_frame,
         };
         Some((Box::new(order), queued))

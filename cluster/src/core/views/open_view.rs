@@ -7,7 +7,7 @@ use argus_scene::{FrameSource, View};
 use super::plan::samples_per_pixel;
 use super::planner::Aim;
 use super::session_memory::Memory;
-use crate::core::event::LastView;
+use crate::core::event::{Fallback, LastView};
 
 /// The direct frame that would answer a view that leaves the way open.
 pub(super) fn direct_frame(view: &View) -> FrameSource {
@@ -27,6 +27,8 @@ pub(super) struct OpenView {
     pub(super) memory: Option<Memory>,
     /// The planner's latest decision.
     pub(super) decision: Option<Decision>,
+    /// What replaces a frame from samples that is not good enough, by that decision.
+    pub(super) fallback: Option<Fallback>,
 }
 
 impl OpenView {
@@ -40,6 +42,6 @@ impl OpenView {
         let direct = direct_frame(view);
         let aim = Aim::of(&view.plan);
         let memory = last.and_then(|last| Memory::of(view, *last));
-        open.then(|| Box::new(Self { direct, aim, survey, memory, decision: None }))
+        open.then(|| Box::new(Self { direct, aim, survey, memory, decision: None, fallback: None }))
     }
 }

@@ -9,7 +9,7 @@ use argus_scene::frame::{Decision, Reason};
 use argus_scene::rig::Coverage;
 use argus_scene::{Detail, Plan, PlanRequest, Preset};
 
-use crate::core::event::WorkerId;
+use crate::core::event::{Fallback, WorkerId};
 
 /// Default bound on a frame's excess: mean FLIP above that of a direct view.
 const BALANCED_EXCESS: f64 = 0.03;
@@ -45,7 +45,7 @@ pub(super) const EXCESS_OF_COARSE: f64 = 0.15;
 
 /// Predicted excess of views from triangles of which less is rendered: the largest that `study detail` measured in five scenes
 /// (docs/results.md), since a prediction is meant as an upper bound.
-pub(super) const fn excess_of(detail: Detail) -> f64 {
+pub(crate) const fn excess_of(detail: Detail) -> f64 {
     match detail {
         Detail::Full => 0.0,
         Detail::FewRays => 0.022,
@@ -176,6 +176,18 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
     Some((chosen.clone(), decision))
 }
 
+/// What replaces a frame from samples that turns out worse than predicted: of the views from triangles for which there is time the
+/// one with the least error, or else the cheapest. The frame is replaced if its error exceeds the aim's and that of the view that
+/// would replace it.
+pub(super) fn fallback(offers: &[Offer], aim: &Aim) -> Option<Fallback> {
+    let direct = || offers.iter().filter(|offer| matches!(offer.plan, Plan::Direct { .. }));
+    let time = |offer: &Offer| offer.render_ms.unwrap_or(f64::INFINITY);
+    let carried = direct().filter(|offer| offer.render_ms.is_none_or(|ms| ms <= aim.most_ms));
+    let best = carried.min_by(|a, b| a.error_step().cmp(&b.error_step()).then(time(a).total_cmp(&time(b))));
+    let best = best.or_else(|| direct().min_by(|a, b| time(a).total_cmp(&time(b))))?;
+    Some(Fallback { plan: best.plan.clone(), most_excess: aim.most_excess.max(best.excess) })
+}
+
 /// Milliseconds of the cheapest way to render all of a view within its bound; `None` if no such cost is known.
 pub(super) fn worth_ms(offers: &[Offer], aim: &Aim) -> Option<f64> {
     let within = offers.iter().filter(|offer| offer.is_whole() && offer.keeps_bound(aim));
@@ -303,6 +315,24 @@ mod tests {
         assert_eq!(chosen(40.0), (Detail::Half, Reason::TimeFirst), "beyond the bound");
         assert_eq!(chosen(10.0), (Detail::Quarter, Reason::TimeFirst));
         assert_eq!(chosen(1.0), (Detail::Quarter, Reason::TimeFirst), "there is time for none");
+    }
+
+    #[test]
+    fn a_frame_that_falls_short_is_replaced_by_what_there_is_time_for() {
+        let offers = [
+            reduced(Detail::Full, 0.0, 100.0),
+            reduced(Detail::Half, 0.0, 25.0),
+            reduced(Detail::Quarter, 0.0, 5.0),
+        ];
+        let of = |most_ms: f64| {
+            let fallback = fallback(&offers, &Aim { most_ms, ..Aim::of(&PlanRequest::default()) }).unwrap();
+            let Plan::Direct { detail, .. } = fallback.plan else { panic!("from triangles") };
+            (detail, fallback.most_excess)
+        };
+        assert_eq!(of(f64::INFINITY), (Detail::Full, BALANCED_EXCESS));
+        assert_eq!(of(30.0), (Detail::Half, excess_of(Detail::Half)));
+        assert_eq!(of(1.0), (Detail::Quarter, excess_of(Detail::Quarter)), "there is time for none");
+        assert_eq!(fallback(&[], &Aim::of(&PlanRequest::default())), None);
     }
 
     #[test]
