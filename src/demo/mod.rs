@@ -26,8 +26,8 @@ use crate::{args, output, processes};
 /// Starts a cluster of processes on this machine and sends it a crowd of viewers. Each viewer walks around its own viewpoint and
 /// asks for views over gRPC.
 ///
-/// The crowd asks for three times what the workers carry from triangles, by the costs that they measured. The same load follows
-/// with all views from triangles, for a third of the time. A table shows both. The folder gets a plot of latency over time, and a
+/// The crowd asks for three times what the workers carry from triangles, which is measured first. The same load follows with all
+/// views from triangles, for a third of the time. A table shows both. The folder gets a plot of latency over time, and a
 /// contact sheet of each viewer's last view beside its reference from triangles, of sixteen samples a pixel.
 #[derive(clap::Args)]
 #[command(after_help = "\
@@ -73,6 +73,8 @@ const FULL: (u16, [u32; 2], f64) = (16, [200, 150], 12.0);
 const QUICK: (u16, [u32; 2], f64) = (4, [96, 72], 2.0);
 /// Seconds of views from triangles, as a share of the crowd's.
 const DIRECT_SHARE: f64 = 1.0 / 3.0;
+/// Seconds in which it is measured how many of these are carried, as a share of the crowd's.
+const BURST_SHARE: f64 = 0.25;
 /// Longest wait for samples that are still in work after the crowd.
 const SETTLING: Duration = Duration::from_secs(15);
 
@@ -91,8 +93,9 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let starting = move || LocalCluster::start(&program, &served, workers, &more);
     let cluster = tokio::task::spawn_blocking(starting).await??;
     let client = connect(&cluster, workers).await?;
-    progress.set_message("measuring what a view costs");
-    let pace = Pace::measure(&client, workers, size[0] * size[1]).await?;
+    progress.set_message("measuring how many views from triangles are carried");
+    let burst = Duration::try_from_secs_f64(seconds * BURST_SHARE)?;
+    let pace = Pace::measure(&client, workers, size, burst).await?;
 
     progress.set_message(format!("a crowd of {viewers} viewers"));
     let plan = PlanRequest::default();
