@@ -171,12 +171,22 @@ impl Core {
     }
 
     fn cluster(&self) -> Cluster<'_> {
-        Cluster { config: &self.config, workers: &self.workers, samples: &self.samples }
+        Cluster {
+            config: &self.config,
+            workers: &self.workers,
+            samples: &self.samples,
+            under_load: self.views.pressure().lacking > 0.0,
+        }
     }
 
     /// The views, to be changed, and the other parts, to be read.
     fn parts(&mut self) -> (&mut Views, Cluster<'_>) {
-        let cluster = Cluster { config: &self.config, workers: &self.workers, samples: &self.samples };
+        let cluster = Cluster {
+            config: &self.config,
+            workers: &self.workers,
+            samples: &self.samples,
+            under_load: self.views.pressure().lacking > 0.0,
+        };
         (&mut self.views, cluster)
     }
 

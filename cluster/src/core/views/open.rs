@@ -13,7 +13,7 @@ use super::pending::Pending;
 use super::planner::{MOST_SAMPLES, Offer, excess_of, predicted_excess};
 use super::session_memory::Memory;
 use super::survey::SurveyWanted;
-use crate::core::event::{LastView, WorkerId};
+use crate::core::event::{LastView, Report, WorkerId};
 use crate::core::quality::Cost;
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
@@ -150,7 +150,7 @@ impl Cluster<'_> {
                 Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats }
             };
             let base = in_detail(Detail::Full);
-            let warp_ms = worker.report().warp_cost.map(|cost| cost.ms(work));
+            let warp_ms = self.warp_cost(worker).map(|cost| cost.ms(work));
             for from_samples in self.plans_from_samples(worker, view, open, &mut cached) {
                 let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
                 let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
@@ -191,7 +191,7 @@ impl Cluster<'_> {
         };
         let asked = able(&ids);
         let fresh: Vec<&Worker> = asked.iter().copied().filter(untried).collect();
-        let free = fresh.iter().copied().filter(|worker| !self.samples.renders_at_once(worker.id()));
+        let free = fresh.iter().copied().filter(|worker| !self.leaves_views(worker));
         let free: Vec<&Worker> = free.collect();
         if !free.is_empty() {
             return free;
@@ -230,10 +230,15 @@ impl Cluster<'_> {
         self.workers.queues().anyone().len()
     }
 
-    /// Number of workers that answer views now: those that render samples at once leave them to the others, if there are others.
+    /// Whether a worker leaves views to the others, if there are others: it renders samples at once, or it measures a price that a
+    /// decision lacks.
+    fn leaves_views(&self, worker: &Worker) -> bool {
+        self.samples.renders_at_once(worker.id()) || (self.under_load && worker.is_measuring())
+    }
+
+    /// Number of workers that answer views now.
     fn free(&self) -> usize {
-        let busy =
-            self.workers.iter().filter(|w| w.answers() && self.samples.renders_at_once(w.id())).count();
+        let busy = self.workers.iter().filter(|w| w.answers() && self.leaves_views(w)).count();
         match self.answering().saturating_sub(busy) {
             0 => self.answering(),
             free => free,
@@ -243,15 +248,24 @@ impl Cluster<'_> {
     /// Cost of a view from triangles at a worker, by the pixels that are rendered: as measured by it or by a worker with the same
     /// device.
     fn direct_cost(&self, worker: &Worker, detail: Detail) -> Option<Cost> {
-        let of = |worker: &Worker| match detail.ray_divisor() {
-            1 => worker.report().direct_cost,
-            _ => worker.report().few_rays_cost,
-        };
+        self.cost_at(worker, |report| match detail.ray_divisor() {
+            1 => report.direct_cost,
+            _ => report.few_rays_cost,
+        })
+    }
+
+    /// Cost of a view from samples at a worker, alike.
+    fn warp_cost(&self, worker: &Worker) -> Option<Cost> {
+        self.cost_at(worker, |report| report.warp_cost)
+    }
+
+    /// A cost as measured by a worker, or else by one with the same device.
+    fn cost_at(&self, worker: &Worker, of: impl Fn(&Report) -> Option<Cost>) -> Option<Cost> {
         let alike = || {
             let same = self.workers.iter().filter(|other| other.hello().device == worker.hello().device);
-            same.take(MOST_ASKED).find_map(of)
+            same.take(MOST_ASKED).find_map(|other| of(other.report()))
         };
-        of(worker).or_else(alike)
+        of(worker.report()).or_else(alike)
     }
 
     /// Milliseconds until a worker can begin another view.
@@ -290,7 +304,7 @@ impl Cluster<'_> {
         open: &OpenView,
         cached: &mut CachedPlans,
     ) -> Vec<FromSamples> {
-        if worker.report().warp_cost.is_none() || !self.holds_probes(worker) {
+        if self.warp_cost(worker).is_none() || !self.holds_probes(worker) {
             return Vec::new();
         }
         let best_of = |held: &Faces| match &open.survey {

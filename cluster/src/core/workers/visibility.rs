@@ -13,8 +13,9 @@ use crate::core::event::{Action, Role};
 /// starts, when its first views need all of its time.
 const IDLE_TICKS: f64 = 1.0;
 
-/// Ticks after which it measures, even if it is busy. It does so in slices, and a decision may need the cost.
-const BUSY_TICKS: f64 = 3.0;
+/// Ticks after which it measures, even if it is busy: a decision may need the cost. It does so in slices, and while views lack time it
+/// leaves them to the other workers.
+const BUSY_TICKS: f64 = 2.0;
 
 impl Workers {
     /// Whether the backend is chosen. Until then no samples are rendered.
