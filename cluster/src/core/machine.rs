@@ -353,7 +353,7 @@ impl Core {
             }
             Output::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
             Output::TakenBack { worker, view_id, samples, answered } => {
-                if self.workers.end(worker, view_id, now) {
+                if self.workers.end(worker, view_id, answered, now) {
                     self.samples.end(worker, &samples, answered);
                 }
             }

@@ -1,14 +1,13 @@
 //! Measured costs of rendering: sums since the start, and means since the last report.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use argus_scene::Plan;
 use parking_lot::Mutex;
 
 use crate::core::Report;
 use crate::core::quality::Cost;
-use crate::core::smooth::Smoothed;
 use crate::worker::effect_meter::EffectMeter;
+use crate::worker::view_costs::{ViewCosts, ViewKind};
 
 /// Work of one kind.
 #[derive(Debug, Clone, Copy, Default)]
@@ -50,72 +49,9 @@ impl Work {
     }
 }
 
-/// Cost of views of one kind: measured before the first request, and corrected by the times of real views.
-#[derive(Debug)]
-struct ViewCost {
-    measured: Option<Cost>,
-    /// Ratio of real times to the measured cost.
-    correction: Smoothed,
-}
-
-/// Weight of the newest view in the correction.
-const CORRECTION_WEIGHT: f64 = 0.2;
-
-impl Default for ViewCost {
-    fn default() -> Self {
-        Self { measured: None, correction: Smoothed::new(CORRECTION_WEIGHT) }
-    }
-}
-
-impl ViewCost {
-    fn observe(&mut self, pixels: u64, ms: f64) {
-        if let Some(measured) = self.measured {
-            self.correction.observe(ms / measured.ms(pixels));
-        }
-    }
-
-    /// The corrected cost. Until a view of the kind corrects it, by the correction of a like kind.
-    fn cost_like(&self, like: Option<&Self>) -> Option<Cost> {
-        let correction = self.correction.value().or_else(|| like?.correction.value());
-        let factor = correction.unwrap_or(1.0);
-        self.measured.map(|cost| Cost {
-            fixed_ms: cost.fixed_ms * factor,
-            ms_per_megapixel: cost.ms_per_megapixel * factor,
-        })
-    }
-}
-
-/// Ways to answer a view that differ in their cost of a pixel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum ViewKind {
-    /// From triangles.
-    Direct,
-    /// From triangles, with few rays of light.
-    FewRays,
-    /// From samples.
-    Warp,
-    /// From recent direct frames.
-    FromFrames,
-}
-
-impl ViewKind {
-    /// The kind of a plan.
-    pub(super) fn of(plan: &Plan) -> Self {
-        match plan {
-            Plan::Direct { detail, .. } if detail.ray_divisor() > 1 => Self::FewRays,
-            Plan::Direct { .. } => Self::Direct,
-            Plan::Warp(_) if plan.needs_samples() => Self::Warp,
-            Plan::Warp(_) => Self::FromFrames,
-        }
-    }
-}
-
 #[derive(Debug, Default)]
 struct Sums {
-    direct_cost: ViewCost,
-    few_rays_cost: ViewCost,
-    warp_cost: ViewCost,
-    frame_cost: ViewCost,
+    view_costs: ViewCosts,
     effects: EffectMeter,
     samples: Work,
     direct: Work,
@@ -130,17 +66,6 @@ struct Sums {
     holding_ms: f64,
     received: u64,
     unpacking_ms: f64,
-}
-
-impl Sums {
-    fn cost_of(&mut self, kind: ViewKind) -> &mut ViewCost {
-        match kind {
-            ViewKind::Direct => &mut self.direct_cost,
-            ViewKind::FewRays => &mut self.few_rays_cost,
-            ViewKind::Warp => &mut self.warp_cost,
-            ViewKind::FromFrames => &mut self.frame_cost,
-        }
-    }
 }
 
 /// Kinds of work.
@@ -180,14 +105,14 @@ impl Meter {
 
     /// Sets the cost of views of one kind, measured before the first request. `None` changes nothing.
     pub(super) fn set_cost(&self, kind: ViewKind, cost: Option<Cost>) {
-        if cost.is_some() {
-            *self.0.lock().cost_of(kind) = ViewCost { measured: cost, ..ViewCost::default() };
+        if let Some(cost) = cost {
+            self.0.lock().view_costs.set(kind, cost);
         }
     }
 
     /// Records the milliseconds of a view. `pixels` are those that were rendered, with sub-pixels.
     pub(super) fn observe_view(&self, kind: ViewKind, pixels: u64, ms: f64) {
-        self.0.lock().cost_of(kind).observe(pixels, ms);
+        self.0.lock().view_costs.observe(kind, pixels, ms, Instant::now());
     }
 
     /// Changes what is known of the cost of effects.
@@ -221,10 +146,9 @@ impl Meter {
         report.ray_ms = sums.rays.mean_ms();
         report.part_ms = sums.parts.mean_ms();
         report.sample_progress = sums.sample_progress;
-        (report.direct_cost, report.warp_cost) =
-            (sums.direct_cost.cost_like(None), sums.warp_cost.cost_like(None));
-        report.few_rays_cost = sums.few_rays_cost.cost_like(Some(&sums.direct_cost));
-        report.frame_cost = sums.frame_cost.cost_like(None);
+        let cost = |kind| sums.view_costs.cost(kind, Instant::now());
+        (report.direct_cost, report.few_rays_cost) = (cost(ViewKind::Direct), cost(ViewKind::FewRays));
+        (report.warp_cost, report.frame_cost) = (cost(ViewKind::Warp), cost(ViewKind::FromFrames));
         report.effect_costs = sums.effects.costs();
         report.samples_rendered = sums.samples.total;
         report.views_direct = sums.direct.total;
@@ -241,26 +165,6 @@ impl Meter {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn views_correct_a_measured_cost_and_set_none_without_a_measurement() {
-        let meter = Meter::default();
-        let mut report = Report::default();
-        meter.observe_view(ViewKind::Direct, 1_000_000, 40.0);
-        meter.fill(&mut report);
-        assert_eq!((report.direct_cost, report.warp_cost), (None, None));
-        meter.set_cost(ViewKind::Direct, Some(Cost { fixed_ms: 2.0, ms_per_megapixel: 18.0 }));
-        meter.fill(&mut report);
-        assert_eq!(report.direct_cost.unwrap().ms(1_000_000), 20.0);
-        (0..40).for_each(|_| meter.observe_view(ViewKind::Direct, 1_000_000, 40.0));
-        meter.fill(&mut report);
-        assert!((report.direct_cost.unwrap().ms(1_000_000) - 40.0).abs() < 0.1);
-        assert!((report.direct_cost.unwrap().ms(0) - 4.0).abs() < 0.1);
-        meter.set_cost(ViewKind::Direct, None);
-        meter.observe_view(ViewKind::Direct, 0, f64::NAN);
-        meter.fill(&mut report);
-        assert!(report.direct_cost.unwrap().ms(0).is_finite());
-    }
 
     #[test]
     fn the_first_batch_of_views_is_counted_but_not_part_of_their_cost() {

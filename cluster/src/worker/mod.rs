@@ -32,6 +32,7 @@ mod scene;
 mod slices;
 mod store;
 mod trace;
+mod view_costs;
 mod views;
 mod warm;
 mod watch;

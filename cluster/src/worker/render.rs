@@ -21,10 +21,11 @@ use tracing::{debug, info, warn};
 
 use super::claim::Batch;
 use super::health::Health;
-use super::meter::{Kind, Meter, ViewKind};
+use super::meter::{Kind, Meter};
 use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::slices::Slices;
 use super::store::Store;
+use super::view_costs::ViewKind;
 use super::warm;
 use crate::RoleFactory;
 use crate::core::Role;

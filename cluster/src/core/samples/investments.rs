@@ -12,6 +12,9 @@ use argus_scene::FaceMask;
 /// Expected duration of interest in a bundle, ticks, in a still scene.
 const HORIZON_TICKS: f64 = 60.0;
 
+/// The same while views lack time: savings are known for a short time only, and rendering takes time from views.
+const HORIZON_UNDER_LOAD_TICKS: f64 = 20.0;
+
 /// Weight of the newest tick in a bundle's average savings: a short visit of a viewer is no reason to invest.
 const WEIGHT: f64 = 0.1;
 
@@ -42,6 +45,8 @@ struct Savings {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Investments {
     bundles: BTreeMap<Vec<u64>, Savings>,
+    /// Whether views lacked time in the last tick.
+    under_load: bool,
 }
 
 impl Investments {
@@ -65,6 +70,7 @@ impl Investments {
 
     /// Closes a tick.
     pub(super) fn tick(&mut self, ticks: f64, under_load: bool) {
+        self.under_load = under_load;
         let newest = if under_load { WEIGHT_UNDER_LOAD } else { WEIGHT };
         let weight = 1.0 - (1.0 - newest).powf(ticks);
         for savings in self.bundles.values_mut() {
@@ -89,7 +95,7 @@ impl Investments {
         price: impl Fn(&[(u64, FaceMask)]) -> f64,
         most_ticks: f64,
     ) -> Option<(&[(u64, FaceMask)], f64)> {
-        let horizon = HORIZON_TICKS.min(most_ticks);
+        let horizon = if self.under_load { HORIZON_UNDER_LOAD_TICKS } else { HORIZON_TICKS }.min(most_ticks);
         let worth = self.bundles.values().filter_map(|savings| {
             let bundle = &savings.bundle;
             let price = price(bundle);
@@ -133,7 +139,7 @@ mod tests {
             "3 s are saved at most, and 4 s is the price"
         );
         let mut under_load = Investments::default();
-        under_load.learn(whole(&[1, 3]), 0.2);
+        under_load.learn(whole(&[1, 3]), 0.5);
         under_load.tick(1.0, true);
         assert!(under_load.best(price, f64::INFINITY).is_some(), "there is no time to wait");
     }

@@ -26,7 +26,7 @@ const QUEUE_MS: f64 = 50.0;
 const QUEUE_VIEWS: f64 = 1.2;
 
 /// Change of that part in a second in which the queue is empty, or at least twice as long.
-const CHANGE_A_SECOND: f64 = 0.05;
+const CHANGE_A_SECOND: f64 = 0.15;
 
 /// Milliseconds in which a queue shall be worked off, and the least number of views that may wait.
 const DRAIN_MS: f64 = 200.0;
@@ -65,8 +65,8 @@ impl Rate {
 pub(super) struct Work {
     /// Milliseconds of one process for the views that wait or are in work.
     pub(super) queued_ms: f64,
-    /// Number of workers that answer views.
-    pub(super) processes: usize,
+    /// Workers that answer views, in those that would take as long as predicted: two that take twice as long are one.
+    pub(super) processes: f64,
 }
 
 /// What is asked of the cluster.
@@ -124,13 +124,13 @@ impl Load {
     }
 
     /// Processes that open views lack, since all that is asked is more than is carried; 0 if it is carried.
-    pub(super) fn lacking(&self, processes: usize, now: Uptime) -> f64 {
+    pub(super) fn lacking(&self, processes: f64, now: Uptime) -> f64 {
         (self.open.at(now) - self.there_is(processes, now).max(0.0)).max(0.0)
     }
 
     /// Processes that there are for open views.
-    fn there_is(&self, processes: usize, now: Uptime) -> f64 {
-        self.carried * processes as f64 - self.fixed.at(now)
+    fn there_is(&self, processes: f64, now: Uptime) -> f64 {
+        self.carried * processes - self.fixed.at(now)
     }
 
     /// Follows the queue when a view is planned that takes `ms` and might take `most_ms`: while not all that is asked is carried,
@@ -138,7 +138,7 @@ impl Load {
     pub(super) fn follow(&mut self, (ms, most_ms): (f64, f64), work: Work, now: Uptime) {
         let secs = now.since(self.followed).as_secs_f64().min(1.0);
         self.followed = now;
-        let queue = work.queued_ms / work.processes.max(1) as f64 / QUEUE_MS.max(QUEUE_VIEWS * ms);
+        let queue = work.queued_ms / work.processes.max(1.0) / QUEUE_MS.max(QUEUE_VIEWS * ms);
         let rises =
             if most_ms.is_finite() { 1.0 - queue } else { (CARRIED - self.carried) / CHANGE_A_SECOND };
         let carried = self.carried + CHANGE_A_SECOND * secs * rises.clamp(-1.0, 1.0);
@@ -157,7 +157,7 @@ mod tests {
     }
 
     fn work(queued_ms: f64, processes: usize) -> Work {
-        Work { queued_ms, processes }
+        Work { queued_ms, processes: processes as f64 }
     }
 
     /// The load after views of some milliseconds at some rate, for ten seconds.
@@ -233,10 +233,10 @@ mod tests {
     #[test]
     fn what_is_lacking_is_what_is_asked_beyond_what_is_carried() {
         let (load, now) = after(100.0, 80.0);
-        assert!((load.lacking(2, now) - (8.0 - CARRIED * 2.0)).abs() < 0.5, "{}", load.lacking(2, now));
+        assert!((load.lacking(2.0, now) - (8.0 - CARRIED * 2.0)).abs() < 0.5, "{}", load.lacking(2.0, now));
         assert!((load.asked(now) - 8.0).abs() < 0.5);
-        assert_eq!(load.lacking(20, now), 0.0);
-        assert!(load.lacking(0, now) > 7.0, "without workers, all is lacking");
+        assert_eq!(load.lacking(20.0, now), 0.0);
+        assert!(load.lacking(0.0, now) > 7.0, "without workers, all is lacking");
     }
 
     #[test]

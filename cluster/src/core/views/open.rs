@@ -225,9 +225,9 @@ impl Cluster<'_> {
         Work { queued_ms: self.workers.iter().map(|w| w.queued_ms(now)).sum(), processes: self.free() }
     }
 
-    /// Number of workers that answer views.
-    pub(super) fn answering(&self) -> usize {
-        self.workers.queues().anyone().len()
+    /// Workers that answer views, in those that would take as long as predicted.
+    pub(super) fn answering(&self) -> f64 {
+        self.workers.iter().filter(|w| w.answers()).map(|worker| 1.0 / worker.pace()).sum()
     }
 
     /// Whether a worker leaves views to the others, if there are others: it renders samples at once, or it measures a price that a
@@ -236,11 +236,11 @@ impl Cluster<'_> {
         self.samples.renders_at_once(worker.id()) || (self.under_load && worker.is_measuring())
     }
 
-    /// Number of workers that answer views now.
-    fn free(&self) -> usize {
-        let busy = self.workers.iter().filter(|w| w.answers() && self.leaves_views(w)).count();
-        match self.answering().saturating_sub(busy) {
-            0 => self.answering(),
+    /// Of these, the workers that answer views now.
+    fn free(&self) -> f64 {
+        let free = self.workers.iter().filter(|w| w.answers() && !self.leaves_views(w));
+        match free.map(|worker| 1.0 / worker.pace()).sum() {
+            0.0 => self.answering(),
             free => free,
         }
     }

@@ -15,6 +15,7 @@ mod demand;
 mod effects;
 pub mod hysteresis;
 mod join;
+mod pace;
 mod queues;
 mod recent_frames;
 mod record;
@@ -192,8 +193,8 @@ impl Workers {
     }
 
     /// Removes a view from a worker's queue. Returns whether it was there.
-    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId, now: Uptime) -> bool {
-        self.change(id, |worker| worker.end(view_id, now)).unwrap_or(false)
+    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId, answered: bool, now: Uptime) -> bool {
+        self.change(id, |worker| worker.end(view_id, answered, now)).unwrap_or(false)
     }
 
     /// Records that a worker answered a view of `work` pixels, with sub-pixels.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::pace::Pace;
 use super::queues::{QueueEntry, QueueMembership};
 use super::recent_frames::RecentFrames;
 use super::record::Record;
@@ -58,6 +59,7 @@ pub(in crate::core) struct Worker {
     views: BTreeMap<ViewId, QueuedView>,
     /// When it began with the oldest of these.
     works_since: Uptime,
+    pace: Pace,
     /// Number of views that it ever got, which orders equal workers.
     dispatched: u64,
     /// Busy milliseconds at the start of the current tick.
@@ -92,6 +94,7 @@ impl Worker {
             measure_sequence: None,
             views: BTreeMap::new(),
             works_since: Uptime::default(),
+            pace: Pace::default(),
             dispatched: 0,
             busy_at_tick_ms: 0.0,
             suspected: false,
@@ -318,7 +321,8 @@ impl Worker {
         let oldest_ms = self.views.values().next().map_or(0.0, |view| view.predicted_ms);
         let done_ms = now.since(self.works_since).as_secs_f64() * 1e3;
         // One that takes longer than predicted is not done yet.
-        all - done_ms.min(MOST_DONE * oldest_ms)
+        let pace = self.pace.factor();
+        pace * all - done_ms.min(MOST_DONE * pace * oldest_ms)
     }
 
     /// Adds a view to its queue.
@@ -330,10 +334,23 @@ impl Worker {
         self.dispatched += 1;
     }
 
-    /// Removes a view from its queue; whether it was there.
-    pub(super) fn end(&mut self, view_id: ViewId, now: Uptime) -> bool {
+    /// Removes a view from its queue, which it has answered or not; whether it was there.
+    pub(super) fn end(&mut self, view_id: ViewId, answered: bool, now: Uptime) -> bool {
+        let Some(view) = self.views.remove(&view_id) else { return false };
+        match self.views.is_empty() {
+            true => self.pace.relax(),
+            false if answered => {
+                self.pace.learn(view.predicted_ms, now.since(self.works_since).as_secs_f64() * 1e3);
+            }
+            false => {}
+        }
         self.works_since = now;
-        self.views.remove(&view_id).is_some()
+        true
+    }
+
+    /// Time of a view over its predicted time, while views wait.
+    pub(in crate::core) fn pace(&self) -> f64 {
+        self.pace.factor()
     }
 
     /// Records that it answered a view.

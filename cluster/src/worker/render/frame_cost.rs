@@ -15,7 +15,7 @@ use tracing::{debug, warn};
 use super::{Renderer, ms_since};
 use crate::core::quality::Cost;
 use crate::worker::frames::set_of_frames;
-use crate::worker::meter::ViewKind;
+use crate::worker::view_costs::ViewKind;
 use crate::worker::warm::{SIZES, fastest, view};
 
 /// A frame as a sample, and the view that it is warped to: that of its own camera.

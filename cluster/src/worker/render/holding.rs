@@ -9,9 +9,9 @@ use tracing::{debug, warn};
 use super::{Amount, Held, Renderer, ms_since};
 use crate::core::quality::Cost;
 use crate::worker::claim::Batch;
-use crate::worker::meter::ViewKind;
 use crate::worker::queue::{BackendCosts, Background, Work};
 use crate::worker::slices::Slices;
+use crate::worker::view_costs::ViewKind;
 use crate::worker::warm;
 
 /// The channel for a result.

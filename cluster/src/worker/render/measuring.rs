@@ -12,9 +12,9 @@ use tracing::{debug, warn};
 
 use super::{Renderer, ms_since, sub_pixels};
 use crate::worker::effect_meter::EffectMeter;
-use crate::worker::meter::ViewKind;
 use crate::worker::queue::{Background, Work};
 use crate::worker::slices::Slices;
+use crate::worker::view_costs::ViewKind;
 use crate::worker::warm::{self, EffectTrial};
 
 impl Renderer {
