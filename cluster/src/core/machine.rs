@@ -175,7 +175,7 @@ impl Core {
             config: &self.config,
             workers: &self.workers,
             samples: &self.samples,
-            under_load: self.views.pressure().lacking > 0.0,
+            others_carry: self.views.pressure().others_carry,
         }
     }
 
@@ -185,7 +185,7 @@ impl Core {
             config: &self.config,
             workers: &self.workers,
             samples: &self.samples,
-            under_load: self.views.pressure().lacking > 0.0,
+            others_carry: self.views.pressure().others_carry,
         };
         (&mut self.views, cluster)
     }
@@ -308,7 +308,8 @@ impl Core {
             self.tick_began = now;
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             let (views, cluster) = self.parts();
-            let lacking = views.tick(cluster, now);
+            let pressure = views.tick(cluster, now);
+            let lacking = (pressure.lacking, pressure.others_carry);
             let ordered = self.samples.tick(&self.workers, ticks, lacking, now);
             self.workers.count(WorkKind::Samples, ordered as u64);
             self.workers.tick(ticks);

@@ -1,8 +1,9 @@
 //! Which samples are worth their price: their savings and costs in seconds of one process.
 //!
 //! While views have the time that they are worth, one bundle is rendered at a time, by workers that are idle. While they lack
-//! time, all bundles that pay are rendered *at once*, best first, as many as save what is lacking: the samplers, of which the balance
-//! formula says how many there are, leave views to the other workers until these samples are there.
+//! time, all bundles that pay are rendered, best first, as many as save what is lacking. If the other workers carry all views in
+//! some way, they are rendered *at once*: the samplers, of which the balance formula says how many there are, leave views to the
+//! others until these samples are there.
 
 use argus_scene::FaceMask;
 
@@ -50,8 +51,9 @@ impl Samples {
     }
 
     /// Closes a tick: invests in the bundles that save most for their price, once those that were chosen before are there. `lacking`
-    /// is the number of processes that views lack. Returns the number of samples to render.
-    pub(super) fn invest(&mut self, workers: &Workers, ticks: f64, lacking: f64) -> usize {
+    /// is the number of processes that views lack, and whether samplers may leave views to the others. Returns the number of samples to
+    /// render.
+    pub(super) fn invest(&mut self, workers: &Workers, ticks: f64, (lacking, at_once): (f64, bool)) -> usize {
         let tick_secs = self.config.tick.as_secs_f64();
         self.investments.tick(ticks, lacking > 0.0);
         self.lot.passed_secs += ticks * tick_secs;
@@ -72,7 +74,7 @@ impl Samples {
                 break;
             }
         }
-        if lacking > 0.0 {
+        if at_once {
             let samplers = workers.queues().samplers().len().max(1);
             self.lot = Lot { secs: price_secs / samplers as f64, passed_secs: 0.0 };
         }

@@ -225,8 +225,9 @@ impl Samples {
     }
 
     /// Closes a tick: places samples where views lack them and where they are worth their price, and forgets unneeded
-    /// ones. `lacking` is the number of processes that views lack. Returns the number of samples to render.
-    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, lacking: f64, now: Uptime) -> usize {
+    /// ones. `lacking` is the number of processes that views lack, and whether samplers may leave views to the others. Returns
+    /// the number of samples to render.
+    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, lacking: (f64, bool), now: Uptime) -> usize {
         let placed = self.place(workers, ticks);
         let invested = self.invest(workers, ticks, lacking);
         self.directory.prune(&self.locations, now);

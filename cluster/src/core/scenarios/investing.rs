@@ -7,12 +7,22 @@ use glam::DVec3;
 
 use super::open::{ask, measured, view};
 use super::sim::Sim;
+use crate::core::quality::Cost;
 use crate::core::*;
 
 /// A view from another place, whose samples are others.
 fn view_from(place: usize) -> View {
     let eye = DVec3::new(0.5 + 40.0 * place as f64, 1.0, 0.7);
     View { camera: Camera::look_at(eye, eye + DVec3::X), ..view() }
+}
+
+/// Two workers, of which one carries the crowd in little detail.
+fn workers() -> Sim {
+    let mut sim = measured(40.0, 10.0);
+    let few_rays = Some(Cost { fixed_ms: 5.0, ms_per_megapixel: 0.0 });
+    sim.workers.values_mut().for_each(|worker| worker.report.few_rays_cost = few_rays);
+    sim.report_all();
+    sim
 }
 
 /// Views of a quarter of a second from three places, of which each takes 40 ms from triangles.
@@ -41,7 +51,7 @@ fn rendering(sim: &Sim) -> Vec<WorkerId> {
 
 #[test]
 fn under_load_all_samples_that_pay_are_rendered_at_once_and_views_are_left_to_the_others() {
-    let mut sim = measured(40.0, 10.0);
+    let mut sim = workers();
     let pressure = |sim: &Sim| sim.core.status().pressure.unwrap();
     // 100 views a second of 40 ms: four processes, where there are two.
     let quarters = (0..40).find(|_| {
@@ -83,7 +93,7 @@ fn under_load_all_samples_that_pay_are_rendered_at_once_and_views_are_left_to_th
 
 #[test]
 fn samples_that_do_not_come_keep_no_worker_from_answering() {
-    let mut sim = measured(40.0, 10.0);
+    let mut sim = workers();
     for _ in 0..40 {
         quarter(&mut sim, 25);
         if !rendering(&sim).is_empty() {
@@ -105,4 +115,24 @@ fn samples_that_do_not_come_keep_no_worker_from_answering() {
         })
         .collect();
     assert!(workers.contains(&sampler), "{workers:?}");
+}
+
+#[test]
+fn if_the_others_cannot_carry_the_views_samples_are_rendered_in_gaps() {
+    let mut sim = measured(40.0, 10.0);
+    for _ in 0..40 {
+        quarter(&mut sim, 25);
+        if !rendering(&sim).is_empty() {
+            break;
+        }
+        sim.report_all();
+    }
+    assert_eq!(sim.core.status().pressure.unwrap().carried_in_ms, None);
+    let workers: Vec<WorkerId> = (0..6)
+        .map(|place| {
+            let view_id = ask(&mut sim, &view_from(place % 3));
+            sim.orders[&view_id].worker
+        })
+        .collect();
+    assert!(sim.workers.keys().all(|id| workers.contains(id)), "both answer: {workers:?}");
 }

@@ -10,6 +10,6 @@ pub(in crate::core) struct Cluster<'a> {
     pub(in crate::core) config: &'a Config,
     pub(in crate::core) workers: &'a Workers,
     pub(in crate::core) samples: &'a Samples,
-    /// Whether views lacked time at the last tick.
-    pub(in crate::core) under_load: bool,
+    /// Whether views lacked time at the last tick, and the workers that do not sample carry them in some way.
+    pub(in crate::core) others_carry: bool,
 }

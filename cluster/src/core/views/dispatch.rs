@@ -6,7 +6,7 @@ use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
 
 use super::frames::warping_pays;
 use super::pending::{BLOCKING_QUEUES, Pending};
-use super::planner::{Aim, fallback, worth_ms};
+use super::planner::{Aim, fallback, least_ms, worth_ms};
 use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
 use super::{Cluster, Views};
@@ -141,7 +141,7 @@ impl Views {
         let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
         let offers = cluster.offers(view, open, now);
-        let worth_ms = worth_ms(&offers, &open.aim);
+        let (worth_ms, least_ms) = (worth_ms(&offers, &open.aim), least_ms(&offers));
         let most_ms = worth_ms.map_or(f64::INFINITY, |ms| cluster.most_ms(&self.load, ms, now));
         let aim = Aim { most_ms, ..open.aim };
         let fallback = fallback(&offers, &aim);
@@ -149,7 +149,7 @@ impl Views {
             return Attempt::Full;
         };
         if view.attempt == 0 {
-            self.load.asks_openly(worth_ms.unwrap_or(0.0), now);
+            self.load.asks_openly(worth_ms.unwrap_or(0.0), least_ms.unwrap_or(0.0), now);
             self.load.took(decision.render_ms, most_ms);
             self.load.follow((decision.render_ms, most_ms), cluster.work(now), now);
         }

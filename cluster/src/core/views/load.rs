@@ -72,8 +72,10 @@ pub(super) struct Work {
 /// What is asked of the cluster.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Load {
-    /// Of views whose way is open.
+    /// Of views that leave the way open, by the cheapest ways within their bounds.
     open: Rate,
+    /// Of the same views, by the cheapest ways of all.
+    least: Rate,
     /// Of views that name their plan.
     fixed: Rate,
     /// Milliseconds that views left of their shares; negative where they took more.
@@ -86,15 +88,16 @@ pub(super) struct Load {
 
 impl Default for Load {
     fn default() -> Self {
-        let (open, fixed) = (Rate::default(), Rate::default());
-        Self { open, fixed, left_ms: 0.0, carried: CARRIED, followed: Uptime::default() }
+        let (open, least, fixed) = (Rate::default(), Rate::default(), Rate::default());
+        Self { open, least, fixed, left_ms: 0.0, carried: CARRIED, followed: Uptime::default() }
     }
 }
 
 impl Load {
-    /// Counts a view that leaves the way open, by the milliseconds of its cheapest way within its bound.
-    pub(super) fn asks_openly(&mut self, ms: f64, now: Uptime) {
+    /// Counts a view that leaves the way open, by the milliseconds of its cheapest way within its bound, and of the cheapest of all.
+    pub(super) fn asks_openly(&mut self, ms: f64, least_ms: f64, now: Uptime) {
         self.open.add(ms, now);
+        self.least.add(least_ms, now);
     }
 
     /// Counts what an open view, which might take `most_ms`, took.
@@ -126,6 +129,11 @@ impl Load {
     /// Processes that open views lack, since all that is asked is more than is carried; 0 if it is carried.
     pub(super) fn lacking(&self, processes: f64, now: Uptime) -> f64 {
         (self.open.at(now) - self.there_is(processes, now).max(0.0)).max(0.0)
+    }
+
+    /// Whether this many workers carry all views by their cheapest ways, however large the errors.
+    pub(super) fn is_carried_somehow(&self, processes: f64, now: Uptime) -> bool {
+        self.least.at(now) <= MOST_CARRIED * processes - self.fixed.at(now)
     }
 
     /// Processes that there are for open views.
@@ -164,7 +172,7 @@ mod tests {
     fn after(ms: f64, per_sec: f64) -> (Load, Uptime) {
         let mut load = Load::default();
         let count = (10.0 * per_sec) as u32;
-        (0..count).for_each(|i| load.asks_openly(ms, secs(f64::from(i) / per_sec)));
+        (0..count).for_each(|i| load.asks_openly(ms, ms, secs(f64::from(i) / per_sec)));
         (load, secs(10.0))
     }
 
@@ -198,7 +206,7 @@ mod tests {
     #[test]
     fn a_queue_leaves_less_time_before_the_average_has_risen() {
         let mut load = Load::default();
-        load.asks_openly(150.0, secs(0.0));
+        load.asks_openly(150.0, 150.0, secs(0.0));
         assert!(load.most_ms(150.0, work(1500.0, 2), secs(0.1)) < 75.0);
     }
 
@@ -262,6 +270,16 @@ mod tests {
         let mut pause = Load::default();
         pause.follow((10.0, 10.0), work(0.0, 2), secs(1e6));
         assert!(pause.carried <= CARRIED + CHANGE_A_SECOND, "nothing is learnt from a pause");
+    }
+
+    #[test]
+    fn views_may_be_carried_by_their_cheapest_ways_alone() {
+        let mut load = Load::default();
+        (0..800).for_each(|i| load.asks_openly(100.0, 10.0, secs(f64::from(i) / 80.0)));
+        let now = secs(10.0);
+        assert!(load.lacking(2.0, now) > 5.0);
+        assert!(load.is_carried_somehow(1.0, now) && !load.is_carried_somehow(0.5, now));
+        assert!(Load::default().is_carried_somehow(0.0, now), "nothing is asked");
     }
 
     #[test]

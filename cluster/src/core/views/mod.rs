@@ -79,6 +79,9 @@ pub(super) struct Pressure {
     pub(super) asked: f64,
     /// By open views, beyond what is carried.
     pub(super) lacking: f64,
+    /// Whether something is lacking, and the workers that do not sample carry all views in some way: then samplers may leave views
+    /// to them.
+    pub(super) others_carry: bool,
 }
 
 /// All open views, and the usage of clients.
@@ -218,13 +221,14 @@ impl Views {
         self.counts.superseded += 1;
     }
 
-    /// Ends a tick. Returns the number of processes that views lack.
-    pub(super) fn tick(&mut self, cluster: Cluster<'_>, now: Uptime) -> f64 {
+    /// Ends a tick.
+    pub(super) fn tick(&mut self, cluster: Cluster<'_>, now: Uptime) -> Pressure {
         self.bundle_surveys_left.set(MOST_BUNDLE_SURVEYS);
         self.admission.prune(now);
         let lacking = self.load.lacking(cluster.answering(), now);
-        self.pressure = Pressure { asked: self.load.asked(now), lacking };
-        lacking
+        let others_carry = lacking > 0.0 && self.load.is_carried_somehow(cluster.without_samplers(), now);
+        self.pressure = Pressure { asked: self.load.asked(now), lacking, others_carry };
+        self.pressure
     }
 
     /// What was asked of the cluster, and lacking, at the last tick.

@@ -13,7 +13,7 @@ use super::pending::Pending;
 use super::planner::{MOST_SAMPLES, Offer, excess_of, predicted_excess};
 use super::session_memory::Memory;
 use super::survey::SurveyWanted;
-use crate::core::event::{LastView, Report, WorkerId};
+use crate::core::event::{LastView, Report, Role, WorkerId};
 use crate::core::quality::Cost;
 use crate::core::time::Uptime;
 use crate::core::workers::Worker;
@@ -233,10 +233,16 @@ impl Cluster<'_> {
     /// Whether a worker leaves views to the others, if there are others: it renders samples at once, or it measures a price that a
     /// decision lacks.
     fn leaves_views(&self, worker: &Worker) -> bool {
-        self.samples.renders_at_once(worker.id()) || (self.under_load && worker.is_measuring())
+        self.samples.renders_at_once(worker.id()) || (self.others_carry && worker.is_measuring())
     }
 
-    /// Of these, the workers that answer views now.
+    /// The same without samplers.
+    pub(super) fn without_samplers(&self) -> f64 {
+        let samples = |worker: &Worker| worker.role().is_some_and(Role::samples);
+        self.workers.iter().filter(|w| w.answers() && !samples(w)).map(|worker| 1.0 / worker.pace()).sum()
+    }
+
+    /// Of all, the workers that answer views now.
     fn free(&self) -> f64 {
         let free = self.workers.iter().filter(|w| w.answers() && !self.leaves_views(w));
         match free.map(|worker| 1.0 / worker.pace()).sum() {

@@ -194,6 +194,11 @@ pub(super) fn worth_ms(offers: &[Offer], aim: &Aim) -> Option<f64> {
     within.filter_map(|offer| offer.render_ms).min_by(f64::total_cmp)
 }
 
+/// Milliseconds of the cheapest offer, however large its error; `None` if no cost is known.
+pub(super) fn least_ms(offers: &[Offer]) -> Option<f64> {
+    offers.iter().filter_map(|offer| offer.render_ms).min_by(f64::total_cmp)
+}
+
 /// The offer with the earliest finish; of equal ones, that of the worker with the shorter queue.
 fn earliest<'a>(offers: impl Iterator<Item = &'a Offer>) -> Option<&'a Offer> {
     offers.min_by(|a, b| {
