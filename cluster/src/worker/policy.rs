@@ -17,7 +17,7 @@
 //!
 //! Background work uploads samples to the compositor before views need them. No view waits for it: it is done in
 //! slices of at most [`SLICE_MS`], so a view that arrives waits for at most one slice. After a slice, waiting views
-//! get as much time as the slice took. So background work gets at most half of a busy worker's time, and still
+//! get three times as much time as the slice took. So background work gets at most a quarter of a busy worker's time, and still
 //! finishes. If views had strict priority, an overloaded worker would never hold the samples that make its views
 //! cheaper.
 //!
@@ -42,6 +42,9 @@ use crate::core::Role;
 /// Longest slice of background work, milliseconds. A view that arrives during a slice waits for its end. At 20 views
 /// a second, this adds a fifth of a frame's time on average.
 pub const SLICE_MS: f64 = 20.0;
+
+/// Time that waiting views get for the time of a slice.
+const OWED: u32 = 3;
 
 /// How long a request waits for an announced fetch to begin. A worker is asked for samples that its own assignment
 /// lists, and that assignment may arrive later than the request.
@@ -203,9 +206,9 @@ impl Policy {
         turn.map(|kind| self.turn(kind))
     }
 
-    /// Records the time of a slice of background work. Waiting views are owed as much time.
+    /// Records the time of a slice of background work. Waiting views are owed [`OWED`] times as much.
     pub fn had_slice(&mut self, took: Duration) {
-        self.owed = took;
+        self.owed = took * OWED;
     }
 
     /// Records the time of a batch of views.
@@ -445,12 +448,12 @@ mod tests {
     }
 
     #[test]
-    fn a_busy_worker_renders_views_for_as_long_as_its_background_slices() {
+    fn a_busy_worker_renders_views_for_three_times_as_long_as_its_background_slices() {
         let ms = Duration::from_millis;
         let mut policy = Policy::default();
         let busy = Waiting { direct: 9, background: 9, ..Waiting::default() };
         let mut spent = (ms(0), ms(0));
-        for _ in 0..60 {
+        for _ in 0..65 {
             match policy.next(&busy).unwrap().kind {
                 Kind::Background => {
                     policy.had_slice(ms(20));
@@ -462,7 +465,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(spent.0, spent.1);
+        assert_eq!((spent.0 * OWED, spent.0), (spent.1, ms(100)));
         // Owed time delays nothing if no view waits.
         policy.had_slice(ms(20));
         assert_eq!(policy.next(&Waiting { direct: 0, ..busy }).unwrap().kind, Kind::Background);
@@ -474,7 +477,7 @@ mod tests {
             policy.had_views(ms(10));
             batches += 1;
         }
-        assert_eq!(batches, 2);
+        assert_eq!(batches, 6);
     }
 
     #[test]
