@@ -9,6 +9,7 @@ use argus_scene::FaceMask;
 
 use super::Samples;
 use super::investments::Bundle;
+use super::lot::Lot;
 use crate::core::event::WorkerId;
 use crate::core::workers::Workers;
 
@@ -17,26 +18,6 @@ const SUB_SAMPLES: u64 = 4;
 
 /// Seconds of a single ray until one was measured.
 const USUAL_RAY_SECS: f64 = 2e-6;
-
-/// Samplers render at once for at most this many times the predicted time: it may be wrong, and views are not left to others
-/// without end.
-const PATIENCE: f64 = 3.0;
-
-/// Samples that are rendered at once, since views lack time.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(in crate::core) struct Lot {
-    /// Predicted seconds until they are there; 0 without any.
-    pub(in crate::core) secs: f64,
-    /// Seconds since they were decided.
-    pub(in crate::core) passed_secs: f64,
-}
-
-impl Lot {
-    /// Whether samplers still leave views to others.
-    fn lasts(self) -> bool {
-        self.passed_secs < PATIENCE * self.secs
-    }
-}
 
 impl Samples {
     /// Learns the seconds that views would have saved with these faces of cameras' samples.

@@ -18,6 +18,7 @@ mod find;
 mod invest;
 mod investments;
 mod locations;
+mod lot;
 mod moments;
 mod needed;
 mod placement;
@@ -45,8 +46,8 @@ use calibrated_error::CalibratedError;
 use cameras::Cameras;
 use directory::Directory;
 use distribution::DistributionTrees;
-use invest::Lot;
 use investments::Investments;
+use lot::Lot;
 use recent_use::RecentUse;
 use versions::Versions;
 

@@ -22,7 +22,7 @@ const LEAST_CARRIED: f64 = 0.3;
 const MOST_CARRIED: f64 = 0.9;
 
 /// The queue that it follows, per process: milliseconds, or views where these take longer.
-const QUEUE_MS: f64 = 50.0;
+const QUEUE_MS: f64 = 80.0;
 const QUEUE_VIEWS: f64 = 1.2;
 
 /// Change of that part in a second in which the queue is empty, or at least twice as long.
@@ -264,7 +264,7 @@ mod tests {
         };
         assert_eq!(after(0.0, 10.0), MOST_CARRIED);
         assert_eq!(after(400.0, 10.0), LEAST_CARRIED);
-        assert_eq!(after(100.0, 10.0), CARRIED);
+        assert_eq!(after(160.0, 10.0), CARRIED);
         assert_eq!(after(400.0, 1000.0), MOST_CARRIED, "less than a view a worker");
         assert_eq!(after(f64::INFINITY, 10.0), LEAST_CARRIED);
         let mut pause = Load::default();
