@@ -12,9 +12,11 @@ use argus_client::{Client, ConnectOptions};
 use glam::DVec3;
 
 pub(crate) use self::camera::{Picture, Viewpoint, flags_of};
-pub(crate) use self::passed_on::PassedOn;
-pub(crate) use self::plan::{Plan, output, search};
-pub(crate) use self::samples::{Rig, Samples, effects, exposure, light};
+pub use self::passed_on::PassedOn;
+pub use self::plan::search;
+pub(crate) use self::plan::{Plan, output};
+pub use self::samples::Rig;
+pub(crate) use self::samples::{Samples, effects, exposure, light};
 use crate::credentials;
 use crate::settings::{self, Flags, Sources};
 
@@ -82,7 +84,7 @@ impl Security {
 
 /// The environment of a scene.
 #[derive(clap::Args, Debug, Clone)]
-pub(crate) struct Environment {
+pub struct Environment {
     /// Environment map in place of the scene's sky, and of the sun of a scene without lights: an image of all directions
     /// (equirectangular, twice as wide as high) in Radiance (.hdr) or OpenEXR (.exr) format. Up is +Y, the centre is +Z, +X is a
     /// quarter of the width from the left. Its up to eight strongest small regions become lights
@@ -97,7 +99,7 @@ impl Environment {
     }
 
     /// The specification of a scene in this environment.
-    pub(crate) fn of(&self, scene: &str) -> String {
+    pub fn of(&self, scene: &str) -> String {
         match &self.environment {
             Some(file) => argus_scene::in_environment(scene, file),
             None => scene.to_owned(),
@@ -106,7 +108,7 @@ impl Environment {
 }
 
 /// Parses `X,Y,Z`. Infinite and NaN numbers pass: the service names the invalid field.
-pub(crate) fn point(text: &str) -> Result<DVec3, String> {
+pub fn point(text: &str) -> Result<DVec3, String> {
     let parts = text.split(',').map(|part| part.trim().parse::<f64>()).collect::<Result<Vec<_>, _>>();
     match parts.as_deref() {
         Ok(&[x, y, z]) => Ok(DVec3::new(x, y, z)),
@@ -115,7 +117,7 @@ pub(crate) fn point(text: &str) -> Result<DVec3, String> {
 }
 
 /// Parses `WIDTHxHEIGHT`. Zero passes: the service names the limits.
-pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
+pub fn size(text: &str) -> Result<[u32; 2], String> {
     let sides = text.split_once(['x', 'X']).map(|(w, h)| (w.trim().parse(), h.trim().parse()));
     match sides {
         Some((Ok(width), Ok(height))) => Ok([width, height]),
@@ -124,7 +126,7 @@ pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
 }
 
 /// Parses a finite number above zero.
-pub(crate) fn positive(text: &str) -> Result<f64, String> {
+pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
         _ => Err("must be a finite number above 0".to_owned()),

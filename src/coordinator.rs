@@ -10,8 +10,8 @@ use argus_cluster::coordinator::{Config, Prepared, prepare, serve_prepared};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_cluster::security::Security;
+use argus_local::models;
 use argus_scene::{Camera, Rig, Sampling, Scene};
-use argus_studies::calibration;
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
@@ -64,7 +64,7 @@ pub(crate) struct Service {
     /// [default: 0.5]
     #[arg(long, value_name = "SHARE", value_parser = args::share)]
     refining_share: Option<f64>,
-    /// Calibration that `argus study bounds` wrote, instead of the one kept on this machine for the scene
+    /// Calibration that `argus-lab study bounds` wrote, instead of the one kept on this machine for the scene
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// NATS server with JetStream through which several coordinators elect a leader, such as nats://127.0.0.1:4222
@@ -226,13 +226,13 @@ impl Service {
             anyhow::ensure!(model.is_none(), "--model was calibrated with --sampling triangles");
             return Ok(Vec::new());
         }
-        let Some(path) = model else { return Ok(calibration::kept(scene.hash, &rig)) };
+        let Some(path) = model else { return Ok(models::kept(scene.hash, &rig)) };
         let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
         let model: Model = serde_json::from_slice(&text)
             .with_context(|| format!("{} is not a calibrated model", path.display()))?;
         anyhow::ensure!(
             model.fits(scene.hash, &rig),
-            "{} was calibrated for another scene, other sample cameras or by another version: `argus study \
+            "{} was calibrated for another scene, other sample cameras or by another version: `argus-lab study \
             bounds --scene {}` makes a new one",
             path.display(),
             scene.name

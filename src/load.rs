@@ -2,9 +2,8 @@
 
 use std::time::Duration;
 
-use argus_client::load::{self, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views};
+use argus_client::load::{self, IN_FLIGHT, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views};
 use argus_client::{Client, RenderOptions};
-use argus_studies::burst::IN_FLIGHT;
 use serde::Serialize;
 
 use crate::exit::bad_arguments;

@@ -5,6 +5,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use anyhow::Context;
+use argus_scene::Frame;
 use exr::image::{AnyChannel, AnyChannels, FlatSamples, Image as ExrImage};
 use exr::prelude::WritableImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -12,11 +13,20 @@ use image::{ColorType, ExtendedColorType, ImageEncoder, RgbImage};
 use serde::Serialize;
 
 /// Prints the JSON object of a run.
-pub(crate) fn json(value: &impl Serialize) -> anyhow::Result<()> {
+pub fn json(value: &impl Serialize) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     serde_json::to_writer_pretty(&mut out, value)?;
     writeln!(out)?;
     out.flush().context("cannot write to standard output")
+}
+
+/// The colour of a frame as an image.
+///
+/// # Errors
+/// The frame has no colour.
+pub(crate) fn image_of(frame: &Frame) -> anyhow::Result<RgbImage> {
+    let pixels = frame.color.as_ref().context("the frame has no colour")?;
+    RgbImage::from_raw(frame.width, frame.height, pixels.to_vec()).context("the frame's colour is short")
 }
 
 /// Writes an sRGB image, 3 bytes a pixel, as PNG.
@@ -30,7 +40,7 @@ pub(crate) fn write_rgb_png(path: &Path, width: u32, height: u32, rgb: &[u8]) ->
 const KEPT_BITS: u32 = 6;
 
 /// Writes a picture for documents as a PNG of few bytes: its lowest bits are rounded away, which cannot be seen.
-pub(crate) fn write_small_png(path: &Path, image: &RgbImage) -> anyhow::Result<()> {
+pub fn write_small_png(path: &Path, image: &RgbImage) -> anyhow::Result<()> {
     let (lost, most) = (8 - KEPT_BITS, (1u32 << KEPT_BITS) - 1);
     let rounded = |byte: u8| {
         let kept = (u32::from(byte) * most + 127) / 255;

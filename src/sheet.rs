@@ -61,7 +61,7 @@ pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
 }
 
 /// Arranges images under their captions, in rows of `columns`. A caption that does not fit is cut off.
-pub(crate) fn tiles(tiles: &[(String, RgbImage)], columns: u32) -> RgbImage {
+pub fn tiles(tiles: &[(String, RgbImage)], columns: u32) -> RgbImage {
     let sides = tiles.iter().map(|(_, image)| image.dimensions());
     let (width, height) = sides.fold((1, 1), |(w, h), (x, y)| (x.max(w), y.max(h)));
     let (tile_width, tile_height) = (width + GAP, height + LINE + GAP);

@@ -8,7 +8,7 @@ use tokio_util::sync::CancellationToken;
 ///
 /// With `stdin`, the end of standard input is a request too. It also comes when the parent is killed, while a signal
 /// would have to be sent.
-pub(crate) fn requested(stdin: bool) -> CancellationToken {
+pub fn requested(stdin: bool) -> CancellationToken {
     let token = CancellationToken::new();
     let signalled = token.clone();
     tokio::spawn(async move {

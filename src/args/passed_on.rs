@@ -7,9 +7,9 @@ use clap::{ArgMatches, Command, FromArgMatches};
 
 /// Flags of `T` that this process passes on to another one.
 #[derive(Debug, Clone)]
-pub(crate) struct PassedOn<T> {
+pub struct PassedOn<T> {
     /// The flags as they were given.
-    pub(crate) arguments: Vec<String>,
+    pub arguments: Vec<String>,
     flags: PhantomData<T>,
 }
 

@@ -12,31 +12,31 @@ use crate::settings::Flags;
 /// How sample cameras are placed. A flag that is not given follows from the scene.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Sample cameras")]
-pub(crate) struct Rig {
+pub struct Rig {
     /// How sample cameras are placed: tile-corners puts four cameras over each tile of a landscape that is seen from
     /// above, cell puts cameras for all directions on a lattice among the viewers [default: by the scene's shape]
     #[arg(long, value_name = "RULE", value_parser = rig_kind())]
-    pub(crate) rig: Option<RigKind>,
+    pub rig: Option<RigKind>,
     /// Number of tiles along x and z; for --rig tile-corners
     #[arg(long, value_name = "XxZ", value_parser = size)]
-    pub(crate) tiles: Option<[u32; 2]>,
+    pub tiles: Option<[u32; 2]>,
     /// Size of a sample in texels; more texels show finer detail and cost time and memory; for --rig tile-corners
     #[arg(long, value_name = "WxH", value_parser = size)]
-    pub(crate) sample_size: Option<[u32; 2]>,
+    pub sample_size: Option<[u32; 2]>,
     /// Spacing of the lattice in metres; a smaller one has fewer holes and needs more samples; for --rig cell
     #[arg(long, value_name = "METRES", value_parser = positive)]
-    pub(crate) cell: Option<f64>,
+    pub cell: Option<f64>,
     /// Texels on a side of a sample's cube faces; for --rig cell
     #[arg(long, value_name = "TEXELS")]
-    pub(crate) face: Option<u32>,
+    pub face: Option<u32>,
     /// Number of samples that a view is reconstructed from, unless its request says otherwise
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
-    pub(crate) samples: Option<u32>,
+    pub samples: Option<u32>,
 }
 
 impl Rig {
     /// Converts the flags to the rig's settings.
-    pub(crate) fn knobs(&self) -> RigKnobs {
+    pub fn knobs(&self) -> RigKnobs {
         RigKnobs {
             kind: self.rig,
             tiles: self.tiles,
@@ -142,14 +142,14 @@ pub(crate) struct Sampling {
     pub(crate) indirect: IndirectLight,
 }
 
-/// How surfaces light one another. `argus study radiosity` shows what each flag costs.
+/// How surfaces light one another. `argus-lab study radiosity` shows what each flag costs.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
     /// Indirect light: auto (paths, where --effects is auto or all and the scene calls for it), off, vpl (gathered from virtual
     /// point lights), points (gathered from small images of an octree of the scene, rendered at some of the visible points) or
     /// paths (the scene's cells exchange light along rays, and some of the visible points gather it; switches on shadows, sky
-    /// visibility and emitters). It is computed once a sample and costs warped views nothing. `argus study light` compares them
+    /// visibility and emitters). It is computed once a sample and costs warped views nothing. `argus-lab study light` compares them
     #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower

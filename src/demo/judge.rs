@@ -1,15 +1,14 @@
 //! Compares the crowd's last views with their references.
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use argus_client::Client;
-use argus_client::load::burst;
+use argus_client::load::{burst, direct_view, patient};
 use argus_scene::{Frame, metrics};
-use argus_studies::burst::patient;
-use argus_studies::service::direct_view;
 use image::RgbImage;
 
 use crate::demo::crowd::Shown;
 use crate::demo::kind::{KINDS, kind_of};
+use crate::output::image_of;
 use crate::sheet::Entry;
 
 /// Samples a side of a reference's pixel.
@@ -78,9 +77,4 @@ pub(crate) async fn all(client: &Client, views: Vec<Shown>) -> anyhow::Result<Ve
         _ => bail!("a reference is missing"),
     };
     views.iter().zip(frames.chunks_exact(2)).map(judge).collect()
-}
-
-fn image_of(frame: &Frame) -> anyhow::Result<RgbImage> {
-    let pixels = frame.color.as_ref().context("the frame has no colour")?;
-    RgbImage::from_raw(frame.width, frame.height, pixels.to_vec()).context("the frame's colour is short")
 }

@@ -12,10 +12,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context;
+use argus_local::{LocalCluster, connect, settle};
 use argus_scene::PlanRequest;
-use argus_studies::LocalCluster;
-use argus_studies::burst::connect;
-use argus_studies::service::settle;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::demo::crowd::{Load, Shown};

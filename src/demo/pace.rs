@@ -3,10 +3,9 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use argus_client::load::path_views;
+use argus_client::load::{path_views, patient};
 use argus_client::{Client, ClientError};
 use argus_scene::PlanRequest;
-use argus_studies::burst::patient;
 use futures::future::try_join_all;
 use serde::Serialize;
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
-use argus_studies::{Axis, Plot};
+use argus_plot::{Axis, Plot};
 use image::RgbImage;
 
 use crate::demo::crowd::Crowd;

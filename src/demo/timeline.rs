@@ -3,8 +3,8 @@
 use std::fmt;
 use std::time::Duration;
 
+use argus_plot::Series;
 use argus_scene::Frame;
-use argus_studies::Series;
 use serde::{Serialize, Serializer};
 
 use crate::demo::kind::{KINDS, kind_of};

@@ -14,9 +14,8 @@ use argus_proto::Description;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer, cache};
 use argus_scene::{
     Camera, Frame, Indirect, LightEffects, LightLevel, Output, Outputs, Plan, PlanRequest, Provenance,
-    SceneHash, SceneState, Stage, View,
+    SceneHash, SceneState, Stage, View, metrics,
 };
-use argus_studies::calibration;
 
 use self::alone::AloneArgs;
 use self::report::Report;
@@ -217,7 +216,7 @@ fn true_error(taken: &Taken) -> anyhow::Result<f64> {
     let (folder, size) = (cache::directory(), [frame.width, frame.height]);
     let folder = folder.as_deref();
     let reference = cache::render_with(folder, &tracer, camera, size, REFERENCE_SAMPLES, indirect, |_| ());
-    calibration::error(frame, &reference.display(exposure))
+    Ok(metrics::flip_mean(&reference.display(exposure), &output::image_of(frame)?)?)
 }
 
 /// Writes the requested image.

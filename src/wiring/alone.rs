@@ -11,25 +11,32 @@ use argus_scene::{
 };
 
 use super::{Device, OpenScene};
+use crate::settings::Settings;
 
 /// A scene and a sampler of it.
-pub(crate) struct Alone {
+pub struct Alone {
     scene: Arc<Scene>,
     /// The light and why it was chosen.
-    pub(crate) light: String,
+    pub light: String,
     prepared: Prepared,
     limits: Limits,
     sampler: Box<dyn Sampler>,
     /// Milliseconds of each part of the start.
-    pub(crate) start: Vec<Stage>,
+    pub start: Vec<Stage>,
 }
 
 impl Alone {
+    /// The configuration of a service that is given no setting.
+    pub fn usual_config() -> Config {
+        let settings = Settings::default();
+        settings.coordinator.config(&settings.limits)
+    }
+
     /// Opens a scene, and prepares it as a service of this configuration does.
     ///
     /// # Errors
     /// A scene that cannot be opened, a configuration that does not go with it, or a machine that cannot render.
-    pub(crate) fn open(spec: &str, config: &Config) -> anyhow::Result<Self> {
+    pub fn open(spec: &str, config: &Config) -> anyhow::Result<Self> {
         let mut start = Vec::new();
         let mut began = Instant::now();
         let mut lap = |name: &str| {
@@ -54,17 +61,17 @@ impl Alone {
     }
 
     /// The scene.
-    pub(crate) fn scene(&self) -> &Arc<Scene> {
+    pub fn scene(&self) -> &Arc<Scene> {
         &self.scene
     }
 
     /// The sample set, whose light and exposure views have.
-    pub(crate) fn prepared(&self) -> &Prepared {
+    pub fn prepared(&self) -> &Prepared {
         &self.prepared
     }
 
     /// The light of views of a service once all of it is ready.
-    pub(crate) fn full_light(&self) -> LightLevel {
+    pub fn full_light(&self) -> LightLevel {
         self.prepared.set.last_light()
     }
 
@@ -73,7 +80,7 @@ impl Alone {
     ///
     /// # Errors
     /// An invalid view, a time in a scene where nothing moves, or the error of rendering.
-    pub(crate) fn render(&mut self, view: &View, light: LightLevel, time_secs: f64) -> anyhow::Result<Frame> {
+    pub fn render(&mut self, view: &View, light: LightLevel, time_secs: f64) -> anyhow::Result<Frame> {
         view.validate(&self.limits)?;
         let set = &self.prepared.set;
         let epoch = epoch_of(time_secs, set.epoch_secs)?;

@@ -6,7 +6,8 @@ mod opener;
 mod roles;
 mod source;
 
-pub(crate) use alone::{Alone, epoch_of};
+pub use alone::Alone;
+pub(crate) use alone::epoch_of;
 pub(crate) use opener::SceneFolder;
 pub(crate) use roles::Device;
 pub(crate) use source::OpenScene;

@@ -8,6 +8,7 @@ use anyhow::Result;
 use argus_cluster::core::quality::choose::{self, QualityTarget, Step};
 use argus_cluster::core::quality::{Answer, Model, Pace, Setting, Trial};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_local::models;
 use argus_scene::{Holes, PlanRequest, RigKnobs, Search};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -101,7 +102,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let timings = bench.timings(&calibrating[..calibrating.len().min(4)], &other_sizes, &settings)?;
         let model = bench.fit(&trials, &timings);
         if options.keep {
-            let path = calibration::keep(&model)?;
+            let path = models::keep(&model)?;
             progress.suspend(|| eprintln!("model: {}", path.display()));
         }
         rows.extend(options.bounds.iter().map(|factor| row(spec, &model, &tests, *factor)));

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{Camera, Outputs, Plan, RigKnobs, ViewJob, Visibility, Warp, path};
 use indicatif::ProgressBar;
@@ -15,7 +16,6 @@ use serde_json::json;
 
 use crate::bench::{Bench, SamplingCost};
 use crate::median::median;
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -4,18 +4,18 @@
 //! samples; the baseline renders every view directly.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use argus_client::load::{burst, path_views};
-use argus_client::{Batch, Client, ClientError, ClusterStatus, ConnectOptions, RenderOptions};
+use argus_client::load::{IN_FLIGHT, burst, path_views, patient};
+use argus_client::{Batch, Client};
+use argus_local::{LocalCluster, connect};
 use argus_proto::v1::Encoding;
-use argus_scene::{Frame, LightLevel, Outputs, Plan, PlanRequest, View};
+use argus_scene::{Frame, Outputs, Plan, PlanRequest, View};
 use futures::StreamExt as _;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 
@@ -46,9 +46,6 @@ impl Effort for Options {
         Self { scene: "terrain:20000".to_owned(), views: 16, size: [96, 72], rounds: 1, ..Self::default() }
     }
 }
-
-/// Views in flight at once: enough for full batches on every worker, few enough that none is rejected.
-pub const IN_FLIGHT: usize = 128;
 
 /// How views are requested.
 #[derive(Debug, Clone, Copy)]
@@ -159,39 +156,4 @@ async fn ask_as_a_batch(client: &Client, views: Vec<View>, frames: &mut Frames) 
         frames.add(&frame);
     }
     Ok(began.elapsed().as_secs_f64())
-}
-
-/// Render options with a deadline of ten minutes: the last view of a burst waits for all the rest.
-pub fn patient() -> RenderOptions {
-    RenderOptions { deadline: Duration::from_secs(600), ..RenderOptions::default() }
-}
-
-/// Whether views show all light that they will ever show: no better light is being prepared.
-pub fn light_is_final(client: &Client, status: &ClusterStatus) -> bool {
-    let rises = client.description().first_light == LightLevel::Direct;
-    !rises || status.light_name() == LightLevel::Full.name()
-}
-
-/// Connects and waits until the workers have joined, opened the scene and prepared its light, so that neither start-up
-/// is measured nor images of different light are compared.
-///
-/// # Errors
-/// If the workers do not join within two minutes.
-pub async fn connect(cluster: &LocalCluster, workers: usize) -> Result<Client> {
-    let options = ConnectOptions { connections: 4, ..ConnectOptions::default() };
-    let client = Client::connect_with(cluster.url(), &options).await?;
-    let joined = async {
-        loop {
-            let status = client.status().await?;
-            if status.processes as usize >= workers && light_is_final(&client, &status) {
-                break;
-            }
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
-        Ok::<_, ClientError>(())
-    };
-    tokio::time::timeout(Duration::from_secs(120), joined)
-        .await
-        .context("the workers did not join in time")??;
-    Ok(client)
 }

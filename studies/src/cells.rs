@@ -6,6 +6,7 @@
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{Camera, Outputs, Plan, Rig, RigKnobs, ViewJob, Warp};
 use glam::DVec3;
@@ -14,7 +15,6 @@ use serde_json::{Map, Value, json};
 
 use crate::bench::{Bench, FrameErrors};
 use crate::median::mean;
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{
     Camera, Cancel, MegaViews, Outputs, Plan, RenderError, RigKind, RigKnobs, Sample, SampleId, SampleJob,
@@ -15,7 +16,6 @@ use serde_json::{Map, Value, json};
 
 use crate::bench::{Bench, FrameErrors, Truth};
 use crate::median::{mean, median};
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -8,13 +8,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Result, ensure};
-use argus_client::load::{self, LoadOptions, LoadReport, burst, path_views};
+use argus_client::load::{self, IN_FLIGHT, LoadOptions, LoadReport, burst, path_views, patient};
+use argus_local::{LocalCluster, connect};
 use argus_scene::PlanRequest;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::burst::{IN_FLIGHT, connect, patient};
-use crate::local_cluster::LocalCluster;
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -12,6 +12,7 @@ use anyhow::{Context as _, Result};
 use argus_gpu::hierarchy::{RootCube, stream};
 use argus_gpu::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::BOUNCES;
@@ -25,7 +26,6 @@ use serde_json::{Map, Value, json};
 
 use crate::bench::{Bench, compare};
 use crate::median::{mean, median};
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use argus_gpu::{Gpu, LONGEST_PASS_MS};
+use argus_plot::Plot;
 use argus_scene::Stage;
 use serde::Serialize;
 use serde_json::{Map, Value};
-
-use crate::plot::Plot;
 
 /// The machine that produced the figures.
 #[derive(Debug, Clone, PartialEq, Serialize)]

@@ -8,6 +8,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::{GpuSampler, LightKnobs, SamplerKnobs};
 use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
@@ -22,7 +23,6 @@ use serde_json::{Map, Value, json};
 use crate::bench::{Bench, compare, image_of};
 use crate::epr::{ShadowScene, ShadowedView};
 use crate::median::{mean, median};
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

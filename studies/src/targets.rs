@@ -59,7 +59,7 @@ pub struct Target {
     pub beside: &'static [&'static str],
 }
 
-/// Measure and variant of the rows of `study device` with a target.
+/// Measure and variant of the rows of `argus-lab study device` with a target.
 pub(crate) const WARP: [&str; 2] = ["warp, splat", "best program, 200x150, 64 views"];
 /// Measure and variant, like [`WARP`].
 pub(crate) const SEEN: [&str; 2] = ["triangles seen, 500000", "best backend, 200x150"];

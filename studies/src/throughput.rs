@@ -7,16 +7,15 @@ use std::path::Path;
 
 use anyhow::{Result, bail};
 use argus_client::Answer;
-use argus_client::load::{burst, path_views};
+use argus_client::load::{IN_FLIGHT, burst, path_views, patient};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_local::{LocalCluster, connect};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{Outputs, Plan, PlanRequest, RigKnobs, Search, Warp};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use crate::bench::{Bench, compare, device_ms};
-use crate::burst::{IN_FLIGHT, connect, patient};
-use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report, report};
 

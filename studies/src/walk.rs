@@ -5,7 +5,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result};
+use argus_client::load::patient;
 use argus_client::{Answer, Client};
+use argus_local::{LocalCluster, connect};
 use argus_scene::metrics;
 use argus_scene::{Bounds, Camera, Outputs, PlanRequest, View};
 use glam::DVec3;
@@ -13,8 +15,6 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
-use crate::burst::{connect, patient};
-use crate::local_cluster::LocalCluster;
 use crate::median::{mean, median};
 use crate::{Effort, Machine, Report};
 

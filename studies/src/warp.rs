@@ -12,6 +12,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_compositor::BareFetch;
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Mark, Plot, Series, pareto_front};
 use argus_sampler::SamplerKnobs;
 use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
 use indicatif::ProgressBar;
@@ -19,7 +20,6 @@ use serde_json::json;
 
 use crate::bench::{Bench, FrameErrors, Truth, WRONG_SURFACE};
 use crate::median::{mean, median};
-use crate::plot::{Axis, Mark, Plot, Series, pareto_front};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod browse;
+mod demo;
 mod deploy;
 mod device_loss;
 mod effects;
@@ -21,4 +22,3 @@ mod session_history;
 #[path = "../support/mod.rs"]
 mod support;
 mod twins;
-mod wishes;

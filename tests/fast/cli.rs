@@ -5,7 +5,7 @@ use std::process::Stdio;
 
 use crate::support::{Process, SMALL, argus, json, run, stderr};
 
-const SUBCOMMANDS: [&str; 14] = [
+const SUBCOMMANDS: [&str; 13] = [
     "certs",
     "config",
     "demo",
@@ -19,7 +19,6 @@ const SUBCOMMANDS: [&str; 14] = [
     "reference",
     "selftest",
     "compare",
-    "study",
 ];
 
 /// An unused address: its port was free a moment ago.
@@ -81,6 +80,7 @@ fn invalid_arguments_end_with_2_before_any_work() {
     fails_with(&["serve", "--workers", "0"], 2, &["--workers"]);
     fails_with(&["worker"], 2, &["--coordinator"]);
     fails_with(&["no-such-command"], 2, &["no-such-command"]);
+    fails_in_one_line(&["study", "warp", "--quick"], 2, &["argus-lab study warp --quick"]);
     assert_eq!(run(&[]).status.code(), Some(2));
 }
 

@@ -121,9 +121,23 @@ fn the_two_roles_depend_on_neither_each_other_nor_the_network() {
 fn crates_that_run_without_a_gpu_are_built_without_one() {
     let graph = Graph::of_this_workspace();
     let gpu = ["wgpu", "argus-gpu", "argus-shaders", "argus-sampler", "argus-compositor"];
-    for package in ["argus-cluster", "argus-client", "argus-proto", "argus-scene"] {
+    for package in
+        ["argus-cluster", "argus-client", "argus-proto", "argus-scene", "argus-local", "argus-plot"]
+    {
         graph.never(package, &gpu);
     }
+}
+
+#[test]
+fn the_product_never_depends_on_experiments() {
+    let graph = Graph::of_this_workspace();
+    let experiments = ["argus-studies", "argus-lab"];
+    let product = graph.reached.keys().filter(|name| !experiments.contains(&name.as_str()));
+    for package in product {
+        graph.never(package, &experiments);
+    }
+    assert!(graph.of("argus-lab").contains("argus-studies"), "does this test look in the right place?");
+    graph.never("argus-studies", &["argus"]);
 }
 
 #[test]
@@ -138,6 +152,8 @@ fn dependencies_within_the_workspace_point_one_way() {
         ("argus-compositor", &["argus-gpu", "argus-scene", "argus-shaders"]),
         ("argus-cluster", &["argus-proto", "argus-scene"]),
         ("argus-client", &["argus-proto", "argus-scene"]),
+        ("argus-plot", &[]),
+        ("argus-local", &["argus-client", "argus-cluster", "argus-proto", "argus-scene"]),
     ];
     for (package, allowed) in allowed {
         let ours: Vec<&String> = graph.of(package).iter().filter(|name| name.starts_with("argus")).collect();

@@ -15,9 +15,15 @@ pub(crate) const SMALL: &str = "terrain:20000";
 /// Longest wait for a quick operation; generous, since tests share few cores.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
 
+/// The program under test: `argus`, or in the tests of the experiments `argus-lab`, which has its subcommands too.
+const PROGRAM: &str = match (option_env!("CARGO_BIN_EXE_argus"), option_env!("CARGO_BIN_EXE_argus-lab")) {
+    (Some(program), _) | (_, Some(program)) => program,
+    _ => panic!("cargo names the program under test"),
+};
+
 /// The program under test, with the arguments given.
 pub(crate) fn argus(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_argus"));
+    let mut command = Command::new(PROGRAM);
     // Several renderers share few cores: one thread of the software driver each.
     command
         .args(arguments)

@@ -1,6 +1,6 @@
 //! Bursts: many views at once, as in the cluster paper.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use argus_proto::Description;
 use argus_scene::{Outputs, PlanRequest, View};
@@ -10,6 +10,14 @@ use serde::{Deserialize, Serialize};
 use super::path::CameraPath;
 use super::report::{Latencies, LatencyMs};
 use crate::{Answer, Client, ClientError, RenderOptions};
+
+/// Views in flight at once: enough for full batches on every worker, few enough that none is rejected.
+pub const IN_FLIGHT: usize = 128;
+
+/// Render options with a deadline of ten minutes: the last view of a burst waits for all the rest.
+pub fn patient() -> RenderOptions {
+    RenderOptions { deadline: Duration::from_secs(600), ..RenderOptions::default() }
+}
 
 /// The result of a burst.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

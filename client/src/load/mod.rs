@@ -5,12 +5,14 @@
 //! percentiles.
 
 mod burst;
+mod direct;
 mod path;
 mod report;
 mod requests;
 mod sessions;
 
-pub use burst::{BurstReport, burst, path_views};
+pub use burst::{BurstReport, IN_FLIGHT, burst, path_views, patient};
+pub use direct::direct_view;
 pub use path::CameraPath;
 pub use report::{LatencyMs, LoadReport};
 

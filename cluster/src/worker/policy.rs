@@ -1,6 +1,6 @@
 //! Decides what a worker does next, as pure functions of its queues, without threads, clock or channels.
 //!
-//! The render thread's queue and the simulated worker of `argus study simulate` share this module, so the simulator
+//! The render thread's queue and the simulated worker of `argus-lab study simulate` share this module, so the simulator
 //! shows what the service does.
 //!
 //! # The order of work

@@ -7,8 +7,9 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
-use argus_client::load::{burst, path_views};
+use argus_client::load::{burst, path_views, patient};
 use argus_client::{Client, ConnectOptions, Session, SessionEvent, SessionOptions};
+use argus_local::LocalCluster;
 use argus_scene::{PlanRequest, View};
 use futures::StreamExt as _;
 use indicatif::ProgressBar;
@@ -19,8 +20,6 @@ use tokio::sync::watch;
 use tokio::task::{AbortHandle, JoinSet};
 
 use self::peer::PeerState;
-use crate::burst::patient;
-use crate::local_cluster::LocalCluster;
 use crate::processes::{cpu_secs, most_open_files, open_files, resident_bytes};
 use crate::{Effort, Machine, Report, report};
 

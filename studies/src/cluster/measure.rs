@@ -6,8 +6,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
-use argus_client::load::path_views;
+use argus_client::load::{path_views, patient};
 use argus_client::{Client, ClusterStatus};
+use argus_local::{LocalCluster, connect};
 use argus_proto::convert::specification_hash_bytes;
 use argus_proto::v1;
 use argus_proto::v1::sample_chunk::Body;
@@ -18,8 +19,6 @@ use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 
 use super::{Method, PLAIN};
-use crate::burst::{connect, patient};
-use crate::local_cluster::LocalCluster;
 use crate::processes::cpu_secs;
 
 /// Longest time until pipelines are compiled, roles are stable, and a still scene has its samples.

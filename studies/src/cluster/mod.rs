@@ -14,7 +14,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Result;
+use argus_client::load::patient;
 use argus_cluster::core::balance::{self, Split};
+use argus_local::{LocalCluster, connect};
 use argus_scene::PlanRequest;
 use argus_scene::metrics::compare;
 use image::RgbImage;
@@ -22,8 +24,6 @@ use indicatif::ProgressBar;
 
 use self::measure::{Measured, Run, measure};
 use self::row::{Beside, Row};
-use crate::burst::{connect, patient};
-use crate::local_cluster::LocalCluster;
 use crate::simulate::efficiency::{self, Case, load_of};
 use crate::simulate::{Machines, Parameters, trouble};
 use crate::{Effort, Machine, Report};

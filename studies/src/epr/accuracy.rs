@@ -1,6 +1,7 @@
 //! Figure 6: error against time, for reflectors of several sizes, densities of points, and rules for the number of taps.
 
 use anyhow::{Context as _, Result};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::eye_points::{Eye, PointScene, ReflectionRays, taps};
 use argus_scene::Camera;
 use glam::{DVec2, DVec3};
@@ -10,7 +11,6 @@ use serde_json::{Map, Value, json};
 use super::stage::{NEAR, Pose, Stage};
 use super::ways::{TapRule, Way, Ways};
 use super::{Options, save};
-use crate::plot::{Axis, Plot, Series};
 use crate::report;
 
 /// Rows of the paper's views, which its sizes of reflectors are for.

@@ -22,12 +22,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::eye_points::{PointDevice, PointScene, ReflectionRays, taps};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use crate::median::median;
-use crate::plot::{Axis, Plot, Series};
 use crate::processes::{peak_bytes, reset_peak};
 use crate::{Effort, Machine, Report, report};
 use judge::Truth;

@@ -21,6 +21,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::{Indirect, PathKnobs, SamplerKnobs};
 use argus_scene::metrics::{FlipTiles, flip_tiles};
 use argus_scene::reference::{DirectLight, Indirect as Paths};
@@ -35,7 +36,6 @@ use crate::bench::{Bench, image_of};
 use crate::break_even::break_even;
 use crate::median::{mean, median};
 use crate::metered::open_metered;
-use crate::plot::{Axis, Plot, Series};
 use crate::radiance::{RadianceError, Reference};
 use crate::{Effort, Machine, Report, report};
 

@@ -11,7 +11,7 @@ pub fn page(report: &Report) -> String {
     let mut page = format!(
         "# Hard cases\n\n\
          Difficult cases of image reconstruction, and the error of each search against the f64 ray tracer.\n\
-         Written by `argus study hard-cases --page docs/hard-cases.md`; `cargo test --test studies hard_cases` runs the \
+         Written by `argus-lab study hard-cases --page docs/hard-cases.md`; `cargo test -p argus-lab --test studies hard_cases` runs the \
          same cases.\n\n\
          A *wrong* pixel claims to be resolved, and its range differs by more than {:.0}% or its colour by more \
          than {COLOR}\nof 255 steps from what its own ray and each of the eight around it meet. *Unresolved* \

@@ -5,11 +5,11 @@ use std::collections::BTreeSet;
 use anyhow::Result;
 use argus_gpu::hierarchy::HierarchyError;
 use argus_gpu::many_views::{CutMethod, CutStats, ManyLods, ViewList};
+use argus_plot::{Axis, Plot, Series};
 use indicatif::ProgressBar;
 
 use super::motion::{Path, triangles_at, views_at};
 use super::{Options, Row, Stage, Tree};
-use crate::plot::{Axis, Plot, Series};
 
 /// The number of steps that the progress bar counts.
 pub(super) fn length(options: &Options) -> usize {

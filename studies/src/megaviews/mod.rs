@@ -11,6 +11,7 @@ use anyhow::{Context as _, Result, ensure};
 use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
 use argus_gpu::many_views::{FrameStats, Knobs, ManyViews, RasterViews, ViewList, ViewPoint};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_scene::reference::Tracer;
 use argus_scene::{Bounds, Light, Pose, Scene};
 use glam::DVec3;
@@ -22,7 +23,6 @@ pub use argus_gpu::many_views::{Occlusion, Texel};
 pub use self::placement::{Emitter, Placement};
 use self::shadows::{Shadows, Wrong};
 use crate::median::median;
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report};
 
 /// How maps are rendered.

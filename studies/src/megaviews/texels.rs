@@ -6,10 +6,10 @@ use anyhow::Result;
 use argus_gpu::Gpu;
 use argus_gpu::hierarchy::HierarchyError;
 use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList};
+use argus_plot::{Axis, Plot, Series};
 use serde_json::{Map, Value};
 
 use super::Placement;
-use crate::plot::{Axis, Plot, Series};
 
 /// Mean relative range error of some maps against the same maps with uncompressed texels; `None` if those do not fit into
 /// memory.

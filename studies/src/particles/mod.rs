@@ -15,6 +15,7 @@ use argus_gpu::many_views::{
     CutKnobs, CutMethod, CutTree, Knobs, ManyLods, ManyViews, MapSet, RasterViews, ViewList, ViewPoint,
 };
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_scene::metrics::compare;
 use argus_scene::particles::{Particle, glowing};
 use argus_scene::reference::Tracer;
@@ -26,7 +27,6 @@ use serde_json::{Map, Value, json};
 
 use self::lit::{Lit, ParticleMap, Visible, exposure};
 use crate::median::median;
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

@@ -15,6 +15,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_plot::{Axis, Plot, Series};
 use argus_sampler::{
     GpuSampler, Indirect, IndirectReport, MapSource, PointKnobs, PointReport, SamplerKnobs, VplKnobs,
 };
@@ -30,7 +31,6 @@ use serde_json::json;
 
 use crate::median::median;
 use crate::megaviews::Emitter;
-use crate::plot::{Axis, Plot, Series};
 use crate::{Effort, Machine, Report, report};
 
 /// What the study measures.

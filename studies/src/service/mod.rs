@@ -26,19 +26,17 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, Result};
 use argus_client::load::{Ended, LoadOptions, run_along};
 use argus_client::{Client, ClusterStatus, ConnectOptions, RenderOptions};
+use argus_local::{LocalCluster, settle};
 use argus_scene::{Frame, Outputs, Plan, View};
 use indicatif::ProgressBar;
 
 pub use self::mode::Mode;
-pub use self::truth::direct_view;
 pub use self::walk::Walk;
-pub use self::watch::settle;
 
 use self::mode::Phase;
 use self::row::{Measured, plot, row};
 use self::truth::{Judged, Truths};
 use self::watch::Samples;
-use crate::local_cluster::LocalCluster;
 use crate::median::mean;
 use crate::{Effort, Machine, Report};
 

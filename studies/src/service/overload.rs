@@ -6,6 +6,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use argus_client::load::burst;
 use argus_client::{Client, RenderOptions};
+use argus_local::{LocalCluster, settle};
 use argus_scene::{Outputs, View};
 use indicatif::ProgressBar;
 
@@ -13,9 +14,7 @@ use super::mode::{Mode, Phase};
 use super::regret::BOUND;
 use super::row::Measured;
 use super::truth::Truths;
-use super::watch::settle;
 use super::{Load, Options, connect, of_phase};
-use crate::local_cluster::LocalCluster;
 
 /// Views of the first burst, which estimates the rate of the second.
 const FIRST: u32 = 16;

@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use argus_plot::{Axis, Plot, Series};
 use serde_json::{Map, Value, json};
 
 use super::mode::{Mode, Phase};
@@ -12,7 +13,6 @@ use super::regret::Regret;
 use super::truth::Errors;
 use super::watch::Samples;
 use crate::median::{mean, median};
-use crate::plot::{Axis, Plot, Series};
 
 /// One phase of one run.
 #[derive(Debug, Clone, Default)]

@@ -3,10 +3,10 @@
 use std::time::Duration;
 
 use anyhow::{Context as _, Result, ensure};
-use argus_client::load::burst;
+use argus_client::load::{burst, direct_view};
 use argus_client::{Client, RenderOptions};
 use argus_scene::metrics::{FlipTiles, flip_tiles};
-use argus_scene::{Camera, Frame, Outputs, Plan, PlanRequest, Provenance, SceneState, View};
+use argus_scene::{Camera, Frame, Plan, SceneState};
 use image::RgbImage;
 
 use crate::median::{mean, median};
@@ -164,20 +164,6 @@ impl Errors {
 fn predicted_excess(frame: &Frame) -> Option<f64> {
     let decision = frame.decision.filter(|_| matches!(frame.provenance.plan, Plan::Warp(_)))?;
     Some(decision.excess)
-}
-
-/// A direct view of `side`² samples per pixel, of the size of `like`, that shows this state.
-pub fn direct_view(like: &Frame, camera: Camera, state: SceneState, side: u32) -> View {
-    let plan = PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() };
-    let pin = Some(Provenance {
-        state,
-        plan: Plan::direct(side * side),
-        // Any device.
-        device: String::new(),
-        history: false,
-        ..like.provenance.clone()
-    });
-    View { camera, width: like.width, height: like.height, outputs: Outputs::COLOR, plan, pin }
 }
 
 fn image_of(frame: &Frame) -> Result<RgbImage> {

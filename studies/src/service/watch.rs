@@ -1,4 +1,4 @@
-//! Watches the service between loads: whether it has settled, and the samples it has rendered and holds.
+//! Watches the service between loads: the samples it has rendered and holds.
 
 use std::time::Duration;
 
@@ -6,42 +6,13 @@ use anyhow::Result;
 use argus_client::{Client, ClusterStatus};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{sleep, timeout};
 
-use crate::burst::light_is_final;
-
-/// Time between two looks at the status.
-const PAUSE: Duration = Duration::from_millis(250);
-/// Idle statuses in a row that count as settled.
-const CALM: u32 = 5;
 /// Longest interval between workers' reports, and longest wait for a metrics page.
 const REPORTS: Duration = Duration::from_millis(500);
 const PAGE: Duration = Duration::from_secs(2);
 /// Largest size of a metrics page.
 const MOST_PAGE_BYTES: u64 = 1 << 20;
-
-/// Waits until all workers have joined, their queues are empty, no more samples are rendered and all light is shown, or until `at_most` has
-/// passed. Returns whether the service settled.
-///
-/// # Errors
-/// The service's status cannot be read.
-pub async fn settle(client: &Client, workers: usize, at_most: Duration) -> Result<bool> {
-    let until = Instant::now() + at_most;
-    let (mut calm, mut rendered) = (0, None);
-    while calm < CALM {
-        if Instant::now() >= until {
-            return Ok(false);
-        }
-        sleep(PAUSE).await;
-        let status = client.status().await?;
-        let idle = status.workers.iter().all(|w| w.queued_samples == 0 && w.queued_views == 0);
-        let before = rendered.replace(samples_rendered(&status));
-        let still =
-            idle && status.workers.len() >= workers && before == rendered && light_is_final(client, &status);
-        calm = if still { calm + 1 } else { 0 };
-    }
-    Ok(true)
-}
 
 fn samples_rendered(status: &ClusterStatus) -> u64 {
     status.workers.iter().map(|worker| worker.samples_rendered).sum()

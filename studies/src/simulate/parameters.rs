@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// Costs of a process with a core of its own, sizes and links. The defaults are round numbers near those of
-/// terrain:500000 on one core with the software driver (200×150 views, four 400×300 samples). `argus study cluster`
+/// terrain:500000 on one core with the software driver (200×150 views, four 400×300 samples). `argus-lab study cluster`
 /// prints measured ones.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -12,8 +12,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
-use argus_client::load::{burst, path_views};
+use argus_client::load::{burst, path_views, patient};
 use argus_client::{Client, ConnectOptions, RenderOptions};
+use argus_local::{LocalCluster, connect};
+use argus_plot::{Axis, Plot, Series};
 use argus_scene::{PlanRequest, View};
 use indicatif::ProgressBar;
 use parking_lot::Mutex;
@@ -23,9 +25,6 @@ use tokio_util::sync::CancellationToken;
 
 use self::chaos::Chaos;
 use self::session::SessionStats;
-use crate::burst::{connect, patient};
-use crate::local_cluster::LocalCluster;
-use crate::plot::{Axis, Plot, Series};
 use crate::processes::resident_bytes;
 use crate::{Effort, Machine, Report, report};
 

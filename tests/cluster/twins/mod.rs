@@ -4,7 +4,6 @@
 
 mod files;
 mod light;
-mod strangers;
 
 use std::path::{Path, PathBuf};
 

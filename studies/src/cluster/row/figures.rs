@@ -2,7 +2,7 @@
 
 use super::{AGREEMENT, Row};
 use crate::cluster::Method;
-use crate::plot::{Axis, Plot, Series};
+use argus_plot::{Axis, Plot, Series};
 
 /// One part of a tick, in milliseconds.
 type Part = fn(&Row) -> Option<f64>;

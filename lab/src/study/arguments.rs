@@ -1,0 +1,104 @@
+//! Arguments that several studies share. Missing arguments keep the study's defaults.
+
+use anyhow::Context as _;
+use argus::args;
+use argus_studies::Report;
+use indicatif::ProgressBar;
+
+/// One scene.
+#[derive(clap::Args)]
+pub(super) struct Scene {
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
+    /// balls
+    #[arg(long = "scene", value_name = "S")]
+    name: Option<String>,
+    #[command(flatten)]
+    environment: args::Environment,
+}
+
+impl Scene {
+    pub(super) fn replace(self, default: &mut String) {
+        if let Some(name) = self.name {
+            *default = name;
+        }
+        *default = self.environment.of(default);
+    }
+}
+
+/// Scenes, each measured separately.
+#[derive(clap::Args)]
+pub(super) struct Scenes {
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
+    /// balls; may be given more than once
+    #[arg(long = "scene", value_name = "S")]
+    names: Vec<String>,
+    #[command(flatten)]
+    environment: args::Environment,
+}
+
+impl Scenes {
+    pub(super) fn replace(self, default: &mut Vec<String>) {
+        if !self.names.is_empty() {
+            *default = self.names;
+        }
+        default.iter_mut().for_each(|scene| *scene = self.environment.of(scene));
+    }
+}
+
+/// The size of views.
+#[derive(clap::Args)]
+pub(super) struct Size {
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = args::size)]
+    size: Option<[u32; 2]>,
+}
+
+impl Size {
+    pub(super) fn replace(self, default: &mut [u32; 2]) {
+        if let Some(size) = self.size {
+            *default = size;
+        }
+    }
+}
+
+/// Sizes of views, each measured separately.
+#[derive(clap::Args)]
+pub(super) struct Sizes {
+    /// Size of a view in pixels; may be given more than once
+    #[arg(long = "size", value_name = "WxH", value_parser = args::size)]
+    sizes: Vec<[u32; 2]>,
+}
+
+impl Sizes {
+    pub(super) fn replace(self, default: &mut Vec<[u32; 2]>) {
+        if !self.sizes.is_empty() {
+            *default = self.sizes;
+        }
+    }
+}
+
+/// Worker processes of a cluster on this machine.
+#[derive(clap::Args)]
+pub(super) struct Workers {
+    /// Number of worker processes [default: 2]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
+    workers: Option<u16>,
+}
+
+impl Workers {
+    pub(super) fn replace(self, default: &mut usize) {
+        if let Some(workers) = self.workers {
+            *default = usize::from(workers);
+        }
+    }
+}
+
+/// Runs a study that waits for the GPU on a blocking thread, away from I/O.
+pub(super) async fn blocking<O: Send + 'static>(
+    options: O,
+    progress: &ProgressBar,
+    study: impl FnOnce(&O, &ProgressBar) -> anyhow::Result<Report> + Send + 'static,
+) -> anyhow::Result<Report> {
+    let bar = progress.clone();
+    tokio::task::spawn_blocking(move || study(&options, &bar)).await.context("the study panicked")?
+}
