@@ -4,12 +4,12 @@ use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Detail, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect, Light,
-    LightEffects, LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs, PathKnobs,
-    Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset, ProbeEye,
-    ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId,
-    SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage, Version, View,
-    Visibility, VplKnobs, Warp,
+    Bounds, Camera, CellKnobs, Detail, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect,
+    Light, LightEffects, LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs,
+    PathKnobs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset,
+    ProbeEye, ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId,
+    SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage, SurfaceLight,
+    Version, View, Visibility, VplKnobs, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -252,6 +252,12 @@ fn indirect() -> impl Strategy<Value = Indirect> {
             bounces,
             sharing
         })),
+        (paths.clone(), 1..=64u32, prop::sample::select(CellKnobs::RAYS.to_vec())).prop_map(
+            |((level, rays, bounces, gather), pixels, cell_rays)| {
+                let paths = PathKnobs { level, rays, bounces, gather };
+                Indirect::Cells(CellKnobs { paths, pixels, rays: cell_rays })
+            }
+        ),
         paths.prop_map(|(level, rays, bounces, gather)| {
             Indirect::Paths(PathKnobs { level, rays, bounces, gather })
         }),
@@ -338,14 +344,23 @@ fn frame_source() -> impl Strategy<Value = FrameSource> {
         width,
         height,
         samples_per_pixel: side * side,
+        light: None,
     })
+}
+
+fn surface_light() -> impl Strategy<Value = Option<SurfaceLight>> {
+    let cells = CellKnobs::RAYS.map(|rays| Some(SurfaceLight::Cells { rays }));
+    prop::sample::select([vec![None, Some(SurfaceLight::Rays)], cells.to_vec()].concat())
 }
 
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {
     let samples = prop::collection::vec(sample_id(), 1..=8);
     prop_oneof![
-        (1..=16u32, detail())
-            .prop_map(|(side, detail)| Plan::Direct { samples_per_pixel: side * side, detail }),
+        (1..=16u32, detail(), surface_light()).prop_map(|(side, detail, light)| Plan::Direct {
+            samples_per_pixel: side * side,
+            detail,
+            light
+        }),
         (search(), 1..=4096u32, 1..=8u32, samples, holes(), prop::option::of(1..=63u32)).prop_map(
             |(search, steps, supersampling, samples, holes, bits)| {
                 let mask = bits.map(|bits| FaceMask::new(bits, "faces").unwrap());

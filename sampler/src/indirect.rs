@@ -88,7 +88,11 @@ impl IndirectLight {
             }
             Indirect::Points(knobs) => Some(Self::Points(Box::new(PointBased::new(gpu, resident, knobs)))),
             Indirect::Paths(knobs) => {
-                Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, knobs))))
+                Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, knobs, None))))
+            }
+            Indirect::Cells(knobs) => {
+                let light = PathLight::new(scene, &resident.instances, knobs.paths, Some(knobs));
+                Some(Self::Paths(Box::new(light)))
             }
         }
     }
@@ -106,7 +110,8 @@ impl IndirectLight {
         match (self, knobs) {
             (Self::Vpls(light), Indirect::Vpl(knobs)) => light.set_knobs(knobs),
             (Self::Points(light), Indirect::Points(knobs)) => light.set_knobs(knobs),
-            (Self::Paths(light), Indirect::Paths(knobs)) => light.set_knobs(knobs),
+            (Self::Paths(light), Indirect::Paths(knobs)) if light.cells().is_none() => light.set_knobs(knobs),
+            (Self::Paths(light), Indirect::Cells(knobs)) if light.cells() == Some(knobs) => {}
             _ => return false,
         }
         true

@@ -42,7 +42,7 @@ mod view_reflections;
 mod visibility;
 mod wide;
 
-pub use argus_scene::indirect::{Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
+pub use argus_scene::indirect::{CellKnobs, Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use knobs::{LightKnobs, RadianceFormat, SamplerKnobs};
 pub use light::PathReport;
 pub use light_meter::ResolvedLight;

@@ -167,6 +167,11 @@ fn indirect(knob: Indirect, shines: bool) -> PassPlan {
             row(true, why)
         }
         // The sky is a source of paths.
+        Indirect::Cells(knobs) => PassPlan {
+            name: "look up light cells",
+            on: true,
+            why: format!("sky and indirect light: {knobs}"),
+        },
         Indirect::Paths(knobs) => {
             PassPlan { name: "gather paths", on: true, why: format!("a quarter of texels: {knobs}") }
         }

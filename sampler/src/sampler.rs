@@ -15,9 +15,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, LightEffects, LightLevel, Lighting, Outputs,
-    PixelJob, Pixels, Plan, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob,
-    SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage, ViewJob, Visibility,
+    Camera, Cancel, CellReport, Detail, FaceMask, Frame, InvalidField, LightEffects, LightLevel, Lighting,
+    Outputs, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId,
+    SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -193,6 +193,7 @@ impl GpuSampler {
             lighting: Some(lighting),
             light: job.info.version.state.light,
             ray_divisor: 1,
+            cells: self.cells_of_samples(),
             reflections: ReflectFrom::probes(reflections),
             visibility,
             is_shaded: true,
@@ -292,6 +293,7 @@ impl GpuSampler {
             lighting: None,
             light: view.state.light,
             ray_divisor: detail_of(&view.plan).ray_divisor(),
+            cells: self.cells_of_view(view)?,
             reflections: ReflectFrom::of_view(view.reflections),
             visibility: view.visibility,
             is_shaded: view.outputs.color,
@@ -335,7 +337,8 @@ impl GpuSampler {
             exposure: self.lighting.exposure,
         };
         let made_by = (specification, self.gpu.kind());
-        Ok(frame(view, &self.scene, made_by, ViewParts { color, range }, scene.into_stages()))
+        let lit = self.says_light(view);
+        Ok(frame(&lit, &self.scene, made_by, ViewParts { color, range }, scene.into_stages()))
     }
 
     /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.
@@ -348,6 +351,7 @@ impl GpuSampler {
             lighting: None,
             light: job.state.light,
             ray_divisor: 1,
+            cells: self.cells_of_samples(),
             // As views from samples, into which the pixels go.
             reflections: ReflectFrom::probes(job.reflections),
             // Lists are traced on the CPU.
@@ -523,6 +527,14 @@ impl Sampler for GpuSampler {
 
     fn prepare_light(&mut self, info: &SampleSetInfo, light: LightLevel) -> Result<bool, RenderError> {
         self.prepare_level(info, light)
+    }
+
+    fn fill_light(&mut self, time: Duration, refines: bool) -> bool {
+        self.fill_cells(time, refines)
+    }
+
+    fn light_cells(&self) -> Option<CellReport> {
+        self.cell_report()
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

@@ -59,6 +59,11 @@ impl Tile {
         self.size.map(|texels| texels * self.side)
     }
 
+    /// Angle of a texel in the middle of the face, radians.
+    pub(crate) fn pixel_angle(&self) -> f32 {
+        (self.face.tan_half_fov.y * 2.0 / f64::from(self.face.size[1].max(1))) as f32
+    }
+
     /// The tile's first texel within the whole image.
     pub(crate) fn offset(&self) -> [u32; 2] {
         [self.face.offset[0] + self.begin[0], self.face.offset[1] + self.begin[1]]

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::tone::linear_from_srgb;
 use crate::{
     Camera, FaceMask, Frame, InvalidField, Limits, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Sample,
-    SampleCamera, SampleId,
+    SampleCamera, SampleId, SurfaceLight,
 };
 
 /// A direct frame that a view is warped from. With the state, specification and device of the warped frame, it is all
@@ -26,6 +26,9 @@ pub struct FrameSource {
     pub height: u32,
     /// Samples per pixel on a regular grid, a square number.
     pub samples_per_pixel: u32,
+    /// Where sky and indirect light are from. `None` in an order: as the worker has the frame; its reply says which.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light: Option<SurfaceLight>,
 }
 
 impl FrameSource {
@@ -70,7 +73,7 @@ impl FrameSource {
 
     /// The plan by which the frame is rendered.
     pub fn plan(&self) -> Plan {
-        Plan::direct(self.samples_per_pixel)
+        Plan::direct(self.samples_per_pixel).with_light(self.light)
     }
 
     /// Its number among frames of one state: the first 64 bits of the BLAKE3 of its fields.
@@ -82,6 +85,9 @@ impl FrameSource {
         }
         for value in [self.width, self.height, self.samples_per_pixel] {
             hasher.update(&value.to_le_bytes());
+        }
+        if let Some(light) = self.light {
+            hasher.update(light.to_string().as_bytes());
         }
         let hash = hasher.finalize();
         hash.as_bytes()[..8].iter().fold(0, |number, byte| number << 8 | u64::from(*byte))
@@ -170,7 +176,7 @@ mod tests {
 
     fn source(width: u32, height: u32) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);
-        FrameSource { camera, width, height, samples_per_pixel: 4 }
+        FrameSource { camera, width, height, samples_per_pixel: 4, light: None }
     }
 
     /// A frame of one row that has every 8-bit value, and these ranges first.
@@ -240,6 +246,8 @@ mod tests {
             FrameSource { width: 5, ..usual },
             FrameSource { height: 4, ..usual },
             FrameSource { samples_per_pixel: 1, ..usual },
+            FrameSource { light: Some(SurfaceLight::Rays), ..usual },
+            FrameSource { light: Some(SurfaceLight::Cells { rays: 16 }), ..usual },
         ];
         assert!(others.iter().all(|other| other.id() != usual.id()));
         assert_eq!(moved(DVec3::ZERO).id(), usual.id());

@@ -1,5 +1,6 @@
 //! Light that surfaces reflect onto one another, and glowing particles: how a sample set finds it.
 
+mod cells;
 mod paths;
 mod points;
 mod vpl;
@@ -8,6 +9,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use cells::CellKnobs;
 pub use paths::PathKnobs;
 pub use points::PointKnobs;
 pub use vpl::{MOST_VPL_GROUPS, MapSource, VplKnobs};
@@ -29,6 +31,9 @@ pub enum Indirect {
     /// Paths between leaves of an octree: leaf sides exchange light along rays that are traced once, and some of the visible
     /// surfaces gather it. Direct light is traced, too: see [`Indirect::effects_with`].
     Paths(PathKnobs),
+    /// The same leaves of an octree, whose light is gathered in light cells on surfaces, together with that of the sky, once for
+    /// all views.
+    Cells(CellKnobs),
 }
 
 impl Indirect {
@@ -42,6 +47,7 @@ impl Indirect {
             Self::Vpl(knobs) => knobs.validate(),
             Self::Points(knobs) => knobs.validate(),
             Self::Paths(knobs) => knobs.validate(),
+            Self::Cells(knobs) => knobs.validate(),
         }
     }
 
@@ -55,7 +61,9 @@ impl Indirect {
         match self {
             Self::Off => asked,
             Self::Vpl(knobs) if knobs.vpls == 0 => asked,
-            Self::Paths(_) => LightEffects { shadows: true, sky_visibility: true, emitters: true, ..asked },
+            Self::Paths(_) | Self::Cells(_) => {
+                LightEffects { shadows: true, sky_visibility: true, emitters: true, ..asked }
+            }
             Self::Vpl(_) | Self::Points(_) => LightEffects { emitters: false, ..asked },
         }
     }
@@ -75,6 +83,15 @@ impl Indirect {
         }
     }
 
+    /// What leaves of an octree exchange, where light is found by them.
+    pub fn paths(&self) -> Option<PathKnobs> {
+        match self {
+            Self::Paths(knobs) => Some(*knobs),
+            Self::Cells(knobs) => Some(knobs.paths),
+            Self::Off | Self::Vpl(_) | Self::Points(_) => None,
+        }
+    }
+
     /// Whether it changes with time though nothing of the scene moves: glowing particles drift.
     pub fn drifts(&self) -> bool {
         matches!(self, Self::Vpl(knobs) if knobs.particles > 0)
@@ -89,6 +106,7 @@ impl fmt::Display for Indirect {
             Self::Vpl(knobs) => knobs.fmt(f),
             Self::Points(knobs) => knobs.fmt(f),
             Self::Paths(knobs) => knobs.fmt(f),
+            Self::Cells(knobs) => knobs.fmt(f),
         }
     }
 }

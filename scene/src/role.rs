@@ -3,12 +3,13 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use bytes::Bytes;
 
 use crate::{
-    Camera, FaceMask, FaceMasks, Frame, History, InvalidField, LightEffects, LightLevel, Outputs, Plan,
-    ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Stage,
+    Camera, CellReport, FaceMask, FaceMasks, Frame, History, InvalidField, LightEffects, LightLevel, Outputs,
+    Plan, ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Stage,
     Visibility,
 };
 
@@ -150,6 +151,17 @@ pub trait Sampler: Send {
     /// Those of preparing it.
     fn prepare_light(&mut self, _info: &SampleSetInfo, _light: LightLevel) -> Result<bool, RenderError> {
         Ok(true)
+    }
+
+    /// Fills light cells that views lacked, for about so long; with `refines`, also casts further rays for those in use, for when
+    /// nothing else is to do. Returns whether there is more of either to do. The default is for samplers without light cells.
+    fn fill_light(&mut self, _time: Duration, _refines: bool) -> bool {
+        false
+    }
+
+    /// What the sampler's light cells are; `None` without any.
+    fn light_cells(&self) -> Option<CellReport> {
+        None
     }
 
     /// Renders the samples of `job`, one result each, in order.

@@ -241,8 +241,10 @@ impl SampleSetInfo {
         let has_octree =
             self.reflections.as_ref().is_some_and(from_octree) || self.sampling != Sampling::Triangles;
         match self.indirect {
-            Indirect::Paths(_) if has_octree || self.epoch_secs > 0.0 => LightLevel::Coarse,
-            Indirect::Paths(_) => LightLevel::Direct,
+            Indirect::Paths(_) | Indirect::Cells(_) if has_octree || self.epoch_secs > 0.0 => {
+                LightLevel::Coarse
+            }
+            Indirect::Paths(_) | Indirect::Cells(_) => LightLevel::Direct,
             Indirect::Off | Indirect::Vpl(_) | Indirect::Points(_) => LightLevel::Full,
         }
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Detail, FaceMasks, FrameSource, InvalidField, Provenance, SampleId};
+use crate::{Camera, Detail, FaceMasks, FrameSource, InvalidField, Provenance, SampleId, SurfaceLight};
 
 /// Method of a compositor to find a pixel's depth, before the depth-corrected inverse warping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
@@ -154,6 +154,10 @@ pub enum Plan {
         /// How much of it is rendered.
         #[serde(default)]
         detail: Detail,
+        /// Where sky and indirect light are from; `None`: light cells if they are filled, else rays. A frame of a set with light cells
+        /// says which it was.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        light: Option<SurfaceLight>,
     },
     /// Reconstructed from samples.
     Warp(Warp),
@@ -162,7 +166,26 @@ pub enum Plan {
 impl Plan {
     /// From triangles, in full detail.
     pub fn direct(samples_per_pixel: u32) -> Self {
-        Self::Direct { samples_per_pixel, detail: Detail::Full }
+        Self::Direct { samples_per_pixel, detail: Detail::Full, light: None }
+    }
+
+    /// Where a plan from triangles has sky and indirect light from, if it names that.
+    pub fn light(&self) -> Option<SurfaceLight> {
+        match self {
+            Self::Direct { light, .. } => *light,
+            Self::Warp(_) => None,
+        }
+    }
+
+    /// The same plan with sky and indirect light from there, if it is from triangles.
+    #[must_use]
+    pub fn with_light(self, light: Option<SurfaceLight>) -> Self {
+        match self {
+            Self::Direct { samples_per_pixel, detail, .. } => {
+                Self::Direct { samples_per_pixel, detail, light }
+            }
+            warp @ Self::Warp(_) => warp,
+        }
     }
 
     /// Whether all of the view is rendered, in full detail.
@@ -173,7 +196,7 @@ impl Plan {
     /// Sub-pixels that are rendered for a view of so many pixels.
     pub fn sub_pixels(&self, pixels: u64) -> u64 {
         match self {
-            Self::Direct { samples_per_pixel, detail } => {
+            Self::Direct { samples_per_pixel, detail, .. } => {
                 let rendered = pixels.div_ceil(u64::from(detail.scale()).pow(2));
                 rendered.saturating_mul(u64::from(*samples_per_pixel))
             }

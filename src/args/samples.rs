@@ -1,8 +1,8 @@
 //! Flags of how samples are placed and rendered, by all workers alike.
 
 use argus_scene::{
-    Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathKnobs, PointKnobs, RigKind,
-    RigKnobs, Visibility, VplKnobs,
+    CellKnobs, Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathKnobs, PointKnobs,
+    RigKind, RigKnobs, Visibility, VplKnobs,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -149,8 +149,9 @@ pub(crate) struct IndirectLight {
     /// Indirect light: auto (paths, where --effects is auto or all and the scene calls for it), off, vpl (gathered from virtual
     /// point lights), points (gathered from small images of an octree of the scene, rendered at some of the visible points) or
     /// paths (the scene's cells exchange light along rays, and some of the visible points gather it; switches on shadows, sky
-    /// visibility and emitters). It is computed once a sample and costs warped views nothing. `argus-lab study light` compares them
-    #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths"])]
+    /// visibility and emitters) or cells (the same light and the sky's, gathered once on surfaces and looked up by all views). It is
+    /// computed once a sample and costs warped views nothing. `argus-lab study light` compares them
+    #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths", "cells"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
@@ -197,6 +198,14 @@ pub(crate) struct IndirectLight {
     /// proportional, for each sample and each view from triangles
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) path_gather: Option<u32>,
+    /// Edge of a light cell of --indirect cells, in pixels of the view, 1 to 64 [default: 4]. Twice as much takes a quarter of the
+    /// time to fill, and blurs light over twice the distance
+    #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub(crate) cell_pixels: Option<u32>,
+    /// Rays of each side of a light cell at best: 16, 64 or 256 [default: 64]. Views begin with 16; cells in use are refined while
+    /// nothing else is to do. Four times as many halve the noise
+    #[arg(long, value_name = "N")]
+    pub(crate) cell_rays: Option<u32>,
 }
 
 impl IndirectLight {
@@ -214,12 +223,16 @@ impl IndirectLight {
             _ => {}
         }
         let knobs = match self.indirect.as_str() {
-            "points" | "paths" => {
+            "points" | "paths" | "cells" => {
                 anyhow::ensure!(
                     self.particles.is_none(),
                     "--particles: their light is gathered like that of virtual point lights; use --indirect vpl or off"
                 );
-                if self.indirect == "points" { self.points() } else { self.paths() }
+                match self.indirect.as_str() {
+                    "points" => self.points(),
+                    "cells" => self.cells(),
+                    _ => Indirect::Paths(self.paths()),
+                }
             }
             _ => self.virtual_lights(off),
         };
@@ -238,14 +251,23 @@ impl IndirectLight {
         })
     }
 
-    fn paths(&self) -> Indirect {
+    fn cells(&self) -> Indirect {
+        let default = CellKnobs::default();
+        Indirect::Cells(CellKnobs {
+            paths: self.paths(),
+            pixels: self.cell_pixels.unwrap_or(default.pixels),
+            rays: self.cell_rays.unwrap_or(default.rays),
+        })
+    }
+
+    fn paths(&self) -> PathKnobs {
         let default = PathKnobs::default();
-        Indirect::Paths(PathKnobs {
+        PathKnobs {
             level: self.path_level.unwrap_or(default.level),
             rays: self.path_rays.unwrap_or(default.rays),
             bounces: self.bounces.unwrap_or(default.bounces),
             gather: self.path_gather.unwrap_or(default.gather),
-        })
+        }
     }
 
     /// Virtual point lights, or only particles where indirect light is off.

@@ -191,7 +191,7 @@ fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::R
     let side = plan.supersampling.unwrap_or(1);
     let (samples_per_pixel, detail) = (side.saturating_mul(side), plan.detail.unwrap_or_default());
     let state = SceneState { epoch: epoch_of(secs, description.epoch_secs)?, light: description.first_light };
-    let plan = Plan::Direct { samples_per_pixel, detail };
+    let plan = Plan::Direct { samples_per_pixel, detail, light: None };
     Ok(Provenance::of_plan(description.scene_hash, state, plan))
 }
 

@@ -93,6 +93,7 @@ impl Alone {
             plan: Plan::Direct {
                 samples_per_pixel: side * side,
                 detail: view.plan.detail.unwrap_or_default(),
+                light: None,
             },
             state: SceneState { epoch, light },
             time_secs: epoch as f64 * set.epoch_secs,

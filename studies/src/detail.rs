@@ -100,7 +100,12 @@ fn rows_of(
         let reference = reference(&mut bench, camera, options)?;
         for round in 0..=options.rounds {
             for (detail, measured) in Detail::ALL.into_iter().zip(&mut measured) {
-                let job = job(&bench, camera, options.size, Plan::Direct { samples_per_pixel: 1, detail });
+                let job = job(
+                    &bench,
+                    camera,
+                    options.size,
+                    Plan::Direct { samples_per_pixel: 1, detail, light: None },
+                );
                 let (ms, frames) = bench.time(&[job])?;
                 // The first round also compiles pipelines.
                 if round == 0 {

@@ -10,11 +10,12 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{GpuSampler, Indirect, PathKnobs, PointKnobs, SamplerKnobs, VplKnobs};
+use argus_sampler::{CellKnobs, GpuSampler, Indirect, PathKnobs, PointKnobs, SamplerKnobs, VplKnobs};
 use argus_scene::metrics::flip_mean;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
 use argus_scene::{
-    Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, Scene, SceneState, ViewJob, Visibility,
+    Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, Scene, SceneState, SurfaceLight, ViewJob,
+    Visibility,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -65,6 +66,9 @@ impl Default for Options {
                 Indirect::Paths(PathKnobs { level: 8, ..paths }),
                 Indirect::Paths(PathKnobs { level: 7, gather: 16, ..paths }),
                 Indirect::Paths(PathKnobs { level: 8, rays: 16, gather: 64, ..paths }),
+                Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
+                Indirect::Cells(CellKnobs::default()),
+                Indirect::Cells(CellKnobs { rays: 256, ..CellKnobs::default() }),
                 Indirect::Vpl(vpl),
                 Indirect::Vpl(VplKnobs { bounces: 4, ..vpl }),
                 Indirect::Vpl(VplKnobs { bounces: 4, samples: 64, ..vpl }),
@@ -85,6 +89,7 @@ impl Effort for Options {
             methods: vec![
                 Indirect::Off,
                 Indirect::Paths(PathKnobs { level: 5, ..PathKnobs::default() }),
+                Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
                 Indirect::Vpl(VplKnobs { vpls: 256, ..VplKnobs::default() }),
                 Indirect::Points(PointKnobs { levels: 5, ..PointKnobs::default() }),
             ],
@@ -218,15 +223,25 @@ impl Subject {
         let effects = method.effects_with(LightEffects::ALL);
         let knobs = SamplerKnobs { effects, indirect: method, ..SamplerKnobs::default() };
         let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&self.scene), knobs)?;
+        let views = self.views.iter().map(|job| lit_by(job, method)).collect::<Vec<_>>();
         let begin = Instant::now();
         view(&mut sampler, &self.views[0])?;
         let first = begin.elapsed().as_secs_f64();
+        // First views fill their cells; those beside find nearly all of them.
+        let (mut firsts, mut besides) = (Vec::new(), Vec::new());
+        if let Indirect::Cells(_) = method {
+            for job in &views {
+                firsts.push(timed(&mut sampler, job)?.0);
+            }
+            for job in &views {
+                besides.push(timed(&mut sampler, &beside(job))?.0);
+            }
+        }
         let (mut times, mut images) = (Vec::new(), Vec::new());
         for round in 0..options.rounds.max(1) {
-            for job in &self.views {
-                let begin = Instant::now();
-                let image = view(&mut sampler, job)?;
-                times.push(begin.elapsed().as_secs_f64());
+            for job in &views {
+                let (time, image) = timed(&mut sampler, job)?;
+                times.push(time);
                 images.extend((round == 0).then_some(image));
             }
         }
@@ -239,11 +254,17 @@ impl Subject {
         let of = |field: fn(&RadianceError) -> f64| mean(errors.iter().map(field).filter(|e| e.is_finite()));
         let (before_s, view_s) = ((first - median(&times)).max(0.0), median(&times));
         let leaves = sampler.paths().unwrap_or_default();
+        let of_views = |times: &[f64]| (!times.is_empty()).then(|| mean(times.iter().copied()));
+        let cells = sampler.light_cells();
         let of_leaves = |ms: f64| (leaves.sides > 0).then_some(ms);
         let row = report::row(json!({
             "method": method.to_string(),
             "before_s": before_s,
             "view_s": view_s,
+            "first_view_s": of_views(&firsts),
+            "beside_s": of_views(&besides),
+            "cells": cells.map(|cells| cells.cells),
+            "cells_mib": cells.map(|cells| cells.bytes as f64 / f64::from(1 << 20)),
             "flip": flip,
             "error": of(|errors| errors.error),
             "bias": of(|errors| errors.bias),
@@ -271,6 +292,31 @@ fn job(camera: Camera, [width, height]: [u32; 2]) -> ViewJob {
         reflections: None,
         history: None,
     }
+}
+
+/// A view by the best light of a method.
+fn lit_by(job: &ViewJob, method: Indirect) -> ViewJob {
+    let light = match method {
+        Indirect::Cells(knobs) => Some(SurfaceLight::Cells { rays: knobs.rays }),
+        _ => None,
+    };
+    ViewJob { plan: job.plan.clone().with_light(light), ..job.clone() }
+}
+
+/// The view of a second viewer, five centimetres to the right.
+fn beside(job: &ViewJob) -> ViewJob {
+    let mut beside = job.clone();
+    let right = (job.camera.target - job.camera.eye).cross(job.camera.up).normalize_or_zero() * 0.05;
+    beside.camera.eye += right;
+    beside.camera.target += right;
+    beside
+}
+
+/// Renders a view. Returns the seconds that it took, and its image.
+fn timed(sampler: &mut GpuSampler, job: &ViewJob) -> Result<(f64, RgbImage)> {
+    let begin = Instant::now();
+    let image = view(sampler, job)?;
+    Ok((begin.elapsed().as_secs_f64(), image))
 }
 
 fn view(sampler: &mut GpuSampler, job: &ViewJob) -> Result<RgbImage> {

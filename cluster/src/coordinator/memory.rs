@@ -31,6 +31,8 @@ impl SessionMemory {
         else {
             return;
         };
+        // Light is open in the next order: it rises while the camera stands.
+        let provenance = Provenance { plan: provenance.plan.clone().with_light(None), ..provenance };
         // A view that is warped from direct frames looks like them.
         let needs_samples = |provenance: &Provenance| provenance.plan.needs_samples();
         let changed = self.0.as_ref().and_then(|last| {

@@ -73,14 +73,20 @@ impl FrameStore {
         source.bytes() <= self.limit
     }
 
-    /// The sample of a frame, if it is held. Marks it as used.
-    pub(super) fn get(&self, key: &FrameKey) -> Option<Arc<Sample>> {
+    /// A frame that is held, with its light, and its sample. A key that names no light takes the frame that was used last,
+    /// whatever its light. Marks it as used.
+    pub(super) fn get(&self, key: &FrameKey) -> Option<(FrameSource, Arc<Sample>)> {
         let mut state = self.state.lock();
         state.clock += 1;
-        let clock = state.clock;
-        let entry = state.entries.get_mut(&key.id()).filter(|entry| entry.key == *key)?;
+        let (clock, open) = (state.clock, key.source.light.is_none());
+        let is_it = |entry: &Entry| {
+            let light = if open { None } else { entry.key.source.light };
+            FrameKey { source: FrameSource { light, ..entry.key.source }, ..entry.key } == *key
+        };
+        let found = state.entries.values_mut().filter(|entry| is_it(entry)).max_by_key(|entry| entry.used);
+        let entry = found?;
         entry.used = clock;
-        Some(entry.sample.clone())
+        Some((entry.key.source, entry.sample.clone()))
     }
 
     /// Keeps a frame, and drops the least recently used ones beyond the limit. Returns its sample; `None` if the frame
@@ -159,7 +165,7 @@ mod tests {
     fn key(x: f64) -> FrameKey {
         let camera = Camera::look_at(DVec3::new(x, 0.0, 0.0), DVec3::NEG_Z);
         let [width, height] = SIZE;
-        let source = FrameSource { camera, width, height, samples_per_pixel: 1 };
+        let source = FrameSource { camera, width, height, samples_per_pixel: 1, light: None };
         FrameKey { source, state: SceneState::default(), visibility: Visibility::default() }
     }
 

@@ -18,13 +18,17 @@ pub(super) fn outputs_to_keep(node: &Node, job: &ViewJob, exposure: f32) -> Opti
 
 /// Keeps a direct frame, which was rendered for a job.
 pub(super) fn keep(node: &Node, job: &ViewJob, frame: &Frame) {
-    let Plan::Direct { samples_per_pixel, detail: Detail::Full } = frame.provenance.plan else { return };
-    let _ = node.frames.keep(FrameKey::of(&source_of(job, samples_per_pixel), job), frame);
+    let Plan::Direct { samples_per_pixel, detail: Detail::Full, light } = frame.provenance.plan else {
+        return;
+    };
+    let source = FrameSource { light, ..source_of(job, samples_per_pixel) };
+    let _ = node.frames.keep(FrameKey::of(&source, job), frame);
 }
 
 /// The direct frame of a job.
 fn source_of(job: &ViewJob, samples_per_pixel: u32) -> FrameSource {
-    FrameSource { camera: job.camera, width: job.width, height: job.height, samples_per_pixel }
+    let (camera, width, height) = (job.camera, job.width, job.height);
+    FrameSource { camera, width, height, samples_per_pixel, light: None }
 }
 
 /// What a view from frames is composed of.
@@ -33,6 +37,8 @@ pub(super) struct Gathered {
     pub(super) job: ViewJob,
     pub(super) info: Arc<SampleSetInfo>,
     pub(super) samples: Vec<Arc<Sample>>,
+    /// The frames, each with the light that it has; none where samples are of a set.
+    pub(super) frames: Vec<FrameSource>,
 }
 
 /// Gathers the frames of a job's plan. `renders`: those that are not held are rendered here.
@@ -46,21 +52,23 @@ pub(super) async fn gather(
     info: &Arc<SampleSetInfo>,
     renders: bool,
 ) -> Result<Gathered, Fault> {
-    let mut samples = Vec::with_capacity(warp.frames.len());
+    let (mut samples, mut frames) = (Vec::with_capacity(warp.frames.len()), Vec::new());
     for source in &warp.frames {
         let key = FrameKey::of(source, job);
-        samples.push(match node.frames.get(&key) {
-            Some(sample) => sample,
+        let (source, sample) = match node.frames.get(&key) {
+            Some(found) => found,
             None if renders => rendered(node, job, &key, info).await?,
             None => {
                 return Err(Fault::NotFound("a frame that the view is warped from was dropped".to_owned()));
             }
-        });
+        };
+        samples.push(sample);
+        frames.push(source);
     }
     let ids = samples.iter().map(|sample| sample.id).collect();
     let plan = Plan::Warp(Warp { samples: ids, ..warp.clone() });
     let set = node.frames.set_of(info, job.visibility);
-    Ok(Gathered { job: ViewJob { plan, ..job.clone() }, info: set, samples })
+    Ok(Gathered { job: ViewJob { plan, ..job.clone() }, info: set, samples, frames })
 }
 
 /// Renders a frame that a job is warped from.
@@ -69,7 +77,7 @@ async fn rendered(
     job: &ViewJob,
     key: &FrameKey,
     info: &Arc<SampleSetInfo>,
-) -> Result<Arc<Sample>, Fault> {
+) -> Result<(FrameSource, Arc<Sample>), Fault> {
     let FrameSource { camera, width, height, .. } = key.source;
     let outputs = Outputs { range: true, ..Outputs::COLOR };
     let plan = key.source.plan();
@@ -77,10 +85,14 @@ async fn rendered(
     let Rendered { frame, .. } =
         node.render_thread.render_view(direct, info.clone(), Vec::new(), false).await?;
     let without = || Fault::Unavailable("a rendered frame lacks colour or range".to_owned());
-    node.frames.keep(*key, &frame).ok_or_else(without)
+    let source = FrameSource { light: frame.provenance.plan.light(), ..key.source };
+    let sample = node.frames.keep(FrameKey { source, ..*key }, &frame).ok_or_else(without)?;
+    Ok((source, sample))
 }
 
 /// The plan of a composed frame names its frames by what they are.
-pub(super) fn restore_plan(frame: &mut Frame, job: &ViewJob) {
-    frame.provenance.plan = job.plan.clone();
+pub(super) fn restore_plan(frame: &mut Frame, job: &ViewJob, frames: Vec<FrameSource>) {
+    if let Plan::Warp(warp) = &job.plan {
+        frame.provenance.plan = Plan::Warp(Warp { frames, ..warp.clone() });
+    }
 }

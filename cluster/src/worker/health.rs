@@ -1,7 +1,8 @@
-//! Failures of the render thread's devices, for the readiness check.
+//! Failures of the render thread's devices, for the readiness check, and what the devices hold.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use argus_scene::CellReport;
 use parking_lot::Mutex;
 
 /// Consecutive failures after which the process is not ready. A single lost device is recreated.
@@ -14,6 +15,8 @@ pub(super) struct Health {
     failures: Mutex<(u32, String)>,
     /// Number of samples that the compositor holds.
     held: AtomicUsize,
+    /// The sampler's light cells.
+    cells: Mutex<Option<CellReport>>,
 }
 
 impl Health {
@@ -46,6 +49,16 @@ impl Health {
     /// Records the number of samples that the compositor holds.
     pub(super) fn holds(&self, samples: usize) {
         self.held.store(samples, Ordering::Relaxed);
+    }
+
+    /// Records the sampler's light cells.
+    pub(super) fn has_cells(&self, cells: Option<CellReport>) {
+        *self.cells.lock() = cells;
+    }
+
+    /// The sampler's light cells; `None` without any.
+    pub(super) fn cells(&self) -> Option<CellReport> {
+        *self.cells.lock()
     }
 
     /// Number of samples that the compositor holds.

@@ -102,6 +102,8 @@ pub(super) enum Background {
     MeasureDirect,
     /// Render a small view to measure what effects of light cost. For people: no decision needs it.
     MeasureEffects(EffectTrial),
+    /// Fill light cells that views lacked.
+    FillLight,
     /// Upload a sample to the compositor before views need it. `reply` is sent when this is done or abandoned.
     Hold { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
     /// Report a measurement. It is queued behind samples that must be uploaded first.
@@ -204,6 +206,12 @@ impl Queue {
             state.background.push_back(work);
         }
         self.filled.notify_one();
+    }
+
+    /// Whether nothing waits but background work.
+    pub(super) fn is_idle(&self) -> bool {
+        let waiting = self.state.lock().waiting();
+        Waiting { background: 0, ..waiting } == Waiting::default()
     }
 
     /// Queues the rest of background work, a slice of which is done, before other background work.

@@ -62,6 +62,8 @@ pub(super) struct Renderer {
     light: LightLevel,
     /// Whether better light is being prepared.
     light_rises: bool,
+    /// Light cells are being filled.
+    fills_light: bool,
     /// Number of batches of views.
     batches: u64,
     /// Number of lost devices.
@@ -78,6 +80,8 @@ pub(super) struct Renderer {
 
 /// Interval at which the preparation of light is looked at.
 const LIGHT_INTERVAL: Duration = Duration::from_millis(100);
+/// Length of a slice in which light cells are filled: one step more is below the longest slice of background work.
+const FILL_SLICE: Duration = Duration::from_millis(15);
 
 /// A sample that the compositor holds.
 struct Held {
@@ -150,6 +154,7 @@ impl Renderer {
             measures_effects: false,
             light: LightLevel::Direct,
             light_rises: false,
+            fills_light: false,
             batches: 0,
             rebuilt: 0,
             health,
@@ -191,6 +196,7 @@ impl Renderer {
                 Work::Direct(tasks) => self.direct(tasks),
             }
             self.prepare_light();
+            self.seek_cells();
             self.seek_effects();
             self.tidy();
         }
@@ -218,6 +224,34 @@ impl Renderer {
             Err(error) => {
                 warn!(%error, light = %next, "light cannot be prepared, views stay without it");
                 self.light_rises = false;
+            }
+        }
+    }
+
+    /// Queues the filling of light cells, once views lacked some.
+    fn seek_cells(&mut self) {
+        let cells = self.sampler.as_ref().and_then(|sampler| sampler.light_cells());
+        self.health.has_cells(cells);
+        let is_due = cells.is_some_and(|cells| cells.is_due);
+        if is_due && !std::mem::replace(&mut self.fills_light, is_due) {
+            self.queue.push_background(Background::FillLight);
+        }
+    }
+
+    /// Fills light cells for a slice, and queues the rest behind other background work.
+    pub(super) fn fill_light(&mut self) {
+        let refines = self.queue.is_idle();
+        let filled = self.guarded(|own| Ok(vec![Ok(own.sampler()?.fill_light(FILL_SLICE, refines))]));
+        match filled {
+            Ok(more) => {
+                self.fills_light = more.into_iter().any(|more| more.unwrap_or(false));
+                if self.fills_light {
+                    self.queue.push_background(Background::FillLight);
+                }
+            }
+            Err(error) => {
+                self.fills_light = false;
+                warn!(%error, "light cells cannot be filled");
             }
         }
     }

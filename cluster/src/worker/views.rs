@@ -480,12 +480,12 @@ async fn render(
         let began = Instant::now();
         let gathered = gather(node, ordered, needed, job).await?;
         let samples_ms = began.elapsed().as_secs_f64() * 1e3;
-        let Gathered { job: composed, info, samples } = gathered;
+        let Gathered { job: composed, info, samples, frames } = gathered;
         let rendered = node.render_thread.render_view(composed, info, samples, again).await;
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
                 if !job.plan.frames().is_empty() {
-                    from_frames::restore_plan(&mut frame, job);
+                    from_frames::restore_plan(&mut frame, job, frames);
                 }
                 let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
@@ -535,7 +535,7 @@ async fn gather(
     let fetches = needed.iter();
     let fetches = fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
     let samples = try_join_all(fetches).await?;
-    Ok(Gathered { job: job.clone(), info: ordered.info.clone(), samples })
+    Ok(Gathered { job: job.clone(), info: ordered.info.clone(), samples, frames: Vec::new() })
 }
 
 /// Packs a frame into chunks. The header has the time of packing.

@@ -89,7 +89,7 @@ fn direct_view(
     info: &SampleSetInfo,
     (size, detail): ([u32; 2], Detail),
 ) -> Result<Frame, RenderError> {
-    let plan = Plan::Direct { samples_per_pixel: 1, detail };
+    let plan = Plan::Direct { samples_per_pixel: 1, detail, light: None };
     let view = view(info, scene.default_camera(), size, plan, sampler.usual_visibility());
     only_view(sampler, &view)
 }

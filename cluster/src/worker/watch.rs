@@ -96,6 +96,11 @@ impl Monitored for Watch {
         to.gauge("worker_held_bytes", "Texel bytes of held samples", self.0.store.bytes() as f64)?;
         let composed_from = self.0.health.held() as f64;
         to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;
+        if let Some(cells) = self.0.health.cells() {
+            to.gauge("worker_light_cells", "Light cells that its sampler holds", cells.cells as f64)?;
+            to.gauge("worker_light_cell_bytes", "Bytes of its light cells", cells.bytes as f64)?;
+            to.counter("worker_light_cells_filled", "Light cells filled or refined", cells.filled)?;
+        }
         to.gauge("worker_requests", "Requests in progress", self.0.requests() as f64)?;
         let frames = "Bytes reserved for frames that are rendered, packed or sent";
         to.gauge("worker_frame_bytes", frames, self.0.frame_memory.reserved() as f64)

@@ -32,6 +32,9 @@ pub(super) struct Light {
     /// Paths a pixel of the reference; its noise falls with their root, and its time is proportional [default: 128]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 16))]
     paths: Option<u32>,
+    /// Only methods of these names, with commas between: off, paths, cells, vpl, points [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    methods: Vec<String>,
     /// Folder for the images of all rows
     #[arg(long, value_name = "DIR")]
     images: Option<PathBuf>,
@@ -49,6 +52,10 @@ impl Light {
         }
         options.paths = self.paths.unwrap_or(options.paths);
         options.images = self.images;
+        if !self.methods.is_empty() {
+            let is_named = |method: &str| self.methods.iter().any(|name| method.starts_with(name.as_str()));
+            options.methods.retain(|method| is_named(&method.to_string()));
+        }
         blocking(options, progress, run).await
     }
 }

@@ -1,8 +1,8 @@
 //! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
-    Bounds, Effect, Indirect, InvalidField, Light, LightEffects, LightLevel, Lighting, MapSource, MegaViews,
-    PathKnobs, PointKnobs, ProbeEye, ProbeSource, ReflectionProbeSet, Reflections, Rig, SampleId,
+    Bounds, CellKnobs, Effect, Indirect, InvalidField, Light, LightEffects, LightLevel, Lighting, MapSource,
+    MegaViews, PathKnobs, PointKnobs, ProbeEye, ProbeSource, ReflectionProbeSet, Reflections, Rig, SampleId,
     SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
@@ -397,8 +397,10 @@ fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
             let points = v1::PointIndirect { levels, map_side, block, bounces, sharing };
             v1::specification::Indirect::Points(points)
         }
-        Indirect::Paths(PathKnobs { level, rays, bounces, gather }) => {
-            v1::specification::Indirect::Paths(v1::PathIndirect { level, rays, bounces, gather })
+        Indirect::Paths(paths) => v1::specification::Indirect::Paths(wire_paths(paths)),
+        Indirect::Cells(CellKnobs { paths, pixels, rays }) => {
+            let paths = Some(wire_paths(paths));
+            v1::specification::Indirect::Cells(v1::CellIndirect { paths, pixels, rays })
         }
     })
 }
@@ -428,10 +430,20 @@ fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, Inval
             let v1::PointIndirect { levels, map_side, block, bounces, sharing } = wire;
             Indirect::Points(PointKnobs { levels, map_side, block, bounces, sharing })
         }
-        Some(v1::specification::Indirect::Paths(v1::PathIndirect { level, rays, bounces, gather })) => {
-            Indirect::Paths(PathKnobs { level, rays, bounces, gather })
+        Some(v1::specification::Indirect::Paths(wire)) => Indirect::Paths(paths(wire)),
+        Some(v1::specification::Indirect::Cells(v1::CellIndirect { paths: wire, pixels, rays })) => {
+            let paths = paths(required(wire, "indirect.paths")?);
+            Indirect::Cells(CellKnobs { paths, pixels, rays })
         }
     })
+}
+
+fn wire_paths(PathKnobs { level, rays, bounces, gather }: PathKnobs) -> v1::PathIndirect {
+    v1::PathIndirect { level, rays, bounces, gather }
+}
+
+fn paths(v1::PathIndirect { level, rays, bounces, gather }: v1::PathIndirect) -> PathKnobs {
+    PathKnobs { level, rays, bounces, gather }
 }
 
 fn sampling_to_wire(sampling: Sampling) -> Option<v1::specification::Sampling> {

@@ -2,9 +2,9 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan,
-    PlanRequest, Prediction, Preset, Provenance, SampleId, SceneState, Search, Served, Specification, View,
-    Warp,
+    CellKnobs, Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan,
+    PlanRequest, Prediction, Preset, Provenance, SampleId, SceneState, Search, Served, Specification,
+    SurfaceLight, View, Warp,
 };
 
 use super::scene::{light_level, wire_light_level};
@@ -272,8 +272,9 @@ pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<
 
 impl From<&FrameSource> for v1::FrameSource {
     fn from(source: &FrameSource) -> Self {
-        let FrameSource { camera, width, height, samples_per_pixel } = *source;
-        Self { camera: Some((&camera).into()), width, height, samples_per_pixel }
+        let FrameSource { camera, width, height, samples_per_pixel, light } = *source;
+        let light = wire_surface_light(light);
+        Self { camera: Some((&camera).into()), width, height, samples_per_pixel, light }
     }
 }
 
@@ -282,9 +283,10 @@ impl TryFrom<v1::FrameSource> for FrameSource {
 
     /// A frame within the limits of every service; a service checks its own limits.
     fn try_from(wire: v1::FrameSource) -> Result<Self, InvalidField> {
-        let v1::FrameSource { camera, width, height, samples_per_pixel } = wire;
+        let v1::FrameSource { camera, width, height, samples_per_pixel, light } = wire;
         let camera = required(camera, "camera")?.try_into()?;
-        let source = Self { camera, width, height, samples_per_pixel };
+        let light = surface_light(light)?;
+        let source = Self { camera, width, height, samples_per_pixel, light };
         source.validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX }).map(|()| source)
     }
 }
@@ -311,9 +313,10 @@ impl From<&Plan> for v1::Plan {
     fn from(plan: &Plan) -> Self {
         use v1::plan::Kind;
         let kind = match plan {
-            Plan::Direct { samples_per_pixel, detail } => Kind::Direct(v1::DirectPlan {
+            Plan::Direct { samples_per_pixel, detail, light } => Kind::Direct(v1::DirectPlan {
                 samples_per_pixel: *samples_per_pixel,
                 detail: wire_detail(*detail),
+                light: wire_surface_light(*light),
             }),
             Plan::Warp(warp) => Kind::Warp(v1::WarpPlan {
                 search: v1::Search::from(warp.search) as i32,
@@ -349,7 +352,8 @@ impl TryFrom<v1::Plan> for Plan {
                     let reason = format!("must be a square number, not {samples_per_pixel}");
                     return Err(InvalidField::new(field, reason));
                 }
-                Self::Direct { samples_per_pixel, detail: detail(plan.detail, "plan.direct.detail")? }
+                let detail = detail(plan.detail, "plan.direct.detail")?;
+                Self::Direct { samples_per_pixel, detail, light: surface_light(plan.light)? }
             }
             Kind::Warp(plan) => {
                 // Reflection maps come on top, and at most once.
@@ -382,6 +386,26 @@ impl TryFrom<v1::Plan> for Plan {
                 })
             }
         })
+    }
+}
+
+fn wire_surface_light(light: Option<SurfaceLight>) -> u32 {
+    match light {
+        None => 0,
+        Some(SurfaceLight::Rays) => 1,
+        Some(SurfaceLight::Cells { rays }) => rays,
+    }
+}
+
+fn surface_light(wire: u32) -> Result<Option<SurfaceLight>, InvalidField> {
+    match wire {
+        0 => Ok(None),
+        1 => Ok(Some(SurfaceLight::Rays)),
+        rays if CellKnobs::RAYS.contains(&rays) => Ok(Some(SurfaceLight::Cells { rays })),
+        other => {
+            let reason = format!("must be 0, 1, 16, 64 or 256, not {other}");
+            Err(InvalidField::new("plan.direct.light", reason))
+        }
     }
 }
 

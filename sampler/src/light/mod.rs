@@ -12,9 +12,10 @@
 //! 1. [`texels`]: reads guides back and finds where rays begin.
 //! 2. [`shadows`]: the share of each light that each texel sees.
 //! 3. [`sky`] and [`emitters`]: irradiance of the sky, and of emitting triangles.
-//! 4. [`paths`]: indirect irradiance, if it is found by paths.
+//! 4. [`paths`]: indirect irradiance, if it is found by paths. Or [`cells`]: that and the sky's, from cells on surfaces.
 //! 5. `passes/add_direct.rs`: adds the light, and the reflection of lights and sky on glossy surfaces of views.
 
+mod cells;
 mod emitters;
 mod filter;
 mod paths;
@@ -39,11 +40,13 @@ use crate::packets::PacketTracer;
 use crate::passes::{AddDirect, TileContext};
 use crate::resident::{Features, upload};
 use crate::timing;
+use cells::{CellLight, Eye};
 use emitters::Emitters;
 use shadows::VisibilityWords;
 use sky::SkyIrradiance;
 use texels::Texels;
 
+pub(crate) use cells::CellUse;
 pub(crate) use paths::PathLight;
 pub use paths::PathReport;
 pub(crate) use texels::{Texel, texel as texel_of_guides};
@@ -197,7 +200,8 @@ impl DirectLight {
     }
 
     /// Adds direct light to what `commands` shade. `is_view` adds the reflection of lights and sky on glossy surfaces
-    /// towards the eye, too; `paths` are indirect light to be added. Returns the commands that later passes are recorded
+    /// towards the eye, too; `paths` are indirect light to be added; with `uses_cells` it may be
+    /// looked up in light cells. Returns the commands that later passes are recorded
     /// into, and [`Arriving`] of each texel.
     ///
     /// # Errors
@@ -207,7 +211,7 @@ impl DirectLight {
         mut commands: Commands,
         context: &TileContext<'_>,
         neighbours: Neighbours,
-        (paths, is_view): (Option<&PathLight>, bool),
+        (paths, uses_cells, is_view): (Option<&PathLight>, bool, bool),
         stages: &mut Vec<Stage>,
     ) -> Result<(Commands, Option<wgpu::Buffer>), RenderError> {
         let Some(guides) = &context.targets.guides else { return Ok((commands, None)) };
@@ -226,13 +230,24 @@ impl DirectLight {
         let mut traced = Vec::new();
         let knobs = tracing.knobs.divided(self.ray_divisor);
         let is_glossy = self.features.specular;
-        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, is_glossy, &mut traced);
+        let lookup = Instant::now();
+        let from_cells = paths.filter(|_| uses_cells && tracing.effects.sky_visibility).and_then(|paths| {
+            let pixel = context.tile.pixel_angle();
+            paths.look_up(tracing, &texels, Eye { position: eye, about: &about, pixel })
+        });
+        if uses_cells && paths.is_some_and(|paths| paths.cells().is_some()) {
+            timing::add_since(&mut traced, "look up light cells", lookup);
+        }
+        let cells = from_cells.as_deref();
+        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, is_glossy, cells, &mut traced);
         // What no effect alone accounts for.
         let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
         timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);
         timing::add(stages, traced);
         let begin = Instant::now();
-        if let Some(indirect) = paths.and_then(|paths| paths.by_pi(&texels, &about, eye, self.ray_divisor)) {
+        let by_rays = paths.filter(|_| from_cells.is_none());
+        if let Some(indirect) = by_rays.and_then(|paths| paths.by_pi(&texels, &about, eye, self.ray_divisor))
+        {
             arriving.par_iter_mut().zip(&indirect).for_each(|([r, g, b, _], indirect)| {
                 (*r, *g, *b) = (*r + indirect.x, *g + indirect.y, *b + indirect.z);
             });
@@ -285,6 +300,7 @@ impl LightTracing {
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         is_glossy: bool,
+        cells: Option<&[CellLight]>,
         stages: &mut Vec<Stage>,
     ) -> Vec<Arriving> {
         let effects = self.effects;
@@ -297,7 +313,7 @@ impl LightTracing {
         };
         let by_pi = self.of_lights(texels, about, eye, stages, add);
         let begin = Instant::now();
-        let sky = match effects.sky_visibility && !self.sky.is_black() {
+        let sky = match effects.sky_visibility && !self.sky.is_black() && cells.is_none() {
             true => Some(sky::seen_share(&self.lighting.sky, texels, about, knobs)),
             false => None,
         };
@@ -314,14 +330,19 @@ impl LightTracing {
             if !texel.exists {
                 return [0.0; 4];
             }
-            let seen = sky.as_ref().map_or(Vec3::ONE, |sky| sky[index]);
+            let seen = match (cells, &sky) {
+                (Some(cells), _) => cells[index].sky,
+                (None, Some(sky)) => sky[index],
+                (None, None) => Vec3::ONE,
+            };
             // Without rays to the sky, the sky is what shading says: see `shading::sky_ambient`.
-            let open = match sky {
-                Some(_) => self.sky.by_pi(texel.normal),
-                None => argus_scene::shading::sky_ambient(&self.lighting.sky, texel.normal),
+            let open = match cells.is_some() || sky.is_some() {
+                true => self.sky.by_pi(texel.normal),
+                false => argus_scene::shading::sky_ambient(&self.lighting.sky, texel.normal),
             };
             let emitted = emitted.as_ref().map_or(Vec3::ZERO, |emitted| emitted[index]);
-            let sum = by_pi[index] + open * seen + emitted;
+            let indirect = cells.map_or(Vec3::ZERO, |cells| cells[index].indirect);
+            let sum = by_pi[index] + open * seen + emitted + indirect;
             let word = words.as_ref().map_or(u32::MAX, |words| words.word(index, seen.element_sum() / 3.0));
             [sum.x, sum.y, sum.z, f32::from_bits(word)]
         };

@@ -14,7 +14,7 @@ use super::probes::ReflectFrom;
 use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightSharing};
-use crate::light::DirectLight;
+use crate::light::{CellUse, DirectLight};
 use crate::passes::{PlaneBuffers, TileContext};
 use crate::pixel_list::PixelList;
 use crate::reflected_light::IndexedMaps;
@@ -36,6 +36,8 @@ pub(super) struct JobScene<'a> {
     pub(super) ray_divisor: u32,
     pub(super) reflections: ReflectFrom,
     pub(super) visibility: Visibility,
+    /// What it asks of light cells, where indirect light is found by them.
+    pub(super) cells: CellUse,
     /// Whether surfaces are shaded; otherwise neither indirect light nor reflections are prepared.
     pub(super) is_shaded: bool,
 }
@@ -47,6 +49,7 @@ pub(super) struct ReadyScene {
     pub(super) lighting: Lighting,
     light: LightLevel,
     ray_divisor: u32,
+    cells: CellUse,
     pub(super) reflections: ReflectFrom,
     /// Maps of what a view's reflectors see, if it is looked up there.
     pub(super) maps: Option<IndexedMaps>,
@@ -151,6 +154,7 @@ impl GpuSampler {
             ray_divisor,
             reflections,
             visibility,
+            cells,
             is_shaded,
         } = job;
         let mut stages = self.pose(time_secs)?;
@@ -160,6 +164,7 @@ impl GpuSampler {
             stages.extend(self.prepare_reflections(reflections, (&lighting, light), time_secs, cancel)?);
         }
         self.divide_rays(ray_divisor);
+        self.begin_cells(cells);
         let eye = self.eye(position, &lighting)?;
         let backend = self.available_backend(visibility);
         let maps = None;
@@ -169,6 +174,7 @@ impl GpuSampler {
             lighting,
             light,
             ray_divisor,
+            cells,
             reflections,
             maps,
             eye,
@@ -317,6 +323,7 @@ impl GpuSampler {
         // It may also have shown another level of light.
         self.light(&scene.lighting, scene.light, scene.time_secs)?;
         self.divide_rays(scene.ray_divisor);
+        self.begin_cells(scene.cells);
         scene.begin += began.elapsed();
         Ok(())
     }
@@ -336,7 +343,9 @@ pub(crate) fn add_light(
         let neighbours = sharing.neighbours(context.tile);
         (commands, arriving) = {
             let paths = indirect.as_ref().and_then(IndirectLight::paths);
-            light.add(commands, context, neighbours, (paths, is_view), stages)?
+            // The level of light cells follows from pixels. Points of reflections and of octrees are seen from elsewhere.
+            let uses_cells = is_view || matches!(sharing, LightSharing::Texels { .. });
+            light.add(commands, context, neighbours, (paths, uses_cells, is_view), stages)?
         };
     }
     if let Some(light) = indirect {

@@ -17,7 +17,7 @@ fn lit(scene: &Arc<Scene>) -> GpuSampler {
 }
 
 fn view(sampler: &mut GpuSampler, camera: Camera, size: [u32; 2], detail: Detail) -> Frame {
-    let plan = Plan::Direct { samples_per_pixel: 1, detail };
+    let plan = Plan::Direct { samples_per_pixel: 1, detail, light: None };
     direct(sampler, &ViewJob { plan, ..view_job(camera, size, 1) })
 }
 
@@ -31,7 +31,7 @@ fn less_detail_shows_the_same_with_more_error_and_its_plan_says_so() {
     let full = view(&mut sampler, camera, size, Detail::Full);
     for detail in Detail::ALL {
         let frame = view(&mut sampler, camera, size, detail);
-        assert_eq!(frame.provenance.plan, Plan::Direct { samples_per_pixel: 1, detail });
+        assert_eq!(frame.provenance.plan, Plan::Direct { samples_per_pixel: 1, detail, light: None });
         assert_eq!([frame.width, frame.height], size);
         assert_eq!(frame.range, full.range, "{detail}: ranges have all pixels");
         assert_eq!(view(&mut sampler, camera, size, detail).color, frame.color, "{detail}: it is repeatable");

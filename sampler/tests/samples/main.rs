@@ -3,6 +3,7 @@
 mod common;
 
 mod against_reference;
+mod cells;
 mod detail;
 mod environment;
 mod faces;

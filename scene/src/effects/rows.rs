@@ -451,7 +451,7 @@ fn decision(effect: EffectKind, request: &Settled, found: &Found, bound: f64) ->
             let is_on = match request.indirect {
                 Indirect::Off => false,
                 Indirect::Vpl(knobs) => knobs.vpls > 0,
-                Indirect::Points(_) | Indirect::Paths(_) => true,
+                Indirect::Points(_) | Indirect::Paths(_) | Indirect::Cells(_) => true,
             };
             match (found.causes.is_empty(), is_on) {
                 (_, false) => (false, format!("{because}, but indirect light is off")),

@@ -251,7 +251,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
                 let lit = stage.sampler.points().context("nothing was lit")?;
                 (point_row(&knobs, &lit), lit.light_ms)
             }
-            Indirect::Off | Indirect::Paths(_) => unreachable!("every row is of VPLs or points"),
+            Indirect::Off | Indirect::Paths(_) | Indirect::Cells(_) => {
+                unreachable!("every row is of VPLs or points")
+            }
         };
         points.push((differs, gather_ms + before_ms, traced.flip_mean));
         row.extend(common_row(differs, [unlit_ms, gather_ms], [traced, by_vpls], stage.energy(&image)));

@@ -142,7 +142,8 @@ impl Cluster<'_> {
             let work = view.pixels.saturating_mul(u64::from(open.direct.samples_per_pixel));
             let id = worker.id();
             let in_detail = |detail: Detail| {
-                let plan = Plan::Direct { samples_per_pixel: open.direct.samples_per_pixel, detail };
+                let plan =
+                    Plan::Direct { samples_per_pixel: open.direct.samples_per_pixel, detail, light: None };
                 let cost = self.direct_cost(worker, detail);
                 let render_ms = cost.map(|cost| cost.ms(plan.sub_pixels(view.pixels)));
                 let (excess, is_sound) = (excess_of(detail), true);

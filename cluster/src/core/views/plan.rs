@@ -40,7 +40,7 @@ pub fn plan(
     let side = request.supersampling.unwrap_or(if exact { 2 } else { 1 });
     if request.direct {
         let detail = request.detail.unwrap_or_default();
-        return Ok(Plan::Direct { samples_per_pixel: side * side, detail });
+        return Ok(Plan::Direct { samples_per_pixel: side * side, detail, light: None });
     }
     let open = (request.search, request.steps, request.samples, request.holes) == (None, None, None, None);
     if request.max_error.is_some() && open {

@@ -300,7 +300,7 @@ mod tests {
 
     /// An offer from triangles in some detail, which takes this share of the time in full.
     fn reduced(detail: Detail, wait_ms: f64, render_ms: f64) -> Offer {
-        let plan = Plan::Direct { samples_per_pixel: 1, detail };
+        let plan = Plan::Direct { samples_per_pixel: 1, detail, light: None };
         Offer { plan, excess: excess_of(detail), ..direct(1, wait_ms, Some(render_ms)) }
     }
 

@@ -49,7 +49,7 @@ impl Renderer {
         SIZES
             .into_iter()
             .map(|[width, height]| {
-                let source = FrameSource { camera, width, height, samples_per_pixel: 1 };
+                let source = FrameSource { camera, width, height, samples_per_pixel: 1, light: None };
                 let direct = view(info, camera, [width, height], source.plan(), visibility);
                 let job = ViewJob { outputs: Outputs { range: true, ..Outputs::COLOR }, ..direct };
                 let frames = self.guarded(|own| {

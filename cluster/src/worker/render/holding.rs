@@ -110,6 +110,7 @@ impl Renderer {
         match work {
             Background::MeasureDirect => self.measure_direct(),
             Background::MeasureEffects(trial) => self.measure_effects(trial),
+            Background::FillLight => self.fill_light(),
             Background::Measured { warp_cost, backend_costs, reply } => {
                 self.meter.set_cost(ViewKind::Warp, warp_cost);
                 // The receiver is gone if a newer assignment arrived.

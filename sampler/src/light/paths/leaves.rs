@@ -5,13 +5,14 @@ use argus_scene::light_sampling::r2;
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
+use super::super::cells::Lattice;
 use super::super::texels::Texel;
-use super::cells::{Grid, Table};
+use super::grid::{Grid, Table};
 use super::links::hash;
 use super::polygon::Polygon;
 use crate::light_rays::{LightRaysAbout, RayHit};
 use crate::radiosity::surfaces::Surfaces;
-use crate::resident::Placement;
+use crate::resident::{Cull, Placement};
 
 /// Cosine of the angle within which surfaces of a cell are one leaf side: 45°.
 const ALIKE: f32 = 0.707;
@@ -25,7 +26,7 @@ const NEIGHBOUR: f32 = 0.906;
 const SAME_PLANE: f32 = 0.5;
 
 /// Leaf sides of a posed scene. Positions are metres about the centre.
-pub(super) struct Leaves {
+pub(in crate::light) struct Leaves {
     center: DVec3,
     grid: Grid,
     table: Table,
@@ -129,8 +130,49 @@ impl Leaves {
         leaves
     }
 
-    pub(super) fn center(&self) -> DVec3 {
+    pub(in crate::light) fn center(&self) -> DVec3 {
         self.center
+    }
+
+    /// The lattice of light cells around the same extent.
+    pub(in crate::light) fn lattice(&self) -> Lattice {
+        let (low, edge) = self.grid.cube();
+        Lattice { low, edge }
+    }
+
+    /// Corners of all triangles.
+    pub(in crate::light) fn triangles(&self) -> &[[Vec3; 3]] {
+        &self.triangles
+    }
+
+    /// A triangle as a polygon.
+    pub(in crate::light) fn polygon(&self, triangle: u32) -> Polygon {
+        Polygon::triangle(self.triangles[triangle as usize])
+    }
+
+    /// Unit normal of a triangle's counter-clockwise side, and whether views see that side and the other one. `None` for a
+    /// triangle without area.
+    pub(in crate::light) fn faces(&self, surfaces: &Surfaces, triangle: u32) -> Option<(Vec3, [bool; 2])> {
+        let (placement, _) = self.placement(surfaces, triangle)?;
+        let seen = match placement.class.cull {
+            Cull::None => [true, true],
+            Cull::Back => [true, false],
+            Cull::MirroredBack => [false, true],
+        };
+        Some((self.front(triangle)?, seen))
+    }
+
+    /// Unit shading normal at a position of a triangle, on the side of a unit normal.
+    pub(in crate::light) fn shading_normal(
+        &self,
+        surfaces: &Surfaces,
+        triangle: u32,
+        position: Vec3,
+        side: Vec3,
+    ) -> Option<Vec3> {
+        let (placement, primitive) = self.placement(surfaces, triangle)?;
+        let weights = weights(self.triangles[triangle as usize], position)?.map(f64::from);
+        Some(surfaces.shading_normal(placement, primitive, weights, side.as_dvec3())?.as_vec3())
     }
 
     fn take_triangles(&mut self, surfaces: &Surfaces) {
@@ -306,7 +348,7 @@ impl Leaves {
     }
 
     /// The leaf side that a ray from `start` along `direction` hits.
-    pub(super) fn hit(&self, start: Vec3, direction: Vec3, hit: &RayHit) -> Option<u32> {
+    pub(in crate::light) fn hit(&self, start: Vec3, direction: Vec3, hit: &RayHit) -> Option<u32> {
         let first = *self.first_of_instance.get(hit.instance as usize)?;
         let triangle = first.checked_add(hit.primitive)?;
         if triangle as usize >= self.triangles.len() {

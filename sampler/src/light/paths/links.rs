@@ -82,7 +82,7 @@ impl Links {
 }
 
 /// Two numbers in 0..1 by an index (lowbias32, Wellons).
-pub(super) fn hash(index: u32) -> DVec2 {
+pub(in crate::light) fn hash(index: u32) -> DVec2 {
     let mix = |x: u32| {
         let x = (x ^ x >> 16).wrapping_mul(0x7feb_352d);
         let x = (x ^ x >> 15).wrapping_mul(0x846c_a68b);

@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::super::LightTracing;
+use super::super::cells::BoxTree;
 use super::super::texels::{Effort, Texel, Texels};
 use super::PathReport;
 use super::gather::Gatherer;
@@ -24,6 +25,8 @@ const MOST_RAYS: u64 = 1 << 28;
 /// The light of leaf sides of one level. Surfaces and what traces light are handed in, since another thread may light them.
 pub(super) struct LitLeaves {
     knobs: PathKnobs,
+    /// Whether light cells are filled from them.
+    fills_cells: bool,
     posed: Option<Posed>,
     lit: Option<Lit>,
     report: PathReport,
@@ -33,6 +36,8 @@ pub(super) struct LitLeaves {
 struct Posed {
     leaves: Leaves,
     links: Links,
+    /// Finds the triangles of light cells, if they are filled from here.
+    tree: Option<BoxTree>,
 }
 
 /// What depends on lights, too.
@@ -44,8 +49,8 @@ struct Lit {
 
 impl LitLeaves {
     /// Leaf sides that are not built yet.
-    pub(super) fn new(knobs: PathKnobs) -> Self {
-        Self { knobs, posed: None, lit: None, report: PathReport::default() }
+    pub(super) fn new(knobs: PathKnobs, fills_cells: bool) -> Self {
+        Self { knobs, fills_cells, posed: None, lit: None, report: PathReport::default() }
     }
 
     /// Changes the knobs. Marks what depends on them as out of date.
@@ -101,12 +106,13 @@ impl LitLeaves {
                 return Err(RenderError::OutOfMemory(message));
             }
             self.report.sides = leaves.sides.len();
+            let tree = self.fills_cells.then(|| BoxTree::new(leaves.triangles()));
             self.report.build_ms = stage(&mut stages, "light leaves: build", begin);
             let begin = Instant::now();
             let about = tracing.rays.about(leaves.center());
             let links = Links::trace(&leaves, surfaces, &about, rays);
             self.report.links_ms = stage(&mut stages, "light leaves: links", begin);
-            self.posed = Some(Posed { leaves, links });
+            self.posed = Some(Posed { leaves, links, tree });
         }
         if let (Some(posed), false) = (&self.posed, self.is_lit(&tracing.lighting)) {
             let begin = Instant::now();
@@ -120,6 +126,18 @@ impl LitLeaves {
             self.lit = Some(Lit { lighting: tracing.lighting.clone(), radiance });
         }
         Ok(stages)
+    }
+
+    /// What light cells are filled from, once it is lit for them: leaf sides, triangles by place, and what leaf sides reflect.
+    pub(super) fn for_cells(&self) -> Option<(&Leaves, &BoxTree, &Lighting, &[Vec3])> {
+        let (Posed { leaves, tree, .. }, Lit { lighting, radiance }) =
+            (self.posed.as_ref()?, self.lit.as_ref()?);
+        Some((leaves, tree.as_ref()?, lighting, radiance))
+    }
+
+    /// Whether light cells are filled from them.
+    pub(super) fn fills_cells(&self) -> bool {
+        self.fills_cells
     }
 
     /// Indirect irradiance / π at texels about an eye, each by one of `divisor` of its rays; `None` before the leaf sides are

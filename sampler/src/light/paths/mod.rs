@@ -26,8 +26,8 @@
 //! Leaf sides are lit at two levels ([`argus_scene::LightLevel`]). While one level is shown, [`preparation`] lights the next one
 //! in another thread.
 
-mod cells;
 mod gather;
+mod grid;
 mod leaves;
 mod links;
 mod lit_leaves;
@@ -35,16 +35,22 @@ mod polygon;
 mod preparation;
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use argus_scene::{LightLevel, PathKnobs, RenderError, Scene, Stage};
+use argus_scene::{CellKnobs, CellReport, LightLevel, PathKnobs, RenderError, Scene, Stage, SurfaceLight};
 use glam::{DVec3, Vec3};
 
 use super::LightTracing;
+use super::cells::{CellLight, CellUse, Eye, LightCells, Parts};
 use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
 use crate::radiosity::surfaces::Surfaces;
 use crate::resident::Placement;
 use lit_leaves::LitLeaves;
+
+pub(super) use leaves::Leaves;
+pub(super) use links::hash;
+pub(super) use polygon::Polygon;
 use preparation::Preparation;
 
 /// Report on a scene's light by paths.
@@ -67,6 +73,8 @@ pub(crate) struct PathLight {
     surfaces: Arc<Surfaces>,
     coarse: LitLeaves,
     full: LitLeaves,
+    /// Cells that gather the light of the full level, if views look it up.
+    cells: Option<LightCells>,
     /// The level of the present job.
     light: LightLevel,
     /// The level that is being prepared.
@@ -75,12 +83,19 @@ pub(crate) struct PathLight {
 
 impl PathLight {
     /// The light of a scene with these instances.
-    pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement], knobs: PathKnobs) -> Self {
-        let at = |light| LitLeaves::new(knobs.at(light).unwrap_or(knobs));
+    pub(crate) fn new(
+        scene: &Arc<Scene>,
+        placements: &[Placement],
+        knobs: PathKnobs,
+        cells: Option<CellKnobs>,
+    ) -> Self {
+        let fills = |light| cells.is_some() && light == LightLevel::Full;
+        let at = |light| LitLeaves::new(knobs.at(light).unwrap_or(knobs), fills(light));
         Self {
             surfaces: Arc::new(Surfaces::new(scene, placements)),
             coarse: at(LightLevel::Coarse),
             full: at(LightLevel::Full),
+            cells: cells.map(LightCells::new),
             light: LightLevel::default(),
             preparation: None,
         }
@@ -89,6 +104,7 @@ impl PathLight {
     /// Changes the knobs. Marks what depends on them as out of date.
     pub(crate) fn set_knobs(&mut self, knobs: PathKnobs) {
         self.preparation = None;
+        self.forget_cells();
         self.coarse.set_knobs(knobs.at(LightLevel::Coarse).unwrap_or(knobs));
         self.full.set_knobs(knobs);
     }
@@ -96,6 +112,7 @@ impl PathLight {
     /// Moves instances of a posed scene. Marks all as out of date.
     pub(crate) fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]) {
         self.preparation = None;
+        self.forget_cells();
         Arc::make_mut(&mut self.surfaces).place(scene, placements);
         self.coarse.forget_pose();
         self.full.forget_pose();
@@ -136,9 +153,9 @@ impl PathLight {
     ) -> Result<bool, RenderError> {
         let lighting = &tracing.lighting;
         let Some(leaves) = self.at(light).filter(|leaves| !leaves.is_lit(lighting)) else { return Ok(true) };
-        let knobs = leaves.knobs();
+        let (knobs, fills_cells) = (leaves.knobs(), leaves.fills_cells());
         let Some(preparation) = self.preparation.as_mut().filter(|one| one.is_of(light, lighting)) else {
-            let leaves = LitLeaves::new(knobs);
+            let leaves = LitLeaves::new(knobs, fills_cells);
             self.preparation = Some(Preparation::begin(leaves, &self.surfaces, tracing, light)?);
             return Ok(false);
         };
@@ -162,6 +179,57 @@ impl PathLight {
         divisor: u32,
     ) -> Option<Vec<Vec3>> {
         self.at(self.light)?.by_pi(texels, about, eye, divisor)
+    }
+
+    /// The cells' settings; `None` without cells.
+    pub(crate) fn cells(&self) -> Option<CellKnobs> {
+        self.cells.as_ref().map(LightCells::knobs)
+    }
+
+    /// What the cells are; `None` without cells.
+    pub(crate) fn cell_report(&self) -> Option<CellReport> {
+        self.cells.as_ref().map(LightCells::report)
+    }
+
+    /// Says what the next job asks of cells.
+    pub(crate) fn begin(&self, asked: CellUse) {
+        if let Some(cells) = &self.cells {
+            cells.begin(asked);
+        }
+    }
+
+    /// What the present job is lit by.
+    pub(crate) fn surface_light(&self) -> SurfaceLight {
+        self.cells.as_ref().map_or(SurfaceLight::Rays, LightCells::light)
+    }
+
+    /// Light of sky and surfaces at texels, from cells; `None` where rays have to find it.
+    pub(super) fn look_up(
+        &self,
+        tracing: &LightTracing,
+        texels: &Texels,
+        eye: Eye<'_>,
+    ) -> Option<Vec<CellLight>> {
+        let cells = self.cells.as_ref().filter(|_| self.light == LightLevel::Full)?;
+        let (leaves, tree, lighting, radiance) = self.full.for_cells()?;
+        let about = &tracing.rays.about(leaves.center());
+        let surfaces = &self.surfaces;
+        cells.look_up(Parts { leaves, tree, surfaces, about, lighting, radiance }, texels, eye)
+    }
+
+    /// Fills cells that views lacked for about so long, and with `refines` refines others. Returns whether there is more to do.
+    pub(crate) fn fill_slice(&self, tracing: &LightTracing, time: Duration, refines: bool) -> bool {
+        let Some((leaves, tree, lighting, radiance)) = self.full.for_cells() else { return false };
+        let Some(cells) = self.cells.as_ref().filter(|_| *lighting == tracing.lighting) else { return false };
+        let about = &tracing.rays.about(leaves.center());
+        let surfaces = &self.surfaces;
+        cells.fill_slice(Parts { leaves, tree, surfaces, about, lighting, radiance }, time, refines)
+    }
+
+    fn forget_cells(&mut self) {
+        if let Some(cells) = &mut self.cells {
+            cells.forget();
+        }
     }
 
     /// The leaf sides of a level; `None` for direct light.

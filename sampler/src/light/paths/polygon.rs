@@ -7,13 +7,13 @@ const MOST: usize = 10;
 
 /// A convex polygon in a plane.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Polygon {
+pub(in crate::light) struct Polygon {
     corners: [Vec3; MOST],
     count: usize,
 }
 
 impl Polygon {
-    pub(super) fn triangle(corners: [Vec3; 3]) -> Self {
+    pub(in crate::light) fn triangle(corners: [Vec3; 3]) -> Self {
         let mut all = [Vec3::ZERO; MOST];
         all[..3].copy_from_slice(&corners);
         Self { corners: all, count: 3 }
@@ -48,17 +48,17 @@ impl Polygon {
     }
 
     /// The part between two bounds along an axis.
-    pub(super) fn slab(&self, axis: usize, [low, high]: [f32; 2]) -> Self {
+    pub(in crate::light) fn slab(&self, axis: usize, [low, high]: [f32; 2]) -> Self {
         self.clipped(axis, low, true).clipped(axis, high, false)
     }
 
     /// The part in a box.
-    pub(super) fn in_box(&self, low: Vec3, high: Vec3) -> Self {
+    pub(in crate::light) fn in_box(&self, low: Vec3, high: Vec3) -> Self {
         (0..3).fold(*self, |part, axis| part.slab(axis, [low[axis], high[axis]]))
     }
 
     /// Least and greatest coordinate along an axis.
-    pub(super) fn extent(&self, axis: usize) -> [f32; 2] {
+    pub(in crate::light) fn extent(&self, axis: usize) -> [f32; 2] {
         let bounds = |[low, high]: [f32; 2], corner: &Vec3| [low.min(corner[axis]), high.max(corner[axis])];
         self.corners().iter().fold([f32::INFINITY, f32::NEG_INFINITY], bounds)
     }
@@ -72,12 +72,23 @@ impl Polygon {
     }
 
     /// Square metres.
-    pub(super) fn area(&self) -> f32 {
+    pub(in crate::light) fn area(&self) -> f32 {
         self.fan().map(|(_, twice)| twice).sum::<f32>() * 0.5
     }
 
+    /// The mean of its points by area; of its corners for a polygon without area.
+    pub(in crate::light) fn center(&self) -> Vec3 {
+        let (mut sum, mut area) = (Vec3::ZERO, 0.0);
+        for ([a, b, c], twice) in self.fan() {
+            sum += (a + b + c) * (twice / 3.0);
+            area += twice;
+        }
+        let mean = sum / area;
+        if mean.is_finite() { mean } else { self.corners().iter().sum::<Vec3>() / self.count.max(1) as f32 }
+    }
+
     /// A point by two numbers in 0..1, uniform over the area. `None` for a polygon without area.
-    pub(super) fn point(&self, square: Vec2) -> Option<Vec3> {
+    pub(in crate::light) fn point(&self, square: Vec2) -> Option<Vec3> {
         let whole: f32 = self.fan().map(|(_, twice)| twice).sum();
         let mut left = square.x * whole;
         let mut found = None;

@@ -45,6 +45,11 @@ impl Grid {
         }
     }
 
+    /// The lowest corner of the inner cube, and its edge.
+    pub(super) fn cube(&self) -> (Vec3, f32) {
+        (self.low, self.cell * self.inner as f32)
+    }
+
     /// Cells on a side.
     fn side(&self) -> i32 {
         self.inner + 2 * self.outer

@@ -1,0 +1,102 @@
+//! Pixels that cells do not describe, such as leaves and what is beside a wall: each casts rays of its own.
+
+use std::ops::{AddAssign, Mul};
+
+use argus_scene::Sky;
+use argus_scene::shading::sky_radiance;
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::super::filter::smoothed;
+use super::super::paths::Leaves;
+use super::super::pattern::{Pattern, SLOTS, above};
+use super::super::texels::{Texel, Texels};
+use super::lookup::CellLight;
+use crate::light_rays::LightRaysAbout;
+
+/// Rays of a pixel in an image, whose neighbours share what they find; and slots of them for a pixel without neighbours.
+const RAYS: usize = 4;
+const SLOTS_IN_LIST: usize = 12;
+
+/// What rays of single pixels meet. Positions are metres about the eye.
+pub(super) struct Surroundings<'a> {
+    pub(super) about: &'a LightRaysAbout<'a>,
+    pub(super) leaves: &'a Leaves,
+    /// Radiance that leaf sides reflect.
+    pub(super) radiance: &'a [Vec3],
+    pub(super) sky: &'a Sky,
+    /// The eye about the centre of the leaves.
+    pub(super) from_eye: Vec3,
+}
+
+/// Sums over rays.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    seen: Vec3,
+    whole: Vec3,
+    reflected: Vec3,
+    rays: f32,
+}
+
+impl AddAssign for Sums {
+    fn add_assign(&mut self, other: Self) {
+        self.seen += other.seen;
+        self.whole += other.whole;
+        self.reflected += other.reflected;
+        self.rays += other.rays;
+    }
+}
+
+impl Mul<f32> for Sums {
+    type Output = Self;
+
+    fn mul(self, factor: f32) -> Self {
+        Self {
+            seen: self.seen * factor,
+            whole: self.whole * factor,
+            reflected: self.reflected * factor,
+            rays: self.rays * factor,
+        }
+    }
+}
+
+impl Surroundings<'_> {
+    /// The light of all texels that exist.
+    pub(super) fn light(&self, texels: &Texels) -> Vec<CellLight> {
+        let pattern = Pattern::of_disc(RAYS);
+        let slots = if texels.first.is_some() { 1 } else { SLOTS_IN_LIST };
+        let cast = |index: usize| {
+            let (texel, mut sums) = (&texels.all[index], Sums::default());
+            if texel.exists {
+                for slot in 0..slots {
+                    let discs = pattern.of_slot((texels.slot(index) + slot) % SLOTS);
+                    discs.for_each(|disc| self.add(texel, above(texel.normal, disc), &mut sums));
+                }
+            }
+            sums
+        };
+        let sums: Vec<Sums> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
+        let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
+        let light = |Sums { seen, whole, reflected, rays }: Sums| CellLight {
+            sky: Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z)),
+            indirect: if rays > 0.0 { reflected / rays } else { Vec3::ZERO },
+        };
+        smoothed(sums, texels).into_par_iter().map(light).collect()
+    }
+
+    fn add(&self, texel: &Texel, direction: Vec3, sums: &mut Sums) {
+        let radiance = sky_radiance(self.sky, direction);
+        sums.rays += 1.0;
+        sums.whole += radiance;
+        if !(texel.is_lifted || direction.dot(texel.side) > 0.0) {
+            return;
+        }
+        let hit = self.about.nearest(texel.start, direction, f32::MAX);
+        let reach = self.sky.reach.map_or(f32::MAX, |reach| reach as f32);
+        if hit.is_none_or(|hit| hit.t > reach) {
+            sums.seen += radiance;
+        }
+        let side = hit.and_then(|hit| self.leaves.hit(texel.start + self.from_eye, direction, &hit));
+        sums.reflected += side.map_or(Vec3::ZERO, |side| self.radiance[side as usize]);
+    }
+}

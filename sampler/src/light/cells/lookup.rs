@@ -1,0 +1,323 @@
+//! Looks the light of pixels up in filled cells.
+//!
+//! A pixel takes the eight cells of the level whose cells are a few pixels wide there; near the next level it blends into
+//! that. Each side counts by how near it is, how alike it faces, and how close the pixel is to its plane. What a pixel
+//! gets depends on the pixel and on cells alone, never on its neighbours.
+
+use argus_scene::Bounds;
+use glam::{IVec3, Vec3};
+use rayon::prelude::*;
+
+use super::super::texels::{Texel, Texels};
+use super::key::{CellKey, Lattice, MOST_LEVEL};
+use super::rays::RAYS;
+use super::store::Store;
+
+/// Share of a level, in octaves, in which it blends into the next.
+const BLEND: f32 = 0.3;
+/// Least cosine between view and surface that spacing follows: cells grow with its inverse root.
+const LEAST_COSINE: f32 = 0.05;
+/// Falloff with the squared distance from a side's plane, in edges of the cell: no weight from 0.91 on.
+const PLANE: f32 = 1.2;
+/// Weight below which the sides do not show what the pixel shows.
+const LEAST_WEIGHT: f32 = 0.02;
+/// Share of unfit sides from which a pixel is lit by rays of its own.
+const MOST_UNFIT: f32 = 0.5;
+/// Rows and columns of pixels that are looked up together.
+const BLOCK: usize = 8;
+
+/// Light that a lookup brings.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(in crate::light) struct CellLight {
+    /// The share of the sky's irradiance that is seen, by colour.
+    pub(in crate::light) sky: Vec3,
+    /// Irradiance / π from other surfaces.
+    pub(in crate::light) indirect: Vec3,
+}
+
+/// What is found for a pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) enum Answer {
+    /// No surface.
+    #[default]
+    Nothing,
+    Light(CellLight),
+    /// Cells do not describe it: rays of its own light it.
+    Alone,
+    /// Some of its cells are not filled.
+    Missing,
+}
+
+/// Lookups about an eye.
+pub(super) struct Lookup<'a> {
+    pub(super) store: &'a Store,
+    pub(super) lattice: Lattice,
+    /// The eye's cell of each level, and its place within: [`Lattice::about`].
+    pub(super) eye: Vec<Option<(IVec3, Vec3)>>,
+    pub(super) tier: usize,
+    /// Edge of a cell over the distance from the eye, where the surface is seen face on.
+    pub(super) spread: f32,
+}
+
+/// A side of one of a corner's cells, ready to be weighted.
+struct Near {
+    /// Offset of its cell from the corner's lowest: zeros and ones.
+    offset: Vec3,
+    /// Mean point from that cell's lowest corner, in edges of a cell.
+    at: Vec3,
+    normal: Vec3,
+    is_unfit: bool,
+    /// Squared share of its rays that count.
+    valid: f32,
+    light: Mix,
+}
+
+/// Means of rays.
+#[derive(Clone, Copy, Default)]
+struct Mix {
+    seen: Vec3,
+    whole: Vec3,
+    reflected: Vec3,
+}
+
+impl Mix {
+    fn plus(self, other: Self, weight: f32) -> Self {
+        Self {
+            seen: self.seen + other.seen * weight,
+            whole: self.whole + other.whole * weight,
+            reflected: self.reflected + other.reflected * weight,
+        }
+    }
+
+    fn light(self) -> CellLight {
+        let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
+        let Self { seen, whole, reflected } = self;
+        let sky = Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z));
+        CellLight { sky, indirect: reflected }
+    }
+}
+
+/// What a lookup at a corner brings.
+enum Mixed {
+    Light(Mix),
+    Alone,
+    Missing,
+}
+
+/// What is known of a corner.
+#[derive(Clone, Copy)]
+enum Known {
+    Missing,
+    Leaks,
+    /// Its sides, as a range of [`Corners::sides`].
+    Sides(usize, usize),
+}
+
+/// The corners of a block of pixels, each gathered once.
+#[derive(Default)]
+struct Corners {
+    known: Vec<(CellKey, Known)>,
+    sides: Vec<Near>,
+}
+
+impl Lookup<'_> {
+    /// Corners of every `step`-th pixel in each direction that lack cells; ascending.
+    pub(super) fn missing(&self, texels: &Texels, step: usize) -> Vec<CellKey> {
+        let [width, height] = texels.size;
+        let of_row = |row: usize| {
+            let mut lacking = Vec::new();
+            let mut last = None;
+            for column in (0..width).step_by(step) {
+                let Some(texel) = texels.all.get(row * width + column) else { continue };
+                for key in self.corners(texel).into_iter().flatten() {
+                    if last.replace(key) != Some(key) && !self.store.is_whole(key, self.tier) {
+                        lacking.push(key);
+                    }
+                }
+            }
+            lacking
+        };
+        let rows: Vec<usize> = (0..height).step_by(step).collect();
+        sorted(rows.into_par_iter().flat_map_iter(of_row).collect())
+    }
+
+    /// Looks all pixels up that `answers` says are missing. Returns the corners that lack cells; ascending.
+    pub(super) fn look_up(&self, texels: &Texels, answers: &mut [Answer]) -> Vec<CellKey> {
+        let [width, _] = texels.size;
+        let band = |(number, answers): (usize, &mut [Answer])| {
+            let mut lacking = Vec::new();
+            if !answers.contains(&Answer::Missing) {
+                return lacking;
+            }
+            let first = number * BLOCK * width;
+            for begin in (0..width).step_by(BLOCK) {
+                let mut corners = Corners::default();
+                for row in 0..answers.len() / width {
+                    for column in begin..(begin + BLOCK).min(width) {
+                        let place = row * width + column;
+                        if answers[place] == Answer::Missing {
+                            answers[place] = self.answer(&texels.all[first + place], &mut corners);
+                        }
+                    }
+                }
+                let missing = corners.known.iter().filter(|(_, known)| matches!(known, Known::Missing));
+                lacking.extend(missing.map(|(key, _)| *key));
+            }
+            lacking
+        };
+        let bands = answers.par_chunks_mut((BLOCK * width).max(1)).enumerate();
+        sorted(bands.map(band).flatten_iter().collect())
+    }
+
+    /// The two corners that a pixel looks up: at its level, and if it blends into the next, there.
+    fn corners(&self, texel: &Texel) -> [Option<CellKey>; 2] {
+        if !texel.exists {
+            return [None; 2];
+        }
+        let (level, blend) = self.level(texel);
+        let at = |level: u32| self.corner(texel, level).map(|(key, _)| key);
+        [at(level), if blend > 0.0 { at(level + 1) } else { None }]
+    }
+
+    fn answer(&self, texel: &Texel, corners: &mut Corners) -> Answer {
+        if !texel.exists {
+            return Answer::Nothing;
+        }
+        let (level, blend) = self.level(texel);
+        let coarse = self.mixed(texel, level, corners);
+        // Both are looked up in any case, so that all that lacks is known.
+        let fine = if blend > 0.0 { Some(self.mixed(texel, level + 1, corners)) } else { None };
+        match (coarse, fine) {
+            (Mixed::Missing, _) | (_, Some(Mixed::Missing)) => Answer::Missing,
+            (Mixed::Alone, _) | (_, Some(Mixed::Alone)) => Answer::Alone,
+            (Mixed::Light(coarse), None) => Answer::Light(coarse.light()),
+            (Mixed::Light(coarse), Some(Mixed::Light(fine))) => {
+                Answer::Light(Mix::default().plus(coarse, 1.0 - blend).plus(fine, blend).light())
+            }
+        }
+    }
+
+    /// The level of a pixel, and the share of the next finer one.
+    fn level(&self, texel: &Texel) -> (u32, f32) {
+        let distance = texel.position.length();
+        let cosine = (texel.side.dot(texel.position).abs() / distance).max(LEAST_COSINE);
+        let spacing = self.spread * distance / cosine.sqrt();
+        // NaN becomes 0.
+        let level = (self.lattice.edge / spacing).log2().max(0.0).min(MOST_LEVEL as f32);
+        let whole = level.floor();
+        let blend = if whole < MOST_LEVEL as f32 { (level - whole - (1.0 - BLEND)) / BLEND } else { 0.0 };
+        (whole as u32, blend.max(0.0))
+    }
+
+    /// The corner of a pixel on a level, and the pixel's place from its lowest cell's lowest corner, in edges of a cell: 0.5
+    /// to 1.5.
+    #[inline]
+    fn corner(&self, texel: &Texel, level: u32) -> Option<(CellKey, Vec3)> {
+        let (cell, within) = (*self.eye.get(level as usize)?)?;
+        let place = texel.position / self.lattice.spacing(level) + within;
+        let base = (place - 0.5).floor();
+        // Saturates, and is then beyond the lattice.
+        let key = CellKey::new(
+            level,
+            IVec3::new(
+                cell.x.saturating_add(base.x as i32),
+                cell.y.saturating_add(base.y as i32),
+                cell.z.saturating_add(base.z as i32),
+            ),
+        )?;
+        Some((key, place - base))
+    }
+
+    fn mixed(&self, texel: &Texel, level: u32, corners: &mut Corners) -> Mixed {
+        let Some((key, place)) = self.corner(texel, level) else { return Mixed::Alone };
+        let known = match corners.known.iter().rev().find(|(known, _)| *known == key) {
+            Some((_, known)) => *known,
+            None => {
+                let known = self.gather(key, &mut corners.sides);
+                corners.known.push((key, known));
+                known
+            }
+        };
+        match known {
+            Known::Missing => Mixed::Missing,
+            Known::Leaks => Mixed::Alone,
+            Known::Sides(first, end) => {
+                mix(&corners.sides[first..end], texel, place).map_or(Mixed::Alone, Mixed::Light)
+            }
+        }
+    }
+
+    /// Collects the sides of a corner's cells.
+    fn gather(&self, key: CellKey, sides: &mut Vec<Near>) -> Known {
+        let first = sides.len();
+        let Some(leaks) = self.store.leaks(key) else { return Known::Missing };
+        for (offset, cell) in key.corner() {
+            let Some(filled) = self.store.filled(cell, self.tier) else { return Known::Missing };
+            for (side, sums) in filled.sides.iter().zip(filled.sums) {
+                if sums.valid > 0.0 {
+                    let (share, offset) = (sums.valid / RAYS[self.tier] as f32, offset.as_vec3());
+                    let each = 1.0 / sums.valid;
+                    sides.push(Near {
+                        offset,
+                        at: offset + side.place,
+                        normal: side.normal,
+                        is_unfit: side.is_unfit,
+                        valid: share * share,
+                        light: Mix {
+                            seen: sums.seen * each,
+                            whole: sums.whole * each,
+                            reflected: sums.reflected * each,
+                        },
+                    });
+                }
+            }
+        }
+        if leaks { Known::Leaks } else { Known::Sides(first, sides.len()) }
+    }
+}
+
+/// The mean of sides at a pixel; `None` if they do not describe it.
+#[inline]
+fn mix(sides: &[Near], texel: &Texel, place: Vec3) -> Option<Mix> {
+    let (mut sum, mut fit, mut unfit) = (Mix::default(), 0.0, 0.0);
+    let across = place - 0.5;
+    let slope = 2.0 * across - 1.0;
+    for side in sides {
+        let facing = texel.normal.dot(side.normal);
+        if facing <= 0.0 {
+            continue;
+        }
+        // 1 − across for the lower cell of an axis, across for the upper one.
+        let near = (1.0 - across + side.offset * slope).element_product();
+        let off = (place - side.at).dot(texel.side);
+        let plane = (1.0 - PLANE * off * off).max(0.0);
+        let squared = facing * facing;
+        let weight = near * (squared * squared) * (plane * plane) * side.valid;
+        if side.is_unfit {
+            unfit += weight;
+        } else {
+            fit += weight;
+            sum = sum.plus(side.light, weight);
+        }
+    }
+    let describes = fit > LEAST_WEIGHT && unfit <= MOST_UNFIT * (fit + unfit);
+    describes.then(|| Mix::default().plus(sum, 1.0 / fit))
+}
+
+fn sorted(mut keys: Vec<CellKey>) -> Vec<CellKey> {
+    keys.par_sort_unstable();
+    keys.dedup();
+    keys
+}
+
+/// The texels of an image or list that have no light yet, as an image of their own.
+pub(super) fn only(texels: &Texels, keep: impl Fn(usize) -> bool + Sync) -> Texels {
+    let texel = |(index, texel): (usize, &Texel)| if keep(index) { *texel } else { Texel::default() };
+    Texels {
+        size: texels.size,
+        first: texels.first,
+        effort: texels.effort,
+        all: texels.all.par_iter().enumerate().map(texel).collect(),
+        bounds: Bounds::EMPTY,
+    }
+}

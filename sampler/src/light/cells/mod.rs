@@ -1,0 +1,460 @@
+//! Light cells: the light of the sky and of other surfaces, kept on surfaces and looked up by all views.
+//!
+//! Both vary slowly over a surface, and do not depend on who looks. So they are computed once for a *cell* of a lattice
+//! over the scene, when a view first needs it, and kept for later views and samples of all viewers. Relatives are
+//! irradiance caching (Ward, Rubinstein and Clear, "A Ray Tracing Solution for Diffuse Interreflection", 1988) and spatial
+//! hashes of radiance (Binder, Fricke and Keller, "Fast Path Space Filtering by Jittered Spatial Hashing", 2018).
+//!
+//! What a cell holds is a pure function of the scene's pose, its lighting, the cell and the number of rays. So the cells
+//! are only a memo: whoever asked first, and whatever was evicted, equal plans give equal bytes. All sums are made in a
+//! fixed order, for each cell by one thread.
+//!
+//! # Steps
+//!
+//! 1. [`key`]: the lattice. A cell has a level, whose spacing halves from one to the next, and three numbers.
+//! 2. [`sides`]: what lies in a cell and faces the same way; [`tree`] finds its triangles.
+//! 3. [`rays`]: the light that arrives at a side, by 16 rays, by 64 or by 256: its *tiers*.
+//! 4. [`corner`]: whether a wall stands between the eight cells of a lookup.
+//! 5. [`store`]: holds what is filled, within a bound.
+//! 6. [`lookup`]: pixels take the mean of the sides around them.
+//! 7. [`alone`]: pixels that no side describes cast rays of their own.
+//!
+//! A view is lit by cells of one tier throughout, or by rays throughout, so that a frame can be repeated. [`CellUse`] says
+//! which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
+
+mod alone;
+mod corner;
+mod key;
+mod lookup;
+mod queue;
+mod rays;
+mod sides;
+mod store;
+#[cfg(test)]
+mod tests;
+mod tree;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use argus_scene::{CellKnobs, CellReport, Lighting, Sky, SurfaceLight};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+
+use super::paths::Leaves;
+use super::texels::Texels;
+use crate::light_rays::LightRaysAbout;
+use crate::radiosity::surfaces::Surfaces;
+use alone::Surroundings;
+use key::CellKey;
+use lookup::{Answer, Lookup, only};
+use queue::Queue;
+use rays::{RAYS, Sequence, Sums};
+use sides::Side;
+use store::{Store, TIERS};
+
+pub(super) use key::Lattice;
+pub(super) use lookup::CellLight;
+pub(super) use tree::BoxTree;
+
+/// Most memory of cells: 1.6 M sides of 16 rays take 110 MB.
+const MOST_BYTES: usize = 256 << 20;
+/// Longest time for which an open view fills cells that it lacks, milliseconds, as predicted.
+const VIEW_FILLS_MS: f64 = 20.0;
+/// Pixels from one to the next, in each direction, that are asked before a view whether its cells are filled. Cells are
+/// about as wide.
+const ASKED: usize = 4;
+/// What is found to lack among them may be so many times as much among all pixels.
+const LACKS_MORE: f64 = 1.5;
+/// Corners that are filled between two looks at the clock.
+const CORNERS_AT_ONCE: usize = 48;
+/// Cells that are refined between two looks at the clock.
+const REFINED_AT_ONCE: usize = 48;
+/// Cells that a search for cells to refine returns at most.
+const REFINED: usize = 1 << 14;
+/// Milliseconds of a corner or refined cell, before any is measured.
+const FIRST_GUESS_MS: f64 = 0.05;
+
+/// What a job asks of the light of sky and surfaces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum CellUse {
+    /// Rays from each pixel.
+    Rays,
+    /// Cells of the best tier that all of the view has, or soon would have; else rays.
+    Open,
+    /// Cells of so many rays. Those that lack are filled first.
+    Whole {
+        /// 16, 64 or 256; others count as the next lower one.
+        rays: u32,
+    },
+}
+
+impl From<Option<SurfaceLight>> for CellUse {
+    fn from(asked: Option<SurfaceLight>) -> Self {
+        match asked {
+            None => Self::Open,
+            Some(SurfaceLight::Rays) => Self::Rays,
+            Some(SurfaceLight::Cells { rays }) => Self::Whole { rays },
+        }
+    }
+}
+
+/// What fills cells: a posed and lit scene. Positions are metres about the centre of its leaves.
+pub(super) struct CellScene<'a> {
+    pub(super) lattice: Lattice,
+    pub(super) leaves: &'a Leaves,
+    pub(super) tree: &'a BoxTree,
+    pub(super) surfaces: &'a Surfaces,
+    /// The scene about that centre, whoever looks: rays of cells do not depend on an eye.
+    pub(super) about: &'a LightRaysAbout<'a>,
+    pub(super) sky: &'a Sky,
+    /// Radiance that leaf sides reflect.
+    pub(super) radiance: &'a [Vec3],
+    sequence: &'a Sequence,
+}
+
+/// The scene's parts, as a caller has them.
+#[derive(Clone, Copy)]
+pub(super) struct Parts<'a> {
+    pub(super) leaves: &'a Leaves,
+    pub(super) tree: &'a BoxTree,
+    pub(super) surfaces: &'a Surfaces,
+    pub(super) about: &'a LightRaysAbout<'a>,
+    pub(super) lighting: &'a Lighting,
+    pub(super) radiance: &'a [Vec3],
+}
+
+/// Where pixels are seen from.
+#[derive(Clone, Copy)]
+pub(super) struct Eye<'a> {
+    pub(super) position: DVec3,
+    /// The scene about it.
+    pub(super) about: &'a LightRaysAbout<'a>,
+    /// Angle of a pixel, radians.
+    pub(super) pixel: f32,
+}
+
+/// The light cells of one scene.
+pub(crate) struct LightCells {
+    knobs: CellKnobs,
+    sequence: Sequence,
+    /// Behind a lock, since views are looked up through a shared reference. Only the render thread takes it.
+    state: Mutex<State>,
+}
+
+struct State {
+    store: Store,
+    /// Corners that views lacked.
+    queue: Queue,
+    /// Cells to be refined, and whether there may be more.
+    refined: Vec<CellKey>,
+    may_refine: bool,
+    /// The lighting that the cells are of.
+    lighting: Option<Lighting>,
+    job: Job,
+    /// Milliseconds of a corner of the first tier and of a cell's refinement to each further one.
+    costs: [f64; TIERS],
+    filled: u64,
+    fill_ms: f64,
+}
+
+/// The light of the present job.
+struct Job {
+    asked: CellUse,
+    /// What it is lit by, once that is known.
+    found: Option<SurfaceLight>,
+}
+
+impl LightCells {
+    pub(crate) fn new(knobs: CellKnobs) -> Self {
+        let state = State {
+            store: Store::new(MOST_BYTES),
+            queue: Queue::default(),
+            refined: Vec::new(),
+            may_refine: false,
+            lighting: None,
+            job: Job { asked: CellUse::Rays, found: None },
+            costs: [FIRST_GUESS_MS; TIERS],
+            filled: 0,
+            fill_ms: 0.0,
+        };
+        Self { knobs, sequence: Sequence::new(), state: Mutex::new(state) }
+    }
+
+    pub(crate) fn knobs(&self) -> CellKnobs {
+        self.knobs
+    }
+
+    /// Forgets all cells: surfaces moved.
+    pub(crate) fn forget(&mut self) {
+        self.state().forget();
+    }
+
+    /// Begins a job.
+    pub(crate) fn begin(&self, asked: CellUse) {
+        let mut state = self.state();
+        state.job = Job { asked, found: None };
+        state.store.begin_job();
+    }
+
+    /// What the job is lit by so far; rays before any of it is.
+    pub(crate) fn light(&self) -> SurfaceLight {
+        self.state().job.found.unwrap_or_default()
+    }
+
+    /// What the cells are.
+    pub(crate) fn report(&self) -> CellReport {
+        let state = self.state();
+        CellReport {
+            cells: state.store.cells(),
+            bytes: state.store.bytes(),
+            filled: state.filled,
+            fill_ms: state.fill_ms,
+            waiting: state.queue.len(),
+            is_due: state.queue.len() > 0 || state.may_refine,
+        }
+    }
+
+    /// Looks the light of texels up; `None` if the job is lit by rays.
+    pub(super) fn look_up(&self, parts: Parts<'_>, texels: &Texels, eye: Eye<'_>) -> Option<Vec<CellLight>> {
+        let mut state = self.state();
+        let scene = self.scene(parts);
+        state.relight(parts.lighting);
+        let light = match (state.job.asked, state.job.found) {
+            (CellUse::Rays, _) | (_, Some(SurfaceLight::Rays)) => None,
+            (CellUse::Whole { rays }, _) | (_, Some(SurfaceLight::Cells { rays })) => {
+                let tier = tier_of(rays);
+                let answers = self.answers(&mut state, &scene, texels, eye, (tier, f64::INFINITY));
+                Some((tier, answers.unwrap_or_default()))
+            }
+            (CellUse::Open, None) => self.best(&mut state, &scene, texels, eye),
+        };
+        let found = light.as_ref().map(|(tier, _)| SurfaceLight::Cells { rays: RAYS[*tier] as u32 });
+        state.job.found = Some(found.unwrap_or(SurfaceLight::Rays));
+        let (_, answers) = light?;
+        Some(with_alone(&scene, texels, eye, &answers))
+    }
+
+    /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
+    fn best(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        texels: &Texels,
+        eye: Eye<'_>,
+    ) -> Option<(usize, Vec<Answer>)> {
+        for tier in (0..=tier_of(self.knobs.rays)).rev() {
+            let missing = self.lookup(&state.store, scene, eye, tier).missing(texels, ASKED);
+            let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
+            // Better light is no reason to wait.
+            let found = match within && (tier == 0 || missing.is_empty()) {
+                true => self.answers(state, scene, texels, eye, (tier, VIEW_FILLS_MS)),
+                false => None,
+            };
+            if let Some(answers) = found {
+                state.may_refine |= tier < tier_of(self.knobs.rays);
+                return Some((tier, answers));
+            }
+            if tier == 0 {
+                state.queue.add(missing);
+            }
+        }
+        None
+    }
+
+    /// The answers of a tier; cells that lack are filled if that is predicted to take no longer than `most_ms`, else they wait
+    /// in the queue, and `None` is returned.
+    fn answers(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        texels: &Texels,
+        eye: Eye<'_>,
+        (tier, most_ms): (usize, f64),
+    ) -> Option<Vec<Answer>> {
+        let mut answers = vec![Answer::Missing; texels.all.len()];
+        loop {
+            let missing = self.lookup(&state.store, scene, eye, tier).look_up(texels, &mut answers);
+            if missing.is_empty() {
+                return Some(answers);
+            }
+            if state.costs[tier] * missing.len() as f64 > most_ms {
+                if tier == 0 {
+                    state.queue.add(missing);
+                }
+                return None;
+            }
+            for corners in missing.chunks(1 << 14) {
+                state.fill_corners(scene, corners, tier);
+            }
+            state.store.keep_bound();
+        }
+    }
+
+    /// Fills cells that views lacked, then with `refines` refines those that were used last, for about so long. Returns whether
+    /// there is more to do.
+    pub(super) fn fill_slice(&self, parts: Parts<'_>, time: Duration, refines: bool) -> bool {
+        let begin = Instant::now();
+        let mut state = self.state();
+        state.relight(parts.lighting);
+        let scene = self.scene(parts);
+        while begin.elapsed() < time {
+            let state = &mut *state;
+            let corners = state.queue.take(CORNERS_AT_ONCE, |key| !state.store.is_whole(key, 0));
+            if !corners.is_empty() {
+                state.fill_corners(&scene, &corners, 0);
+                state.may_refine = true;
+            } else if !refines {
+                return state.may_refine;
+            } else if !state.refine(&scene, tier_of(self.knobs.rays)) {
+                return false;
+            }
+            state.store.keep_bound();
+        }
+        true
+    }
+
+    fn scene<'a>(&'a self, parts: Parts<'a>) -> CellScene<'a> {
+        let Parts { leaves, tree, surfaces, about, lighting, radiance } = parts;
+        let (lattice, sky, sequence) = (leaves.lattice(), &lighting.sky, &self.sequence);
+        CellScene { lattice, leaves, tree, surfaces, about, sky, radiance, sequence }
+    }
+
+    fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'_>, tier: usize) -> Lookup<'a> {
+        let spread = self.knobs.pixels as f32 * eye.pixel;
+        let places = scene.lattice.about(eye.position - scene.leaves.center());
+        Lookup { store, lattice: scene.lattice, eye: places, tier, spread }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        // A panic leaves no cell half filled.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Adds the light of pixels that cast rays of their own.
+fn with_alone(scene: &CellScene<'_>, texels: &Texels, eye: Eye<'_>, answers: &[Answer]) -> Vec<CellLight> {
+    let is_alone = |index: usize| !matches!(answers[index], Answer::Light(_) | Answer::Nothing);
+    let alone = (0..answers.len()).into_par_iter().any(is_alone).then(|| {
+        let from_eye = (eye.position - scene.leaves.center()).as_vec3();
+        let (about, leaves, radiance, sky) = (eye.about, scene.leaves, scene.radiance, scene.sky);
+        Surroundings { about, leaves, radiance, sky, from_eye }.light(&only(texels, is_alone))
+    });
+    let light = |(index, answer): (usize, &Answer)| match answer {
+        Answer::Light(light) => *light,
+        Answer::Nothing => CellLight::default(),
+        Answer::Alone | Answer::Missing => alone.as_ref().map_or(CellLight::default(), |all| all[index]),
+    };
+    answers.par_iter().enumerate().map(light).collect()
+}
+
+/// The tier with at most so many rays.
+fn tier_of(rays: u32) -> usize {
+    RAYS.iter().rposition(|most| *most <= rays as usize).unwrap_or(0)
+}
+
+/// A cell that was filled: its sides, and their sums at each new tier.
+struct NewCell {
+    key: CellKey,
+    sides: Vec<Side>,
+    tiers: Vec<(usize, Vec<Sums>)>,
+}
+
+impl State {
+    fn forget(&mut self) {
+        self.store.clear();
+        self.queue = Queue::default();
+        self.refined.clear();
+        self.may_refine = false;
+    }
+
+    /// Forgets the cells of another lighting.
+    fn relight(&mut self, lighting: &Lighting) {
+        if self.lighting.as_ref() != Some(lighting) {
+            self.forget();
+            self.lighting = Some(lighting.clone());
+        }
+    }
+
+    /// Fills the cells of corners up to a tier, and finds out which corners leak.
+    fn fill_corners(&mut self, scene: &CellScene<'_>, corners: &[CellKey], tier: usize) {
+        let begin = Instant::now();
+        let lacks = |key: &CellKey| self.store.tier(*key).is_none_or(|has| has < tier);
+        let around = corners.iter().flat_map(|corner| corner.corner().map(|(_, key)| key));
+        let mut cells: Vec<CellKey> = around.filter(lacks).collect();
+        cells.sort_unstable();
+        cells.dedup();
+        self.fill(scene, &cells, tier);
+        let unknown: Vec<CellKey> =
+            corners.iter().copied().filter(|corner| self.store.leaks(*corner).is_none()).collect();
+        let store = &self.store;
+        let leaks = |corner: &CellKey| corner::leaks(scene, *corner, &store.sides(*corner));
+        let found: Vec<bool> = unknown.par_iter().with_min_len(8).map(leaks).collect();
+        unknown.iter().zip(found).for_each(|(corner, leaks)| self.store.set_corner(*corner, leaks));
+        self.took(begin, corners.len(), tier);
+    }
+
+    /// Refines some cells that were used lately. Returns whether there were any.
+    fn refine(&mut self, scene: &CellScene<'_>, most_tier: usize) -> bool {
+        if self.refined.is_empty() && self.may_refine {
+            let below = (1..=most_tier).map(|tier| self.store.below(tier, REFINED));
+            self.refined = below.into_iter().find(|cells| !cells.is_empty()).unwrap_or_default();
+            // Those used last are at the end.
+            self.refined.reverse();
+        }
+        let rest = self.refined.len().saturating_sub(REFINED_AT_ONCE);
+        let cells = self.refined.split_off(rest);
+        self.may_refine = !cells.is_empty();
+        let of_tier = |key: &CellKey| self.store.tier(*key);
+        let Some(tier) = cells.iter().filter_map(of_tier).min() else { return self.may_refine };
+        let tier = (tier + 1).min(most_tier);
+        let begin = Instant::now();
+        self.fill(scene, &cells, tier);
+        self.took(begin, cells.len(), tier);
+        true
+    }
+
+    /// Fills cells up to a tier.
+    fn fill(&mut self, scene: &CellScene<'_>, cells: &[CellKey], tier: usize) {
+        let store = &self.store;
+        let filled = |key: &CellKey| new_cell(scene, store, *key, tier);
+        let filled: Vec<NewCell> = cells.par_iter().with_min_len(4).map(filled).collect();
+        self.filled += filled.len() as u64;
+        for NewCell { key, sides, tiers } in filled {
+            for (tier, sums) in tiers {
+                match tier {
+                    0 => {
+                        let sides: Vec<(Side, Sums)> = sides.iter().copied().zip(sums).collect();
+                        self.store.insert(key, &sides);
+                    }
+                    _ => self.store.refine(key, tier, &sums),
+                }
+            }
+        }
+    }
+
+    /// Learns what filling costs.
+    fn took(&mut self, begin: Instant, count: usize, tier: usize) {
+        /// Share of the newest measurement.
+        const NEW: f64 = 0.1;
+        let ms = begin.elapsed().as_secs_f64() * 1e3;
+        self.fill_ms += ms;
+        self.costs[tier] += (ms / count.max(1) as f64 - self.costs[tier]) * NEW;
+    }
+}
+
+/// Casts the rays that a cell lacks up to a tier.
+fn new_cell(scene: &CellScene<'_>, store: &Store, key: CellKey, tier: usize) -> NewCell {
+    let shapes = sides::shapes_of(scene, key);
+    let has = store.tier(key);
+    let before = has.and_then(|has| store.filled(key, has));
+    let mut sums = before.map_or_else(|| vec![Sums::default(); shapes.len()], |cell| cell.sums.to_vec());
+    let mut tiers = Vec::new();
+    for tier in has.map_or(0, |has| has + 1)..=tier {
+        for (shape, sums) in shapes.iter().zip(&mut sums) {
+            rays::add_tier(scene, key, shape, tier, sums);
+        }
+        tiers.push((tier, sums.clone()));
+    }
+    NewCell { key, sides: shapes.into_iter().map(|shape| shape.side).collect(), tiers }
+}

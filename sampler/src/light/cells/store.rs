@@ -1,0 +1,287 @@
+//! Holds cells that are filled, in pages of 8³ cells, within a bound in bytes.
+//!
+//! Values are pure functions of their cells, so what is evicted comes back the same.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use glam::IVec3;
+
+use super::key::{CellKey, PAGE_CELLS, PageKey};
+use super::rays::{RAYS, Sums};
+use super::sides::Side;
+
+/// Tiers of rays.
+pub(super) const TIERS: usize = RAYS.len();
+
+/// The filled cells of one pose and lighting.
+pub(super) struct Store {
+    pages: HashMap<PageKey, Page>,
+    /// Bytes of all pages, about.
+    bytes: usize,
+    most_bytes: usize,
+    cells: usize,
+    /// Counts jobs: pages know the last one that used them.
+    job: u32,
+}
+
+struct Page {
+    used: AtomicU32,
+    /// For each cell 0 if it is not filled, or 1 + its place in `cells`.
+    places: [u16; PAGE_CELLS],
+    /// For each corner what is known of it.
+    corners: [Corner; PAGE_CELLS],
+    cells: Vec<Cell>,
+    sides: Vec<Side>,
+    /// Sums of each tier. Those of a tier that no cell has yet are empty.
+    sums: [Vec<Sums>; TIERS],
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Corner {
+    #[default]
+    Unknown,
+    Tight,
+    Leaks,
+}
+
+struct Cell {
+    first: u32,
+    count: u8,
+    /// The best tier that the cell has.
+    tier: u8,
+}
+
+/// A filled cell, as it is looked up.
+pub(super) struct Filled<'a> {
+    pub(super) sides: &'a [Side],
+    pub(super) sums: &'a [Sums],
+}
+
+impl Store {
+    pub(super) fn new(most_bytes: usize) -> Self {
+        Self { pages: HashMap::new(), bytes: 0, most_bytes, cells: 0, job: 0 }
+    }
+
+    /// Forgets all cells.
+    pub(super) fn clear(&mut self) {
+        *self = Self::new(self.most_bytes);
+    }
+
+    /// Number of filled cells, those without surfaces included.
+    pub(super) fn cells(&self) -> usize {
+        self.cells
+    }
+
+    pub(super) fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Begins another job, of which all pages that it uses are kept.
+    pub(super) fn begin_job(&mut self) {
+        self.job = self.job.wrapping_add(1);
+    }
+
+    /// A cell that has a tier.
+    pub(super) fn filled(&self, key: CellKey, tier: usize) -> Option<Filled<'_>> {
+        let (page, place) = key.in_page();
+        let page = self.pages.get(&page)?;
+        page.used.store(self.job, Ordering::Relaxed);
+        page.filled(place, tier)
+    }
+
+    /// The best tier of a cell; `None` if it is not filled.
+    pub(super) fn tier(&self, key: CellKey) -> Option<usize> {
+        let (page, place) = key.in_page();
+        Some(usize::from(self.pages.get(&page)?.cell(place)?.tier))
+    }
+
+    /// Whether something stands between the sides of a corner; `None` if that is not known.
+    pub(super) fn leaks(&self, corner: CellKey) -> Option<bool> {
+        let (page, place) = corner.in_page();
+        match self.pages.get(&page)?.corners[place] {
+            Corner::Unknown => None,
+            Corner::Tight => Some(false),
+            Corner::Leaks => Some(true),
+        }
+    }
+
+    /// Whether lookups at a corner have all that they need.
+    pub(super) fn is_whole(&self, corner: CellKey, tier: usize) -> bool {
+        let has = |key| self.tier(key).is_some_and(|has| has >= tier);
+        self.leaks(corner).is_some() && corner.corner().all(|(_, key)| has(key))
+    }
+
+    /// The sides of a corner's cells, which are filled.
+    pub(super) fn sides(&self, corner: CellKey) -> Vec<(IVec3, Side)> {
+        let cells = corner.corner().filter_map(|(offset, key)| Some((offset, self.filled(key, 0)?)));
+        cells.flat_map(|(offset, cell)| cell.sides.iter().map(move |side| (offset, *side))).collect()
+    }
+
+    /// Adds a cell with the sums of its first tier.
+    pub(super) fn insert(&mut self, key: CellKey, sides: &[(Side, Sums)]) {
+        let place = key.in_page().1;
+        let page = self.page(key);
+        if page.places[place] != 0 {
+            return;
+        }
+        page.cells.push(Cell { first: page.sides.len() as u32, count: sides.len() as u8, tier: 0 });
+        page.places[place] = page.cells.len() as u16;
+        page.sides.extend(sides.iter().map(|(side, _)| *side));
+        page.sums[0].extend(sides.iter().map(|(_, sums)| *sums));
+        self.cells += 1;
+        self.bytes += size_of::<Cell>() + sides.len() * (size_of::<Side>() + size_of::<Sums>());
+    }
+
+    /// Adds a further tier to a cell that has the one before it.
+    pub(super) fn refine(&mut self, key: CellKey, tier: usize, sums: &[Sums]) {
+        let place = key.in_page().1;
+        let page = self.page(key);
+        let at = usize::from(page.places[place]).wrapping_sub(1);
+        let Some(cell) = page.cells.get_mut(at).filter(|cell| usize::from(cell.tier) + 1 == tier) else {
+            return;
+        };
+        let range = cell.first as usize..cell.first as usize + usize::from(cell.count);
+        if range.len() != sums.len() {
+            return;
+        }
+        cell.tier = tier as u8;
+        let all = &mut page.sums[tier];
+        let grown = page.sides.len().saturating_sub(all.len());
+        all.resize(page.sides.len().max(all.len()), Sums::default());
+        all[range].copy_from_slice(sums);
+        self.bytes += grown * size_of::<Sums>();
+    }
+
+    /// Keeps what is known of a corner.
+    pub(super) fn set_corner(&mut self, corner: CellKey, leaks: bool) {
+        let place = corner.in_page().1;
+        self.page(corner).corners[place] = if leaks { Corner::Leaks } else { Corner::Tight };
+    }
+
+    fn page(&mut self, key: CellKey) -> &mut Page {
+        let job = self.job;
+        let page = self.pages.entry(key.in_page().0).or_insert_with(|| {
+            self.bytes += size_of::<Page>();
+            Page::new()
+        });
+        page.used.store(job, Ordering::Relaxed);
+        page
+    }
+
+    /// Drops the pages that were not used for longest, until a tenth of the bound is free; those of the present job stay.
+    pub(super) fn keep_bound(&mut self) {
+        if self.bytes <= self.most_bytes {
+            return;
+        }
+        let age = |page: &Page| self.job.wrapping_sub(page.used.load(Ordering::Relaxed));
+        let mut ages: Vec<(u32, PageKey)> = self.pages.iter().map(|(key, page)| (age(page), *key)).collect();
+        ages.sort_unstable_by_key(|(age, _)| std::cmp::Reverse(*age));
+        for (_, key) in ages.into_iter().take_while(|(age, _)| *age > 0) {
+            if self.bytes <= self.most_bytes / 10 * 9 {
+                break;
+            }
+            if let Some(page) = self.pages.remove(&key) {
+                self.bytes -= page.bytes();
+                self.cells -= page.cells.len();
+            }
+        }
+    }
+
+    /// Cells in pages that a recent job used and whose best tier is below one, those used last first; at most `most`.
+    pub(super) fn below(&self, tier: usize, most: usize) -> Vec<CellKey> {
+        /// Jobs that are recent.
+        const RECENT: u32 = 64;
+        let age = |page: &Page| self.job.wrapping_sub(page.used.load(Ordering::Relaxed));
+        let mut pages: Vec<(u32, PageKey, &Page)> =
+            self.pages.iter().map(|(key, page)| (age(page), *key, page)).collect();
+        pages.retain(|(age, _, page)| {
+            *age < RECENT && page.cells.iter().any(|cell| usize::from(cell.tier) < tier)
+        });
+        pages.sort_unstable_by_key(|(age, _, _)| *age);
+        let cells = pages.iter().flat_map(|(_, key, page)| {
+            let is_below = |place: &usize| page.cell(*place).is_some_and(|c| usize::from(c.tier) < tier);
+            (0..PAGE_CELLS).filter(is_below).filter_map(|place| key.cell(place))
+        });
+        cells.take(most).collect()
+    }
+}
+
+impl Page {
+    fn new() -> Self {
+        Self {
+            used: AtomicU32::new(0),
+            places: [0; PAGE_CELLS],
+            corners: [Corner::Unknown; PAGE_CELLS],
+            cells: Vec::new(),
+            sides: Vec::new(),
+            sums: Default::default(),
+        }
+    }
+
+    fn cell(&self, place: usize) -> Option<&Cell> {
+        self.cells.get(usize::from(self.places[place]).checked_sub(1)?)
+    }
+
+    fn filled(&self, place: usize, tier: usize) -> Option<Filled<'_>> {
+        let cell = self.cell(place).filter(|cell| usize::from(cell.tier) >= tier)?;
+        let range = cell.first as usize..cell.first as usize + usize::from(cell.count);
+        Some(Filled { sides: self.sides.get(range.clone())?, sums: self.sums[tier].get(range)? })
+    }
+
+    fn bytes(&self) -> usize {
+        let sums: usize = self.sums.iter().map(Vec::len).sum();
+        size_of::<Self>()
+            + self.cells.len() * size_of::<Cell>()
+            + self.sides.len() * size_of::<Side>()
+            + sums * size_of::<Sums>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    fn key(x: i32) -> CellKey {
+        CellKey::new(5, IVec3::new(x, 0, 0)).unwrap()
+    }
+
+    fn sums(of: f32) -> (Side, Sums) {
+        let side = Side { place: Vec3::splat(0.5), normal: Vec3::Y, is_unfit: false };
+        (side, Sums { valid: of, ..Sums::default() })
+    }
+
+    #[test]
+    fn each_tier_of_a_cell_is_kept_beside_the_one_before_it() {
+        let mut store = Store::new(usize::MAX);
+        store.insert(key(0), &[sums(1.0), sums(2.0)]);
+        store.insert(key(1), &[]);
+        store.refine(key(1), 1, &[]);
+        store.refine(key(0), 1, &[sums(3.0).1, sums(4.0).1]);
+        assert_eq!((store.tier(key(0)), store.tier(key(1)), store.tier(key(2))), (Some(1), Some(1), None));
+        assert_eq!(store.filled(key(0), 0).unwrap().sums[1].valid, 2.0);
+        assert_eq!(store.filled(key(0), 1).unwrap().sums[1].valid, 4.0);
+        assert!(store.filled(key(0), 2).is_none() && store.filled(key(1), 1).unwrap().sides.is_empty());
+        assert_eq!(store.below(1, 9), []);
+        assert_eq!(store.below(2, 9).len(), 2);
+    }
+
+    #[test]
+    fn the_pages_that_were_not_used_for_longest_are_dropped() {
+        let mut store = Store::new(40 * size_of::<Page>());
+        for job in 0..100 {
+            store.begin_job();
+            store.insert(key(job * 8), &[sums(1.0)]);
+            assert!(store.filled(key(0), 0).is_some());
+            store.keep_bound();
+            assert!(store.bytes() <= 40 * size_of::<Page>());
+        }
+        assert!(store.filled(key(0), 0).is_some(), "it was used in every job");
+        assert!(store.filled(key(99 * 8), 0).is_some() && store.filled(key(8), 0).is_none());
+        assert_eq!(store.cells(), store.pages.len());
+        let bytes: usize = store.pages.values().map(Page::bytes).sum();
+        assert_eq!(bytes, store.bytes());
+    }
+}

@@ -1,0 +1,1 @@
+//! Light cells as a whole.

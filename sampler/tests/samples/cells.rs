@@ -1,0 +1,223 @@
+//! Light cells: pure, tight, and as right as the rays that they replace.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use argus_sampler::{CellKnobs, GpuSampler, Indirect, PathKnobs, SamplerKnobs};
+use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
+use argus_scene::{Camera, LightEffects, Lighting, Plan, Sampler as _, Scene, Sky, SurfaceLight, ViewJob};
+use glam::{DAffine3, DVec3, Vec3};
+
+use crate::common::*;
+use crate::rooms::*;
+
+/// Leaves of six centimetres in a room of four metres.
+fn knobs() -> CellKnobs {
+    CellKnobs { paths: PathKnobs { level: 6, ..PathKnobs::default() }, ..CellKnobs::default() }
+}
+
+fn lit(scene: &Arc<Scene>, indirect: Indirect) -> GpuSampler {
+    let effects = indirect.effects_with(LightEffects::NONE);
+    sampler_with(scene, SamplerKnobs { sub_samples: 1, effects, indirect, ..SamplerKnobs::default() })
+}
+
+fn with_cells(scene: &Arc<Scene>) -> GpuSampler {
+    lit(scene, Indirect::Cells(knobs()))
+}
+
+fn cells(rays: u32) -> Option<SurfaceLight> {
+    Some(SurfaceLight::Cells { rays })
+}
+
+/// A view lit in a way that its plan names, or by what there is.
+fn job(camera: Camera, size: [u32; 2], light: Option<SurfaceLight>) -> ViewJob {
+    let job = view_job(camera, size, 1);
+    ViewJob { plan: Plan::direct(1).with_light(light), ..job }
+}
+
+/// Fills all that views lacked, and refines it.
+fn fill(sampler: &mut GpuSampler) {
+    let begin = Instant::now();
+    while sampler.fill_light(Duration::from_millis(20), true) {
+        assert!(begin.elapsed() < Duration::from_secs(60), "filling ends: {:?}", sampler.light_cells());
+    }
+}
+
+fn color(sampler: &mut GpuSampler, job: &ViewJob) -> Vec<u8> {
+    direct(sampler, job).color.unwrap().to_vec()
+}
+
+fn mean_of(bytes: &[u8]) -> f64 {
+    bytes.iter().map(|&b| f64::from(b)).sum::<f64>() / bytes.len() as f64
+}
+
+#[test]
+fn equal_plans_give_equal_bytes_whatever_was_looked_up_before() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let size = [64, 48];
+    let views = [16, 64].map(|rays| job(view_of_room(DVec3::ZERO), size, cells(rays)));
+    let mut fresh = with_cells(&scene);
+    let wanted = views.each_ref().map(|view| color(&mut fresh, view));
+    assert!(wanted[0] != wanted[1]);
+    // Other views fill some of the cells first, in other orders, of other tiers and sizes.
+    for turn in 0..3 {
+        let mut sampler = with_cells(&scene);
+        for i in 0..4 {
+            let angle = f64::from(i * (turn + 1)) * 1.7;
+            let eye = DVec3::new(angle.sin(), 0.3 * f64::from(turn), angle.cos());
+            let camera = Camera { fov_deg: 80.0, ..Camera::look_at(eye, DVec3::new(0.1, -0.4, 0.0)) };
+            let light = [cells(16), None, cells(64)][(i + turn) as usize % 3];
+            direct(&mut sampler, &job(camera, [40 + 8 * turn as u32, 30], light));
+            if turn == 1 {
+                sampler.fill_light(Duration::from_millis(5), true);
+            }
+        }
+        if turn == 2 {
+            fill(&mut sampler);
+        }
+        for (view, wanted) in views.iter().zip(&wanted) {
+            assert!(color(&mut sampler, view) == *wanted, "turn {turn}");
+        }
+    }
+}
+
+#[test]
+fn an_open_view_waits_for_nothing_and_says_what_lit_it() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let mut sampler = with_cells(&scene);
+    let open = job(view_of_room(DVec3::ZERO), [320, 240], None);
+    let light = |sampler: &mut GpuSampler| direct(sampler, &open).provenance.plan.light();
+    assert_eq!(light(&mut sampler), Some(SurfaceLight::Rays));
+    assert!(sampler.light_cells().unwrap().waiting > 0);
+    fill(&mut sampler);
+    assert_eq!(light(&mut sampler), cells(64));
+    // A pin names the light, and gets it anywhere.
+    let frame = direct(&mut sampler, &open);
+    let pin = ViewJob { plan: frame.provenance.plan.clone(), ..open.clone() };
+    let mut other = with_cells(&scene);
+    assert!(direct(&mut other, &pin).color == frame.color);
+    let rays = job(view_of_room(DVec3::ZERO), [320, 240], Some(SurfaceLight::Rays));
+    assert_eq!(direct(&mut sampler, &rays).provenance.plan.light(), Some(SurfaceLight::Rays));
+    // Sets without cells have no such light.
+    let mut paths = lit(&scene, Indirect::Paths(knobs().paths));
+    assert_eq!(direct(&mut paths, &open).provenance.plan.light(), None);
+    let refused = paths.render_views(&[pin], &argus_scene::Cancel::new()).remove(0);
+    assert!(refused.is_err());
+}
+
+#[test]
+fn a_room_looks_like_the_path_traced_one_wherever_it_stands() {
+    for (offset, name) in [(DVec3::ZERO, "near"), (DVec3::new(1e6, -2e6, 3e6), "far")] {
+        let scene = box_of_cornell(offset);
+        let (camera, size) = (view_of_room(offset), [96, 96]);
+        let effects = Indirect::Cells(knobs()).effects_with(LightEffects::NONE);
+        let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 16 });
+        let paths = Some(Paths { paths: 256, bounces: 5 });
+        let truth = tracer.render_with(&camera, size, 1, paths, |_| {}).display(1.0);
+        let mut sampler = with_cells(&scene);
+        let mut by = |light| {
+            let image = image_of(&direct(&mut sampler, &job(camera, size, light)));
+            flip(&format!("cells-{name}"), &image, &truth)
+        };
+        let (rays, first, best) = (by(Some(SurfaceLight::Rays)), by(cells(16)), by(cells(64)));
+        println!("{name}: FLIP {rays:.4} by rays, {first:.4} and {best:.4} by cells");
+        assert!(best < 0.06 && best < 1.1 * rays, "{name}: FLIP {best}, by rays {rays}");
+    }
+}
+
+/// A box of half size two with walls of two centimetres, under an open sky.
+fn closed_box(center: DVec3) -> Arc<Scene> {
+    let mut scene = empty_scene();
+    scene.materials = vec![grey(0.7)];
+    add_room(&mut scene, center, [0; 6]);
+    let mut outside = empty_scene();
+    add_room(&mut outside, DVec3::ZERO, [0; 6]);
+    let outer = DAffine3::from_translation(center) * DAffine3::from_scale(DVec3::splat(1.01));
+    for mut mesh in outside.meshes {
+        mesh.indices.as_chunks_mut::<3>().0.iter_mut().for_each(|corners| corners.swap(1, 2));
+        mesh.normals.iter_mut().for_each(|normal| *normal = -*normal);
+        place(&mut scene, mesh, outer);
+    }
+    // A floor that goes on outside, so that it is one plane on both sides of the walls.
+    let ground = quad(Vec3::NEG_Y * 1.99, Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 1.0, 0);
+    place(&mut scene, ground, DAffine3::from_translation(center));
+    let one = Vec3::ONE;
+    let sky = Sky { zenith: one, horizon: one, ground: one, map: None, reach: None };
+    scene.lighting = Lighting { lights: Vec::new(), sky, exposure: 1.0 };
+    Arc::new(scene)
+}
+
+#[test]
+fn no_sky_comes_through_a_wall_of_two_centimetres() {
+    for offset in [DVec3::ZERO, DVec3::new(1e6, 0.0, -1e6)] {
+        let scene = closed_box(offset);
+        let mut sampler = with_cells(&scene);
+        let inside = |at: DVec3, target: DVec3| Camera {
+            fov_deg: 90.0,
+            ..Camera::look_at(offset + at, offset + target)
+        };
+        let corner = DVec3::new(-2.0, -2.0, -2.0);
+        for camera in [inside(DVec3::ZERO, corner), inside(corner * 0.8, corner)] {
+            for size in [[200, 150], [32, 24]] {
+                let dark = mean_of(&color(&mut sampler, &job(camera, size, cells(16))));
+                let by_rays = mean_of(&color(&mut sampler, &job(camera, size, Some(SurfaceLight::Rays))));
+                println!("{size:?}: {dark:.3} of 255 by cells, {by_rays:.3} by rays");
+                // What is left leaks through leaf sides of the octree, by which both are lit.
+                assert!(dark < by_rays + 0.5 && dark < 30.0, "{dark} of 255, {by_rays} by rays");
+            }
+        }
+    }
+}
+
+#[test]
+fn both_faces_of_a_thin_sheet_have_their_own_light() {
+    let mut scene = empty_scene();
+    scene.materials = vec![argus_scene::Material { double_sided: true, ..grey(0.8) }];
+    place(&mut scene, quad(Vec3::ZERO, Vec3::X, Vec3::NEG_Z, 1.0, 0), DAffine3::IDENTITY);
+    let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ONE, ground: Vec3::ZERO, map: None, reach: None };
+    scene.lighting = Lighting { lights: Vec::new(), sky, exposure: 1.0 };
+    let mut sampler = with_cells(&Arc::new(scene));
+    let mut seen = |height: f64, light| {
+        let camera = Camera { up: DVec3::Z, ..Camera::look_at(DVec3::Y * height, DVec3::ZERO) };
+        let view = job(Camera { fov_deg: 20.0, ..camera }, [64, 64], light);
+        mean_of(&color(&mut sampler, &view))
+    };
+    let (above, below) = (seen(2.0, cells(16)), seen(-2.0, cells(16)));
+    let (open, dim) = (seen(2.0, Some(SurfaceLight::Rays)), seen(-2.0, Some(SurfaceLight::Rays)));
+    let off = (above - open).abs().max((below - dim).abs());
+    assert!(off < 2.0 && above > 4.0 * below, "{above} and {below} by cells, {open} and {dim} by rays");
+}
+
+#[test]
+fn scenes_without_surfaces_and_triangles_without_area_are_lit() {
+    let here = Camera::look_at(DVec3::new(0.0, 1.0, 5.0), DVec3::ZERO);
+    let mut nothing = with_cells(&Arc::new(empty_scene()));
+    assert!(mean_of(&color(&mut nothing, &job(here, [32, 24], cells(16)))) > 0.0);
+    assert!(!nothing.fill_light(Duration::from_millis(1), true));
+    let mut scene = empty_scene();
+    place(&mut scene, quad(Vec3::ZERO, Vec3::X, Vec3::NEG_Z, 1.0, 0), DAffine3::IDENTITY);
+    let plain = color(&mut with_cells(&Arc::new(scene.clone())), &job(here, [32, 24], cells(16)));
+    let mut flat = quad(Vec3::ZERO, Vec3::X, Vec3::NEG_Z, 1.0, 0);
+    flat.positions = vec![Vec3::ZERO, Vec3::X, Vec3::X * 2.0, Vec3::ZERO];
+    place(&mut scene, flat, DAffine3::IDENTITY);
+    let with_flat = color(&mut with_cells(&Arc::new(scene)), &job(here, [32, 24], cells(16)));
+    let off = plain.iter().zip(&with_flat).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(off <= Some(3), "{off:?}");
+}
+
+#[test]
+fn memory_is_bounded_and_evicted_cells_come_back_the_same() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let mut sampler = with_cells(&scene);
+    let view = job(view_of_room(DVec3::ZERO), [64, 48], cells(16));
+    let wanted = color(&mut sampler, &view);
+    let report = sampler.light_cells().unwrap();
+    assert!(report.cells > 0 && report.bytes > 0 && report.filled >= report.cells as u64, "{report:?}");
+    // Other light forgets the cells of this one.
+    let off = Lighting { lights: Vec::new(), ..scene.lighting.clone() };
+    let sampled = job_around_origin(&scene, 16);
+    let info = argus_scene::SampleSetInfo { lighting: off, ..(*sampled.info).clone() };
+    let dark = argus_scene::SampleJob { info: Arc::new(info), ..sampled };
+    assert_eq!(mean_radiance(&mut sampler, &dark), Vec3::ZERO);
+    assert!(color(&mut sampler, &view) == wanted);
+}

@@ -1,0 +1,46 @@
+//! How the light of sky and surfaces in a frame was found.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// How sky and indirect light of a direct view were found. All of a view is lit alike, so that it can be repeated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SurfaceLight {
+    /// By rays from each pixel.
+    #[default]
+    Rays,
+    /// From light cells ([`crate::Indirect::Cells`]).
+    Cells {
+        /// Rays of each side of a cell.
+        rays: u32,
+    },
+}
+
+/// What the light cells of a sampler are.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CellReport {
+    /// Cells held, those without surfaces included.
+    pub cells: usize,
+    /// Bytes of them.
+    pub bytes: usize,
+    /// Cells filled or refined since the sampler was made.
+    pub filled: u64,
+    /// Milliseconds spent on that.
+    pub fill_ms: f64,
+    /// Corners of cells that wait to be filled, since views lacked them.
+    pub waiting: usize,
+    /// Whether there is anything to fill, or to refine.
+    pub is_due: bool,
+}
+
+impl fmt::Display for SurfaceLight {
+    /// `rays` or `cells:N`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Rays => f.write_str("rays"),
+            Self::Cells { rays } => write!(f, "cells:{rays}"),
+        }
+    }
+}
