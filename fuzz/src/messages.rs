@@ -71,7 +71,7 @@ messages! {
     TileCornersRig, CellRig,
     Rig => |m| rig(Rig::try_from(m).map_err(|error| error.to_string())?),
     Specification => |m| converted(Specification::try_from(m)),
-    MegaViewsSampling, VplIndirect, PointIndirect, PathIndirect,
+    MegaViewsSampling, VplIndirect, PointIndirect, PathIndirect, CellIndirect,
     EffectCost => |m| converted(EffectCost::try_from(m)),
     EffectRow, ReflectionProbes, ProbePoints,
     SampleSetInfo => |m| rig(SampleSetInfo::try_from(m).map_err(|error| error.to_string())?.rig),

@@ -44,7 +44,7 @@ fn fill(sampler: &mut GpuSampler) {
 }
 
 fn color(sampler: &mut GpuSampler, job: &ViewJob) -> Vec<u8> {
-    direct(sampler, job).color.unwrap().to_vec()
+    direct(sampler, job).color.expect("the job asks for colour").to_vec()
 }
 
 fn mean_of(bytes: &[u8]) -> f64 {

@@ -30,8 +30,6 @@ mod queue;
 mod rays;
 mod sides;
 mod store;
-#[cfg(test)]
-mod tests;
 mod tree;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -24,11 +24,8 @@ impl BoxTree {
     /// A tree over triangles, of which those that are not finite are left out.
     pub(in crate::light) fn new(triangles: &[[Vec3; 3]]) -> Self {
         let finite = |triangle: &[Vec3; 3]| triangle.iter().all(|corner| corner.is_finite());
-        let around = triangles
-            .par_iter()
-            .filter(|triangle| finite(triangle))
-            .map(|triangle| box_of(triangle))
-            .reduce(|| EMPTY, union);
+        let around =
+            triangles.par_iter().filter(|triangle| finite(triangle)).map(box_of).reduce(|| EMPTY, union);
         let size = (around[1] - around[0]).max(Vec3::splat(f32::MIN_POSITIVE));
         let code = |triangle: &[Vec3; 3]| {
             let [low, high] = box_of(triangle);

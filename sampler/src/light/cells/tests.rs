@@ -1,1 +1,0 @@
-//! Light cells as a whole.
