@@ -151,7 +151,8 @@ async fn a_client_that_waits_for_capacity_retries_no_sooner_than_told() {
     // The hint is 100 ms; up to 50% is added.
     let asked = lock(&server.fake.view_ids).len();
     assert!((2..=5).contains(&asked), "asked {asked} times in {:?}", begin.elapsed());
-    assert!(begin.elapsed() < Duration::from_millis(450), "it waited though no time was left to ask again");
+    // An attempt that began in time may end a little later; a further wait takes 100 ms at least.
+    assert!(begin.elapsed() < Duration::from_millis(540), "it waited though no time was left to ask again");
 }
 
 #[tokio::test]
