@@ -1,12 +1,14 @@
 //! Renders samples, direct views and lists of pixels.
 
 mod light;
+mod light_cells;
 mod octree_samples;
 mod part_shading;
 mod point_probes;
 mod prepared;
 mod probes;
 mod rays;
+mod role;
 mod tile_loop;
 
 use std::sync::Arc;
@@ -15,9 +17,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, CellReport, Detail, FaceMask, Frame, InvalidField, LightEffects, LightLevel, Lighting,
-    Outputs, PixelJob, Pixels, Plan, Plane, PlaneData, RenderError, Sample, SampleCamera, SampleId,
-    SampleJob, SampleSetInfo, Sampler, Sampling, Scene, Specification, Stage, ViewJob, Visibility,
+    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, Lighting, Outputs, PixelJob, Pixels, Plan, Plane,
+    PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling,
+    Scene, Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -497,69 +499,6 @@ impl GpuSampler {
 
     fn check_alive(&self) -> Result<(), RenderError> {
         self.gpu.lost().map_or(Ok(()), |reason| Err(GpuError::Lost(reason).into()))
-    }
-}
-
-impl Sampler for GpuSampler {
-    fn device(&self) -> &str {
-        self.gpu.kind()
-    }
-
-    fn usual_visibility(&self) -> Visibility {
-        // On software drivers, packets were fastest at every size and scene that was measured.
-        if self.gpu.is_software() { Visibility::Cpu } else { Visibility::Raster }
-    }
-
-    fn measure_backends(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
-        self.check_alive()?;
-        if self.gpu.is_software() {
-            // Views would wait for a second until the same is measured again (`argus-lab study visibility`).
-            return Ok(vec![(self.usual_visibility(), 0.0)]);
-        }
-        let camera = info.rig.camera(0)?;
-        let tiles = sample_tiles(&camera, self.knobs.side())?;
-        let Some(tile) = tiles.first() else { return Ok(vec![(Visibility::Raster, 0.0)]) };
-        let eye = self.eye(camera.center(), &info.lighting)?;
-        let (gpu, resident) = (&self.gpu, &self.resident);
-        let context = TileContext::new(gpu, resident, &eye, tile, &mut self.scratch, Extras::default());
-        self.visibility.measure(&context)
-    }
-
-    fn prepare_light(&mut self, info: &SampleSetInfo, light: LightLevel) -> Result<bool, RenderError> {
-        self.prepare_level(info, light)
-    }
-
-    fn fill_light(&mut self, time: Duration, refines: bool) -> bool {
-        self.fill_cells(time, refines)
-    }
-
-    fn light_cells(&self) -> Option<CellReport> {
-        self.cell_report()
-    }
-
-    fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
-        self.render_set(job, cancel, None)
-    }
-
-    fn render_samples_in_slices(
-        &mut self,
-        job: &SampleJob,
-        cancel: &Cancel,
-        between: BetweenTiles<'_>,
-    ) -> Vec<Result<Sample, RenderError>> {
-        self.render_set(job, cancel, Some(between))
-    }
-
-    fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
-        views.iter().map(|view| self.render_view(view, cancel)).collect()
-    }
-
-    fn render_with(&mut self, effects: LightEffects, view: &ViewJob) -> Option<Result<Frame, RenderError>> {
-        self.render_with_effects(effects, view)
-    }
-
-    fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {
-        jobs.iter().map(|job| self.render_list(job, cancel)).collect()
     }
 }
 

@@ -3,8 +3,9 @@
 mod crowd;
 mod judge;
 mod kind;
-mod pace;
+
 mod pictures;
+mod rate;
 mod table;
 mod timeline;
 
@@ -17,7 +18,7 @@ use argus_scene::PlanRequest;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::demo::crowd::{Load, Shown};
-use crate::demo::pace::Pace;
+use crate::demo::rate::Rate;
 use crate::demo::table::{Figures, Outcome};
 use crate::{args, output, processes};
 
@@ -93,11 +94,11 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let client = connect(&cluster, workers).await?;
     progress.set_message("measuring how many views from triangles are carried");
     let burst = Duration::try_from_secs_f64(seconds * BURST_SHARE)?;
-    let pace = Pace::measure(&client, workers, size, burst).await?;
+    let rate = Rate::measure(&client, workers, size, burst).await?;
 
     progress.set_message(format!("a crowd of {viewers} viewers"));
     let plan = PlanRequest::default();
-    let load = Load { viewers, size, per_sec: pace.asked_per_sec, seconds, plan };
+    let load = Load { viewers, size, per_sec: rate.asked_per_sec, seconds, plan };
     let mut crowd = crowd::run(&client, load, &progress).await?;
     progress.set_message("waiting until samples in work are done");
     settle(&client, workers, SETTLING).await?;
@@ -121,7 +122,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
         workers,
         viewers,
         size,
-        pace,
+        rate,
         default: Outcome::of(crowd, seconds, judged.iter().map(|view| view.flip)),
         direct: Outcome::of(direct, load.seconds, judged.iter().map(|view| view.flip_direct)),
         samples: status.workers.iter().map(|worker| worker.samples_rendered).sum(),

@@ -7,7 +7,7 @@ use argus_client::load::LoadReport;
 use serde::Serialize;
 
 use crate::demo::crowd::Crowd;
-use crate::demo::pace::Pace;
+use crate::demo::rate::Rate;
 use crate::demo::timeline::Timeline;
 
 /// The demo's figures.
@@ -19,7 +19,7 @@ pub(crate) struct Figures {
     /// Width and height of a view in pixels.
     pub(crate) size: [u32; 2],
     #[serde(flatten)]
-    pub(crate) pace: Pace,
+    pub(crate) rate: Rate,
     pub(crate) default: Outcome,
     pub(crate) direct: Outcome,
     /// Samples rendered during both loads.
@@ -56,14 +56,14 @@ impl Outcome {
 
 impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { scene, workers, viewers, size: [width, height], pace, default, direct, .. } = self;
+        let Self { scene, workers, viewers, size: [width, height], rate, default, direct, .. } = self;
         writeln!(f, "{scene}: {viewers} viewers of {width}x{height}, {workers} workers")?;
         writeln!(
             f,
             "The crowd asks for {:.0} views a second: {:.1} times the {:.0} that the workers carry from triangles.",
-            pace.asked_per_sec,
-            pace.times(),
-            pace.carried_per_sec
+            rate.asked_per_sec,
+            rate.times(),
+            rate.carried_per_sec
         )?;
         writeln!(
             f,

@@ -19,7 +19,7 @@ use argus_proto::{Description, Fault, status};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
     Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash,
-    SceneState, Served, View, Warp,
+    SceneState, View, Warp,
 };
 use futures::{Stream, StreamExt};
 use glam::DVec3;
@@ -161,27 +161,13 @@ pub(crate) fn frame(view: &View) -> Frame {
     let plan =
         Plan::Warp(Warp { steps: 16, samples: vec![SampleId { version: 0, camera: 2 }], ..Warp::default() });
     let provenance = Provenance {
-        scene: SceneHash([7; 32]),
-        state: SceneState::default(),
-        plan,
-        specification: None,
         device: "none".to_owned(),
-        history: false,
+        ..Provenance::of_plan(SceneHash([7; 32]), SceneState::default(), plan)
     };
     Frame {
-        width: view.width,
-        height: view.height,
         color: view.outputs.color.then(|| vec![shade; 3 * pixels].into()),
         range: view.outputs.range.then(|| 2.5f32.to_le_bytes().repeat(pixels).into()),
-        mask: None,
-        source: None,
-        confidence: None,
-        unresolved_fraction: 0.0,
-        served: Served::default(),
-        predicted: None,
-        decision: None,
-        provenance,
-        stages: Vec::new(),
+        ..Frame::without_images(view.width, view.height, provenance)
     }
 }
 

@@ -45,6 +45,13 @@ impl Smoothed {
     }
 }
 
+/// The median of the finite values; of two middle ones the lower, since disturbances only add time.
+pub(crate) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.retain(|v| v.is_finite());
+    values.sort_by(f64::total_cmp);
+    values.get(values.len().saturating_sub(1) / 2).copied()
+}
+
 /// After this many empty ticks a rate is zero. A moving average alone would never reach zero, but whether there is
 /// any demand decides about the roles.
 const EMPTY_TICKS: u32 = 10;

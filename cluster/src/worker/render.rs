@@ -5,7 +5,9 @@
 
 mod frame_cost;
 mod holding;
+mod light;
 mod measuring;
+mod roles;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,19 +19,17 @@ use argus_scene::{
     Compositor, Detail, FaceMask, Frame, LightLevel, PixelJob, Plan, RenderError, Sample, SampleId,
     SampleJob, SampleSetInfo, Sampler, Scene,
 };
-use tracing::{debug, info, warn};
+use tracing::debug;
 
 use super::claim::Batch;
 use super::health::Health;
 use super::meter::{Kind, Meter};
-use super::queue::{Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
+use super::queue::{PixelTask, Queue, Rendered, SampleTask, ViewTask, Work};
 use super::slices::Slices;
 use super::store::Store;
 use super::view_costs::ViewKind;
-use super::warm;
 use crate::RoleFactory;
 use crate::core::Role;
-use crate::rate_limited_log::RateLimitedLog;
 
 /// The state of the render thread.
 pub(super) struct Renderer {
@@ -80,9 +80,6 @@ pub(super) struct Renderer {
 
 /// Interval at which the preparation of light is looked at.
 const LIGHT_INTERVAL: Duration = Duration::from_millis(100);
-/// Length of a slice in which light cells are filled: one step more is below the longest slice of background work.
-const FILL_SLICE: Duration = Duration::from_millis(15);
-
 /// A sample that the compositor holds.
 struct Held {
     sample: Weak<Sample>,
@@ -99,22 +96,6 @@ enum Amount {
 
 /// A thread that makes a sampler and compiles its programs.
 type Standby = JoinHandle<Result<Box<dyn Sampler>, RenderError>>;
-
-/// A guard: while it lives, work that needs a sampler waits for one.
-struct BeingMade(Arc<Queue>);
-
-impl BeingMade {
-    fn begin(queue: &Arc<Queue>) -> Self {
-        queue.begin_sampler();
-        Self(queue.clone())
-    }
-}
-
-impl Drop for BeingMade {
-    fn drop(&mut self) {
-        self.0.end_sampler();
-    }
-}
 
 /// Results of a call to a role. The outer error means that the call as a whole failed.
 type Results<T> = Result<Vec<Result<T, RenderError>>, RenderError>;
@@ -200,157 +181,6 @@ impl Renderer {
             self.seek_effects();
             self.tidy();
         }
-    }
-
-    /// Has the sampler prepare the next level of light beside other work, and notes which level is ready. It begins once
-    /// the cost of views is known: it would take cores from the first view and from the measurement.
-    fn prepare_light(&mut self) {
-        if self.measures_direct {
-            return;
-        }
-        let (true, Some(next), true) = (self.light_rises, self.light.next(), self.sampler.is_some()) else {
-            self.light_rises = false;
-            return;
-        };
-        let Some(set) = self.set.clone() else { return };
-        let ready = self.guarded(|own| Ok(vec![own.sampler()?.prepare_light(&set, next)]));
-        match ready.and_then(|mut ready| ready.pop().unwrap_or(Ok(false))) {
-            Ok(false) => {}
-            Ok(true) => {
-                info!(light = %next, "better light is ready");
-                self.light = next;
-                self.queue.set_light(next);
-            }
-            Err(error) => {
-                warn!(%error, light = %next, "light cannot be prepared, views stay without it");
-                self.light_rises = false;
-            }
-        }
-    }
-
-    /// Queues the filling of light cells, once views lacked some.
-    fn seek_cells(&mut self) {
-        let cells = self.sampler.as_ref().and_then(|sampler| sampler.light_cells());
-        self.health.has_cells(cells);
-        let is_due = cells.is_some_and(|cells| cells.is_due);
-        if is_due && !std::mem::replace(&mut self.fills_light, is_due) {
-            self.queue.push_background(Background::FillLight);
-        }
-    }
-
-    /// Fills light cells for a slice, and queues the rest behind other background work.
-    pub(super) fn fill_light(&mut self) {
-        let refines = self.queue.is_idle();
-        let filled = self.guarded(|own| Ok(vec![Ok(own.sampler()?.fill_light(FILL_SLICE, refines))]));
-        match filled {
-            Ok(more) => {
-                self.fills_light = more.into_iter().any(|more| more.unwrap_or(false));
-                if self.fills_light {
-                    self.queue.push_background(Background::FillLight);
-                }
-            }
-            Err(error) => {
-                self.fills_light = false;
-                warn!(%error, "light cells cannot be filled");
-            }
-        }
-    }
-
-    /// Returns the work, if it needs no sampler or one exists. Else postpones it and makes a sampler in another
-    /// thread. A hierarchy over a scene's triangles takes a second or more, in which views are composed from held
-    /// samples.
-    fn or_postpone(&mut self, work: Work) -> Work {
-        if let Work::Prepare { info, .. } = &work {
-            self.set = Some(info.clone());
-        }
-        if self.sampler.is_some() || !work.needs_sampler() {
-            return work;
-        }
-        if let Some(set) = self.set.clone() {
-            self.stand_by(set);
-        }
-        self.queue.postpone(work).unwrap_or(Work::Nothing)
-    }
-
-    /// Makes the sampler. Every role needs one, since a worker answers views from triangles in any role.
-    fn prepare(&mut self, role: Role) -> Result<(), RenderError> {
-        self.role = role;
-        self.sampler().map(drop)
-    }
-
-    /// Begins to make a sampler in another thread, unless one exists or is being made.
-    fn stand_by(&mut self, info: Arc<SampleSetInfo>) {
-        let (None, None, Some(scene)) = (&self.sampler, &self.standby, self.scene.clone()) else { return };
-        let (factory, being_made) = (self.factory.clone(), BeingMade::begin(&self.queue));
-        let make = move || {
-            let _being_made = being_made;
-            warmed_sampler(factory.as_ref(), scene, &info)
-        };
-        // Without a thread, the sampler is made when it is needed.
-        self.standby = std::thread::Builder::new().name("standby".to_owned()).spawn(make).ok();
-    }
-
-    /// Abandons the standby sampler. Its thread ends by itself.
-    fn retire_standby(&mut self) {
-        self.retired.retain(|standby| !standby.is_finished());
-        self.retired.extend(self.standby.take());
-    }
-
-    /// The sampler, made now if necessary.
-    fn sampler(&mut self) -> Result<&mut dyn Sampler, RenderError> {
-        if self.sampler.is_none() {
-            let scene_and_set = self.scene.clone().zip(self.set.clone());
-            let (scene, set) =
-                scene_and_set.ok_or_else(|| RenderError::Internal("no scene yet".to_owned()))?;
-            let (standby, factory) = (self.standby.take(), self.factory.as_ref());
-            let made = self.queue.making_role(|| {
-                match standby.and_then(|thread| thread.join().ok()).and_then(Result::ok) {
-                    Some(made) => Ok(made),
-                    None => made_sampler(factory, scene, &set),
-                }
-            });
-            let sampler = made.inspect_err(|error| self.health.failed(&error.to_string()))?;
-            // Its first views had the light of the set's version.
-            self.light_rises = set.first_light() == LightLevel::Direct;
-            self.light = if self.light_rises { set.version.state.light } else { LightLevel::Full };
-            self.queue.set_light(self.light);
-            self.queue.set_usual_visibility(sampler.usual_visibility());
-            self.sampler = Some(sampler);
-            if !std::mem::replace(&mut self.measures_direct, true) {
-                self.queue.push_background(Background::MeasureDirect);
-            }
-        }
-        match &mut self.sampler {
-            Some(sampler) => Ok(sampler.as_mut()),
-            None => Err(RenderError::Internal("no sampler".to_owned())),
-        }
-    }
-
-    /// The compositor, made now if necessary.
-    fn compositor(&mut self) -> Result<&mut dyn Compositor, RenderError> {
-        if self.compositor.is_none() {
-            let compositor = self.queue.making_role(|| self.factory.compositor());
-            let failed = |error: &RenderError| self.health.failed(&error.to_string());
-            self.compositor = Some(compositor.inspect_err(failed)?);
-        }
-        match &mut self.compositor {
-            Some(compositor) => Ok(compositor.as_mut()),
-            None => Err(RenderError::Internal("no compositor".to_owned())),
-        }
-    }
-
-    /// Drops both roles. The next work recreates them.
-    fn rebuild(&mut self, reason: &str) {
-        static LOST: RateLimitedLog = RateLimitedLog::new();
-        if let Some(left_out) = LOST.now() {
-            warn!(reason, left_out, "the device is lost, its roles are recreated");
-        }
-        self.rebuilt += 1;
-        self.sampler = None;
-        self.retire_standby();
-        (self.compositor, self.is_measured) = (None, true);
-        self.held.clear();
-        self.store.forget_device_planes();
     }
 
     /// Calls a role. A panic there counts as a lost device, and the process continues.
@@ -569,33 +399,6 @@ impl Renderer {
             self.meter.add(kind, done, rendering.elapsed(), began.elapsed());
         }
     }
-}
-
-/// Makes a sampler.
-fn made_sampler(
-    factory: &dyn RoleFactory,
-    scene: Arc<Scene>,
-    set: &SampleSetInfo,
-) -> Result<Box<dyn Sampler>, RenderError> {
-    let began = Instant::now();
-    let sampler = factory.sampler(scene, set)?;
-    info!(ms = ms_since(began), "sampler made");
-    Ok(sampler)
-}
-
-/// Makes a sampler and renders a small view with it, so that its first view does not wait for a compiler.
-fn warmed_sampler(
-    factory: &dyn RoleFactory,
-    scene: Arc<Scene>,
-    info: &Arc<SampleSetInfo>,
-) -> Result<Box<dyn Sampler>, RenderError> {
-    let mut sampler = made_sampler(factory, scene.clone(), info)?;
-    let began = Instant::now();
-    // A sampler that cannot render is not used.
-    warm::sampler(sampler.as_mut(), &scene, info)
-        .inspect_err(|error| warn!(%error, "the new sampler cannot render"))?;
-    debug!(ms = ms_since(began), "sampler warmed up");
-    Ok(sampler)
 }
 
 /// Pixels of a frame that were rendered, with sub-pixels.

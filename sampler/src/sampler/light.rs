@@ -1,15 +1,15 @@
 //! The light of a sampler's scene: made ready for a job, prepared beside other work, changed, and reported.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use argus_scene::{
-    Cancel, CellKnobs, CellReport, Frame, Indirect, InvalidField, LightEffects, LightLevel, Lighting,
-    RenderError, SampleSetInfo, Stage, SurfaceLight, ViewJob,
+    Cancel, Frame, Indirect, InvalidField, LightEffects, LightLevel, Lighting, RenderError, SampleSetInfo,
+    Stage, ViewJob,
 };
 
 use super::GpuSampler;
 use crate::indirect::{IndirectLight, LightInputs};
-use crate::light::{CellUse, DirectLight, PathLight, PathReport};
+use crate::light::{DirectLight, PathLight, PathReport};
 use crate::point_based::PointReport;
 use crate::radiosity::IndirectReport;
 use crate::resident::GuideUse;
@@ -57,62 +57,7 @@ impl GpuSampler {
         }
     }
 
-    /// Says what the next job asks of light cells.
-    pub(super) fn begin_cells(&self, asked: CellUse) {
-        if let Some(paths) = self.path_light() {
-            paths.begin(asked);
-        }
-    }
-
-    /// What the present job's light of sky and surfaces is from.
-    pub(super) fn surface_light(&self) -> SurfaceLight {
-        self.path_light().map_or(SurfaceLight::Rays, PathLight::surface_light)
-    }
-
-    /// What samples and lists of pixels ask of light cells: the same tier everywhere, so that their bytes do not depend on what is
-    /// filled.
-    pub(super) fn cells_of_samples(&self) -> CellUse {
-        CellUse::Whole { rays: CellKnobs::FIRST_RAYS }
-    }
-
-    /// What a view asks of light cells.
-    ///
-    /// # Errors
-    /// `plan.light`: its level or set has no light cells.
-    pub(super) fn cells_of_view(&self, view: &ViewJob) -> Result<CellUse, InvalidField> {
-        let light = view.plan.light();
-        if let (Some(light @ SurfaceLight::Cells { .. }), false) = (light, self.has_cells(view)) {
-            let reason = format!("there is no light from {light} in a set with {}", self.knobs.indirect);
-            return Err(InvalidField::new("plan.light", reason));
-        }
-        Ok(light.into())
-    }
-
-    /// A view whose plan says where its light of sky and surfaces was from.
-    pub(super) fn says_light(&self, view: &ViewJob) -> ViewJob {
-        let light = self.has_cells(view).then(|| self.surface_light()).or(view.plan.light());
-        ViewJob { plan: view.plan.clone().with_light(light), ..view.clone() }
-    }
-
-    fn has_cells(&self, view: &ViewJob) -> bool {
-        matches!(self.knobs.indirect, Indirect::Cells(_)) && view.state.light == LightLevel::Full
-    }
-
-    /// Fills light cells that views lacked for about so long, and with `refines` refines others. Returns whether there is more to
-    /// do.
-    pub(super) fn fill_cells(&self, time: Duration, refines: bool) -> bool {
-        match (self.path_light(), &self.direct) {
-            (Some(paths), Some(direct)) => paths.fill_slice(direct.tracing(), time, refines),
-            _ => false,
-        }
-    }
-
-    /// Report on light cells. `None` without them, and before indirect light was first needed.
-    pub(super) fn cell_report(&self) -> Option<CellReport> {
-        self.path_light()?.cell_report()
-    }
-
-    fn path_light(&self) -> Option<&PathLight> {
+    pub(super) fn path_light(&self) -> Option<&PathLight> {
         self.indirect.as_ref().and_then(IndirectLight::paths)
     }
 

@@ -89,8 +89,12 @@ fn an_open_view_waits_for_nothing_and_says_what_lit_it() {
     let light = |sampler: &mut GpuSampler| direct(sampler, &open).provenance.plan.light();
     assert_eq!(light(&mut sampler), Some(SurfaceLight::Rays));
     assert!(sampler.light_cells().unwrap().waiting > 0);
-    fill(&mut sampler);
-    assert_eq!(light(&mut sampler), cells(64));
+    // A view may find cells missing between the pixels that were looked at first: it rises step by step.
+    let rises = (0..8).any(|_| {
+        fill(&mut sampler);
+        light(&mut sampler) == cells(64)
+    });
+    assert!(rises, "{:?}", sampler.light_cells());
     // A pin names the light, and gets it anywhere.
     let frame = direct(&mut sampler, &open);
     let pin = ViewJob { plan: frame.provenance.plan.clone(), ..open.clone() };

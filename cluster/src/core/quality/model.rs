@@ -3,6 +3,7 @@
 use argus_scene::{PlanRequest, Rig, SceneHash};
 use serde::{Deserialize, Serialize};
 
+use super::super::smooth::median;
 use super::choose::Candidate;
 use super::regression::Belief;
 use super::{Observed, Pace, Regression, Setting, Situation};
@@ -221,11 +222,4 @@ impl Cost {
     pub fn ms(&self, pixels: u64) -> f64 {
         self.fixed_ms + self.ms_per_megapixel * pixels as f64 * 1e-6
     }
-}
-
-/// The median; of two middle values the lower one.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.retain(|v| v.is_finite());
-    values.sort_by(f64::total_cmp);
-    values.get(values.len().saturating_sub(1) / 2).copied()
 }

@@ -226,30 +226,34 @@ impl Cluster<'_> {
         Work { queued_ms: self.workers.iter().map(|w| w.queued_ms(now)).sum(), processes: self.free() }
     }
 
-    /// Workers that answer views, in those that would take as long as predicted.
-    pub(super) fn answering(&self) -> f64 {
-        self.workers.iter().filter(|w| w.answers()).map(|worker| 1.0 / worker.pace()).sum()
-    }
-
     /// Whether a worker leaves views to the others, if there are others: it renders samples at once, or it measures a price that a
     /// decision lacks.
     fn leaves_views(&self, worker: &Worker) -> bool {
         self.samples.renders_at_once(worker.id()) || (self.others_carry && worker.is_measuring())
     }
 
-    /// The same without samplers.
-    pub(super) fn without_samplers(&self) -> f64 {
-        let samples = |worker: &Worker| worker.role().is_some_and(Role::samples);
-        self.workers.iter().filter(|w| w.answers() && !samples(w)).map(|worker| 1.0 / worker.pace()).sum()
+    /// All workers that answer views, counted as in [`Work::processes`].
+    pub(super) fn answering(&self) -> f64 {
+        self.count(|_| true)
     }
 
-    /// Of all, the workers that answer views now.
+    /// The workers that answer views and do not sample, counted alike.
+    pub(super) fn without_samplers(&self) -> f64 {
+        self.count(|worker| !worker.role().is_some_and(Role::samples))
+    }
+
+    /// The workers that answer views and leave none to others, counted alike; all that answer, if each leaves views.
     fn free(&self) -> f64 {
-        let free = self.workers.iter().filter(|w| w.answers() && !self.leaves_views(w));
-        match free.map(|worker| 1.0 / worker.pace()).sum() {
+        match self.count(|worker| !self.leaves_views(worker)) {
             0.0 => self.answering(),
             free => free,
         }
+    }
+
+    /// Counts such workers that answer views, each by its speed over the predicted one.
+    fn count(&self, such: impl Fn(&Worker) -> bool) -> f64 {
+        let counted = self.workers.iter().filter(|worker| worker.answers() && such(worker));
+        counted.map(|worker| 1.0 / worker.slowdown()).sum()
     }
 
     /// Cost of a view from triangles at a worker, by the pixels that are rendered: as measured by it or by a worker with the same

@@ -43,7 +43,7 @@ const EXCESS_OF_UNCOVERED: f64 = 0.4;
 /// texels only, the measured excess is 0.12.
 pub(super) const EXCESS_OF_COARSE: f64 = 0.15;
 
-/// Predicted excess of views from triangles of which less is rendered: the largest that `study detail` measured in five scenes
+/// Predicted excess of views from triangles of which less is rendered: the largest that `argus-lab study detail` measured in five scenes
 /// (docs/results.md), since a prediction is meant as an upper bound.
 pub(crate) const fn excess_of(detail: Detail) -> f64 {
     match detail {
@@ -161,11 +161,7 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
         Some(offer) if offer.is_carried(aim) => Some(offer),
         _ => None,
     };
-    let carried = || {
-        let carried = offers.iter().filter(|offer| offer.is_carried(aim));
-        let least = carried.clone().map(Offer::error_step).min()?;
-        earliest(carried.filter(|offer| offer.error_step() == least))
-    };
+    let carried = || least_error(offers.iter().filter(|offer| offer.is_carried(aim)));
     let chosen = chosen.or_else(carried).or_else(|| earliest(offers.iter()))?;
     let decision = Decision {
         reason: reason(chosen, &offers, aim),
@@ -177,14 +173,11 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
 }
 
 /// What replaces a frame from samples that turns out worse than predicted: of the views from triangles for which there is time the
-/// one with the least error, or else the cheapest. The frame is replaced if its error exceeds the aim's and that of the view that
+/// one with the least error, or else the one that is done first. The frame is replaced if its error exceeds the aim's and that of the view that
 /// would replace it.
 pub(super) fn fallback(offers: &[Offer], aim: &Aim) -> Option<Fallback> {
     let direct = || offers.iter().filter(|offer| matches!(offer.plan, Plan::Direct { .. }));
-    let time = |offer: &Offer| offer.render_ms.unwrap_or(f64::INFINITY);
-    let carried = direct().filter(|offer| offer.render_ms.is_none_or(|ms| ms <= aim.most_ms));
-    let best = carried.min_by(|a, b| a.error_step().cmp(&b.error_step()).then(time(a).total_cmp(&time(b))));
-    let best = best.or_else(|| direct().min_by(|a, b| time(a).total_cmp(&time(b))))?;
+    let best = least_error(direct().filter(|offer| offer.is_carried(aim))).or_else(|| earliest(direct()))?;
     Some(Fallback { plan: best.plan.clone(), most_excess: aim.most_excess.max(best.excess) })
 }
 
@@ -205,6 +198,12 @@ fn earliest<'a>(offers: impl Iterator<Item = &'a Offer>) -> Option<&'a Offer> {
         let key = |offer: &Offer| (offer.tie_break, offer.worker);
         a.finish_ms().total_cmp(&b.finish_ms()).then(key(a).cmp(&key(b)))
     })
+}
+
+/// The offer with the earliest finish of those with the least error.
+fn least_error<'a>(offers: impl Iterator<Item = &'a Offer> + Clone) -> Option<&'a Offer> {
+    let least = offers.clone().map(Offer::error_step).min()?;
+    earliest(offers.filter(|offer| offer.error_step() == least))
 }
 
 /// Why an offer was chosen among these.

@@ -3,6 +3,7 @@
 use argus_scene::effects::{EffectCost, EffectKind};
 
 use super::Workers;
+use crate::core::smooth::median;
 
 impl Workers {
     /// What each measured effect costs: the median over the workers, by their newest reports.
@@ -16,18 +17,11 @@ impl Workers {
 fn medians<'a, I: Iterator<Item = &'a EffectCost>>(of: impl Fn(EffectKind) -> I) -> Vec<EffectCost> {
     let over = |effect| EffectCost {
         effect,
-        predicted_ms: median(of(effect).filter_map(|cost| cost.predicted_ms)),
-        measured_ms: median(of(effect).filter_map(|cost| cost.measured_ms)),
+        predicted_ms: median(of(effect).filter_map(|cost| cost.predicted_ms).collect()),
+        measured_ms: median(of(effect).filter_map(|cost| cost.measured_ms).collect()),
     };
     let is_known = |cost: &EffectCost| cost.predicted_ms.or(cost.measured_ms).is_some();
     EffectKind::ALL.into_iter().map(over).filter(is_known).collect()
-}
-
-/// The median; of two middle values the lower one, since disturbances only add time.
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len().saturating_sub(1) / 2).copied()
 }
 
 #[cfg(test)]
@@ -44,6 +38,6 @@ mod tests {
         let reported = [cost(3.0, None), cost(90.0, Some(5.0)), cost(4.0, None), cost(2.0, Some(7.0))];
         let of = |effect| reported.iter().filter(move |cost| cost.effect == effect);
         assert_eq!(medians(of), [cost(3.0, Some(5.0))]);
-        assert_eq!(median(std::iter::empty()), None);
+        assert_eq!(median(Vec::new()), None);
     }
 }

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use super::pace::Pace;
 use super::queues::{QueueEntry, QueueMembership};
 use super::recent_frames::RecentFrames;
 use super::record::Record;
 use super::silence::Rhythm;
+use super::slowdown::Slowdown;
 use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
 use crate::core::time::Uptime;
 
@@ -59,7 +59,7 @@ pub(in crate::core) struct Worker {
     views: BTreeMap<ViewId, QueuedView>,
     /// When it began with the oldest of these.
     works_since: Uptime,
-    pace: Pace,
+    slowdown: Slowdown,
     /// Number of views that it ever got, which orders equal workers.
     dispatched: u64,
     /// Busy milliseconds at the start of the current tick.
@@ -94,7 +94,7 @@ impl Worker {
             measure_sequence: None,
             views: BTreeMap::new(),
             works_since: Uptime::default(),
-            pace: Pace::default(),
+            slowdown: Slowdown::default(),
             dispatched: 0,
             busy_at_tick_ms: 0.0,
             suspected: false,
@@ -321,8 +321,8 @@ impl Worker {
         let oldest_ms = self.views.values().next().map_or(0.0, |view| view.predicted_ms);
         let done_ms = now.since(self.works_since).as_secs_f64() * 1e3;
         // One that takes longer than predicted is not done yet.
-        let pace = self.pace.factor();
-        pace * all - done_ms.min(MOST_DONE * pace * oldest_ms)
+        let slowdown = self.slowdown.factor();
+        slowdown * all - done_ms.min(MOST_DONE * slowdown * oldest_ms)
     }
 
     /// Adds a view to its queue.
@@ -338,9 +338,9 @@ impl Worker {
     pub(super) fn end(&mut self, view_id: ViewId, answered: bool, now: Uptime) -> bool {
         let Some(view) = self.views.remove(&view_id) else { return false };
         match self.views.is_empty() {
-            true => self.pace.relax(),
+            true => self.slowdown.relax(),
             false if answered => {
-                self.pace.learn(view.predicted_ms, now.since(self.works_since).as_secs_f64() * 1e3);
+                self.slowdown.learn(view.predicted_ms, now.since(self.works_since).as_secs_f64() * 1e3);
             }
             false => {}
         }
@@ -349,8 +349,8 @@ impl Worker {
     }
 
     /// Time of a view over its predicted time, while views wait.
-    pub(in crate::core) fn pace(&self) -> f64 {
-        self.pace.factor()
+    pub(in crate::core) fn slowdown(&self) -> f64 {
+        self.slowdown.factor()
     }
 
     /// Records that it answered a view.

@@ -6,7 +6,7 @@
 //! hashes of radiance (Binder, Fricke and Keller, "Fast Path Space Filtering by Jittered Spatial Hashing", 2018).
 //!
 //! What a cell holds is a pure function of the scene's pose, its lighting, the cell and the number of rays. So the cells
-//! are only a memo: whoever asked first, and whatever was evicted, equal plans give equal bytes. All sums are made in a
+//! are only a cache: equal plans give equal bytes, in whatever order cells were filled or evicted. All sums are made in a
 //! fixed order, for each cell by one thread.
 //!
 //! # Steps
@@ -103,7 +103,7 @@ pub(super) struct CellScene<'a> {
     pub(super) leaves: &'a Leaves,
     pub(super) tree: &'a BoxTree,
     pub(super) surfaces: &'a Surfaces,
-    /// The scene about that centre, whoever looks: rays of cells do not depend on an eye.
+    /// The scene about that centre. Rays of cells start from surfaces, so they are the same for all eyes.
     pub(super) about: &'a LightRaysAbout<'a>,
     pub(super) sky: &'a Sky,
     /// Radiance that leaf sides reflect.

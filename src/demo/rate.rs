@@ -18,14 +18,14 @@ const IN_FLIGHT: usize = 2;
 
 /// The crowd's rate, and what it follows from.
 #[derive(Clone, Copy, Serialize)]
-pub(crate) struct Pace {
+pub(crate) struct Rate {
     /// Views a second of all viewers together.
     pub(crate) asked_per_sec: f64,
     /// Views a second that all workers together carry from triangles.
     pub(crate) carried_per_sec: f64,
 }
 
-impl Pace {
+impl Rate {
     /// The rate that makes a crowd on this machine: for a time, as many views from triangles are requested as are answered. Prices
     /// that workers measured alone would promise more, since they share the machine.
     ///
@@ -72,9 +72,9 @@ mod tests {
 
     #[test]
     fn the_crowd_asks_for_three_times_what_triangles_carry_up_to_a_limit() {
-        let pace = Pace::of(150.0);
-        assert!((pace.asked_per_sec - 450.0).abs() < 1e-9 && (pace.times() - 3.0).abs() < 1e-9);
-        let fast = Pace::of(4000.0);
+        let rate = Rate::of(150.0);
+        assert!((rate.asked_per_sec - 450.0).abs() < 1e-9 && (rate.times() - 3.0).abs() < 1e-9);
+        let fast = Rate::of(4000.0);
         assert!(fast.asked_per_sec == MOST_PER_SEC && fast.times() < 1.0);
     }
 }

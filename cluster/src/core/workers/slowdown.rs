@@ -1,4 +1,4 @@
-//! How fast a worker answers views, relative to what was predicted.
+//! How much slower a worker answers views than predicted.
 //!
 //! Prices are those of a view alone. Workers that share a machine, encoding, and whatever else runs there make views slower, and
 //! that shows within a few views: in the time between two answers while more views wait.
@@ -6,21 +6,21 @@
 /// Part of the sums that stays after each view: they span about ten.
 const STAYS: f64 = 0.9;
 
-/// Predicted milliseconds that count besides, at a pace of 1: few views are no measurement.
+/// Predicted milliseconds that count besides, without a slowdown: few views are no measurement.
 const PRIOR_MS: f64 = 50.0;
 
-/// Least and most pace. Beyond is an accident, such as a compiled program.
+/// Least and most slowdown. Beyond is an accident, such as a compiled program.
 const LEAST: f64 = 0.5;
 const MOST: f64 = 8.0;
 
-/// The pace of one worker.
+/// The slowdown of one worker.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pace {
+pub(super) struct Slowdown {
     predicted_ms: f64,
     took_ms: f64,
 }
 
-impl Pace {
+impl Slowdown {
     /// Learns the time between two answers, during all of which views waited.
     pub(super) fn learn(&mut self, predicted_ms: f64, took_ms: f64) {
         if predicted_ms > 0.0 && took_ms >= 0.0 && took_ms.is_finite() {
@@ -46,29 +46,30 @@ mod tests {
 
     #[test]
     fn a_few_views_show_that_all_take_twice_as_long() {
-        let mut pace = Pace::default();
-        assert_eq!(pace.factor(), 1.0);
-        (0..5).for_each(|_| pace.learn(100.0, 200.0));
-        assert!((1.8..2.0).contains(&pace.factor()), "{}", pace.factor());
+        let mut slowdown = Slowdown::default();
+        assert_eq!(slowdown.factor(), 1.0);
+        (0..5).for_each(|_| slowdown.learn(100.0, 200.0));
+        assert!((1.8..2.0).contains(&slowdown.factor()), "{}", slowdown.factor());
         // Small and large views count by their time.
-        (0..50).for_each(|i| if i % 2 == 0 { pace.learn(1.0, 9.0) } else { pace.learn(100.0, 200.0) });
-        assert!((1.8..2.2).contains(&pace.factor()), "{}", pace.factor());
-        (0..100).for_each(|_| pace.relax());
-        assert!((pace.factor() - 1.0).abs() < 0.01, "nothing waits any more");
+        (0..50)
+            .for_each(|i| if i % 2 == 0 { slowdown.learn(1.0, 9.0) } else { slowdown.learn(100.0, 200.0) });
+        assert!((1.8..2.2).contains(&slowdown.factor()), "{}", slowdown.factor());
+        (0..100).for_each(|_| slowdown.relax());
+        assert!((slowdown.factor() - 1.0).abs() < 0.01, "nothing waits any more");
     }
 
     #[test]
     fn accidents_are_bounded() {
-        let mut pace = Pace::default();
+        let mut slowdown = Slowdown::default();
         for (predicted, took) in
             [(0.0, 5.0), (-1.0, 5.0), (f64::NAN, 5.0), (5.0, f64::NAN), (5.0, -1.0), (5.0, f64::INFINITY)]
         {
-            pace.learn(predicted, took);
+            slowdown.learn(predicted, took);
         }
-        assert_eq!(pace.factor(), 1.0);
-        pace.learn(1000.0, 1e9);
-        assert!(pace.factor() <= MOST);
-        (0..100).for_each(|_| pace.learn(1000.0, 0.0));
-        assert_eq!(pace.factor(), LEAST);
+        assert_eq!(slowdown.factor(), 1.0);
+        slowdown.learn(1000.0, 1e9);
+        assert!(slowdown.factor() <= MOST);
+        (0..100).for_each(|_| slowdown.learn(1000.0, 0.0));
+        assert_eq!(slowdown.factor(), LEAST);
     }
 }
