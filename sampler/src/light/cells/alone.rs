@@ -15,8 +15,8 @@ use super::lookup::CellLight;
 use crate::light_rays::LightRaysAbout;
 
 /// Rays of a pixel in an image, whose neighbours share what they find; and slots of them for a pixel without neighbours.
-const RAYS: usize = 4;
-const SLOTS_IN_LIST: usize = 12;
+const RAYS: usize = 2;
+const SLOTS_IN_LIST: usize = 24;
 
 /// What rays of single pixels meet. Positions are metres about the eye.
 pub(super) struct Surroundings<'a> {

@@ -4,14 +4,19 @@
 //! that. Each side counts by how near it is, how alike it faces, and how close the pixel is to its plane. What a pixel
 //! gets depends on the pixel and on cells alone, never on its neighbours.
 
+use std::ops::Range;
+
 use argus_scene::Bounds;
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::super::texels::{Texel, Texels};
+use super::corner::{MOST_GROUPS, above};
 use super::key::{CellKey, Lattice, MOST_LEVEL};
 use super::rays::RAYS;
+use super::sides::{ALMOST, MOST_BLOCKED};
 use super::store::Store;
+use crate::light_rays::LightRaysAbout;
 
 /// Share of a level, in octaves, in which it blends into the next.
 const BLEND: f32 = 0.3;
@@ -23,8 +28,12 @@ const PLANE: f32 = 1.2;
 const LEAST_WEIGHT: f32 = 0.02;
 /// Share of unfit sides from which a pixel is lit by rays of its own.
 const MOST_UNFIT: f32 = 0.5;
+/// Share of the weight up to which a group of sides does not count.
+const LITTLE: f32 = 0.02;
+/// Share of the weight from which on further groups are left out unseen.
+const MOST_OF: f32 = 0.9;
 /// Rows and columns of pixels that are looked up together.
-const BLOCK: usize = 8;
+const BLOCK: usize = 16;
 
 /// Light that a lookup brings.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -52,6 +61,8 @@ pub(super) enum Answer {
 pub(super) struct Lookup<'a> {
     pub(super) store: &'a Store,
     pub(super) lattice: Lattice,
+    /// The scene about the eye.
+    pub(super) about: &'a LightRaysAbout<'a>,
     /// The eye's cell of each level, and its place within: [`Lattice::about`].
     pub(super) eye: Vec<Option<(IVec3, Vec3)>>,
     pub(super) tier: usize,
@@ -67,6 +78,8 @@ struct Near {
     at: Vec3,
     normal: Vec3,
     is_unfit: bool,
+    /// Its group ([`super::corner::groups`]).
+    group: u8,
     /// Squared share of its rays that count.
     valid: f32,
     light: Mix,
@@ -104,13 +117,18 @@ enum Mixed {
     Missing,
 }
 
-/// What is known of a corner.
-#[derive(Clone, Copy)]
+/// Sides that some pixels see and others do not.
+struct Group {
+    number: u8,
+    /// A point above its first side, in edges of a cell from the corner's lowest.
+    above: Vec3,
+}
+
+/// What is known of a corner: ranges of [`Corners::sides`] and of [`Corners::groups`].
+#[derive(Clone)]
 enum Known {
     Missing,
-    Leaks,
-    /// Its sides, as a range of [`Corners::sides`].
-    Sides(usize, usize),
+    Sides(Range<usize>, Range<usize>),
 }
 
 /// The corners of a block of pixels, each gathered once.
@@ -118,6 +136,7 @@ enum Known {
 struct Corners {
     known: Vec<(CellKey, Known)>,
     sides: Vec<Near>,
+    groups: Vec<Group>,
 }
 
 impl Lookup<'_> {
@@ -189,8 +208,11 @@ impl Lookup<'_> {
         let fine = if blend > 0.0 { Some(self.mixed(texel, level + 1, corners)) } else { None };
         match (coarse, fine) {
             (Mixed::Missing, _) | (_, Some(Mixed::Missing)) => Answer::Missing,
-            (Mixed::Alone, _) | (_, Some(Mixed::Alone)) => Answer::Alone,
-            (Mixed::Light(coarse), None) => Answer::Light(coarse.light()),
+            // One level that describes the pixel is enough.
+            (Mixed::Light(mix), None | Some(Mixed::Alone)) | (Mixed::Alone, Some(Mixed::Light(mix))) => {
+                Answer::Light(mix.light())
+            }
+            (Mixed::Alone, _) => Answer::Alone,
             (Mixed::Light(coarse), Some(Mixed::Light(fine))) => {
                 Answer::Light(Mix::default().plus(coarse, 1.0 - blend).plus(fine, blend).light())
             }
@@ -231,37 +253,78 @@ impl Lookup<'_> {
     fn mixed(&self, texel: &Texel, level: u32, corners: &mut Corners) -> Mixed {
         let Some((key, place)) = self.corner(texel, level) else { return Mixed::Alone };
         let known = match corners.known.iter().rev().find(|(known, _)| *known == key) {
-            Some((_, known)) => *known,
+            Some((_, known)) => known.clone(),
             None => {
-                let known = self.gather(key, &mut corners.sides);
-                corners.known.push((key, known));
+                let known = self.gather(key, corners);
+                corners.known.push((key, known.clone()));
                 known
             }
         };
-        match known {
-            Known::Missing => Mixed::Missing,
-            Known::Leaks => Mixed::Alone,
-            Known::Sides(first, end) => {
-                mix(&corners.sides[first..end], texel, place).map_or(Mixed::Alone, Mixed::Light)
+        let Known::Sides(sides, groups) = known else { return Mixed::Missing };
+        let (sides, groups) = (&corners.sides[sides], &corners.groups[groups]);
+        let mixed = match groups.is_empty() {
+            true => Weighed::all(sides, texel, place).mean(),
+            false => self.seen(sides, groups, texel, (place, level)).and_then(Weighed::mean),
+        };
+        mixed.map_or(Mixed::Alone, Mixed::Light)
+    }
+
+    /// Weighs those sides at a pixel that are in no group or in one that the pixel sees. Groups are looked at from the
+    /// weightiest on, until nearly all weight is seen. `None` if the pixel sees none of those that count.
+    fn seen(
+        &self,
+        sides: &[Near],
+        groups: &[Group],
+        texel: &Texel,
+        (place, level): (Vec3, u32),
+    ) -> Option<Weighed> {
+        let mut of_groups = [Weighed::default(); MOST_GROUPS + 1];
+        let of_groups = &mut of_groups[..=groups.last().map_or(0, |group| usize::from(group.number))];
+        sides.iter().for_each(|side| of_groups[usize::from(side.group)].add(side, texel, place));
+        let total = of_groups.iter().map(Weighed::weight).sum::<f32>();
+        let spacing = self.lattice.spacing(level);
+        let (mut all, mut seen) = (of_groups[0], None);
+        while all.weight() < MOST_OF * total {
+            let weight = |group: &&Group| of_groups[usize::from(group.number)].weight();
+            let Some(group) = groups.iter().max_by(|a, b| weight(a).total_cmp(&weight(b))) else { break };
+            if weight(&group) <= LITTLE * total {
+                break;
+            }
+            let to = texel.position + (group.above - place) * spacing - texel.start;
+            let is_seen = !self.about.is_blocked(texel.start, to, ALMOST);
+            seen = Some(seen.unwrap_or(false) || is_seen);
+            let of_group = std::mem::take(&mut of_groups[usize::from(group.number)]);
+            if is_seen {
+                all.join(of_group);
             }
         }
+        seen.unwrap_or(true).then_some(all)
     }
 
     /// Collects the sides of a corner's cells.
-    fn gather(&self, key: CellKey, sides: &mut Vec<Near>) -> Known {
-        let first = sides.len();
-        let Some(leaks) = self.store.leaks(key) else { return Known::Missing };
+    fn gather(&self, key: CellKey, corners: &mut Corners) -> Known {
+        let (first, first_group) = (corners.sides.len(), corners.groups.len());
+        let Some(groups) = self.store.groups(key) else { return Known::Missing };
+        let mut group = groups.iter().copied();
         for (offset, cell) in key.corner() {
             let Some(filled) = self.store.filled(cell, self.tier) else { return Known::Missing };
             for (side, sums) in filled.sides.iter().zip(filled.sums) {
+                let number = group.next().unwrap_or(0);
+                let is_new = |groups: &[Group]| groups.iter().all(|known| known.number != number);
+                if number > 0 && is_new(&corners.groups[first_group..]) {
+                    corners.groups.push(Group { number, above: above(offset, side) });
+                }
                 if sums.valid > 0.0 {
                     let (share, offset) = (sums.valid / RAYS[self.tier] as f32, offset.as_vec3());
                     let each = 1.0 / sums.valid;
-                    sides.push(Near {
+                    corners.sides.push(Near {
                         offset,
                         at: offset + side.place,
                         normal: side.normal,
-                        is_unfit: side.is_unfit,
+                        // Beside a wall, a side that reaches through it by little brings light of the other room.
+                        is_unfit: side.is_thin
+                            || side.blocked > if groups.is_empty() { MOST_BLOCKED } else { 0 },
+                        group: number,
                         valid: share * share,
                         light: Mix {
                             seen: sums.seen * each,
@@ -272,36 +335,69 @@ impl Lookup<'_> {
                 }
             }
         }
-        if leaks { Known::Leaks } else { Known::Sides(first, sides.len()) }
+        Known::Sides(first..corners.sides.len(), first_group..corners.groups.len())
     }
 }
 
-/// The mean of sides at a pixel; `None` if they do not describe it.
-#[inline]
-fn mix(sides: &[Near], texel: &Texel, place: Vec3) -> Option<Mix> {
-    let (mut sum, mut fit, mut unfit) = (Mix::default(), 0.0, 0.0);
-    let across = place - 0.5;
-    let slope = 2.0 * across - 1.0;
-    for side in sides {
-        let facing = texel.normal.dot(side.normal);
+impl Near {
+    /// How much the side counts at a pixel.
+    #[inline]
+    fn weight(&self, texel: &Texel, place: Vec3) -> f32 {
+        let facing = texel.normal.dot(self.normal);
         if facing <= 0.0 {
-            continue;
+            return 0.0;
         }
         // 1 − across for the lower cell of an axis, across for the upper one.
-        let near = (1.0 - across + side.offset * slope).element_product();
-        let off = (place - side.at).dot(texel.side);
+        let across = place - 0.5;
+        let near = (1.0 - across + self.offset * (2.0 * across - 1.0)).element_product();
+        let off = (place - self.at).dot(texel.side);
         let plane = (1.0 - PLANE * off * off).max(0.0);
         let squared = facing * facing;
-        let weight = near * (squared * squared) * (plane * plane) * side.valid;
+        near * (squared * squared) * (plane * plane) * self.valid
+    }
+}
+
+/// Sides that were weighed at a pixel.
+#[derive(Clone, Copy, Default)]
+struct Weighed {
+    sum: Mix,
+    fit: f32,
+    unfit: f32,
+}
+
+impl Weighed {
+    fn all(sides: &[Near], texel: &Texel, place: Vec3) -> Self {
+        let mut all = Self::default();
+        sides.iter().for_each(|side| all.add(side, texel, place));
+        all
+    }
+
+    #[inline]
+    fn add(&mut self, side: &Near, texel: &Texel, place: Vec3) {
+        let weight = side.weight(texel, place);
         if side.is_unfit {
-            unfit += weight;
+            self.unfit += weight;
         } else {
-            fit += weight;
-            sum = sum.plus(side.light, weight);
+            self.fit += weight;
+            self.sum = self.sum.plus(side.light, weight);
         }
     }
-    let describes = fit > LEAST_WEIGHT && unfit <= MOST_UNFIT * (fit + unfit);
-    describes.then(|| Mix::default().plus(sum, 1.0 / fit))
+
+    fn join(&mut self, other: Self) {
+        self.sum = self.sum.plus(other.sum, 1.0);
+        self.fit += other.fit;
+        self.unfit += other.unfit;
+    }
+
+    fn weight(&self) -> f32 {
+        self.fit + self.unfit
+    }
+
+    /// The mean; `None` if the sides do not describe the pixel.
+    fn mean(self) -> Option<Mix> {
+        let describes = self.fit > LEAST_WEIGHT && self.unfit <= MOST_UNFIT * self.weight();
+        describes.then(|| Mix::default().plus(self.sum, 1.0 / self.fit))
+    }
 }
 
 fn sorted(mut keys: Vec<CellKey>) -> Vec<CellKey> {

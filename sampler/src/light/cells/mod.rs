@@ -14,7 +14,7 @@
 //! 1. [`key`]: the lattice. A cell has a level, whose spacing halves from one to the next, and three numbers.
 //! 2. [`sides`]: what lies in a cell and faces the same way; [`tree`] finds its triangles.
 //! 3. [`rays`]: the light that arrives at a side, by 16 rays, by 64 or by 256: its *tiers*.
-//! 4. [`corner`]: whether a wall stands between the eight cells of a lookup.
+//! 4. [`corner`]: which of the eight cells of a lookup have a wall between them.
 //! 5. [`store`]: holds what is filled, within a bound.
 //! 6. [`lookup`]: pixels take the mean of the sides around them.
 //! 7. [`alone`]: pixels that no side describes cast rays of their own.
@@ -318,10 +318,10 @@ impl LightCells {
         CellScene { lattice, leaves, tree, surfaces, about, sky, radiance, sequence }
     }
 
-    fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'_>, tier: usize) -> Lookup<'a> {
+    fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'a>, tier: usize) -> Lookup<'a> {
         let spread = self.knobs.pixels as f32 * eye.pixel;
         let places = scene.lattice.about(eye.position - scene.leaves.center());
-        Lookup { store, lattice: scene.lattice, eye: places, tier, spread }
+        Lookup { store, lattice: scene.lattice, about: eye.about, eye: places, tier, spread }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -374,7 +374,7 @@ impl State {
         }
     }
 
-    /// Fills the cells of corners up to a tier, and finds out which corners leak.
+    /// Fills the cells of corners up to a tier, and finds out which of their sides see one another.
     fn fill_corners(&mut self, scene: &CellScene<'_>, corners: &[CellKey], tier: usize) {
         let begin = Instant::now();
         let lacks = |key: &CellKey| self.store.tier(*key).is_none_or(|has| has < tier);
@@ -384,11 +384,11 @@ impl State {
         cells.dedup();
         self.fill(scene, &cells, tier);
         let unknown: Vec<CellKey> =
-            corners.iter().copied().filter(|corner| self.store.leaks(*corner).is_none()).collect();
+            corners.iter().copied().filter(|corner| self.store.groups(*corner).is_none()).collect();
         let store = &self.store;
-        let leaks = |corner: &CellKey| corner::leaks(scene, *corner, &store.sides(*corner));
-        let found: Vec<bool> = unknown.par_iter().with_min_len(8).map(leaks).collect();
-        unknown.iter().zip(found).for_each(|(corner, leaks)| self.store.set_corner(*corner, leaks));
+        let groups = |corner: &CellKey| corner::groups(scene, *corner, &store.sides(*corner));
+        let found: Vec<Box<[u8]>> = unknown.par_iter().with_min_len(8).map(groups).collect();
+        unknown.iter().zip(found).for_each(|(corner, groups)| self.store.set_groups(*corner, groups));
         self.took(begin, corners.len(), tier);
     }
 

@@ -16,6 +16,8 @@ use super::key::CellKey;
 pub(super) const ORIGINS: usize = 8;
 /// Least area of a side, in areas of a cell's face.
 const LEAST_AREA: f32 = 1e-4;
+/// Blocked ways of eight between a side's origins, up to which no wall stands between them.
+pub(super) const MOST_BLOCKED: u8 = 2;
 /// Length of the mean of a side's normals by area, below which the side is thin.
 const THIN: f32 = 0.9;
 /// Height of a side's rays against leaks, in edges of the cell.
@@ -30,8 +32,10 @@ pub(super) struct Side {
     pub(super) place: Vec3,
     /// Unit mean shading normal.
     pub(super) normal: Vec3,
-    /// Whether pixels are better lit by rays of their own: the side is thin, or straddles a wall.
-    pub(super) is_unfit: bool,
+    /// Whether its surfaces face many ways, as leaves and wires do: pixels are better lit by rays of their own.
+    pub(super) is_thin: bool,
+    /// How many of eight ways between its own origins are blocked: many if it is on both sides of a wall, few in relief.
+    pub(super) blocked: u8,
 }
 
 /// A side, as its rays need it.
@@ -103,8 +107,12 @@ fn shape_of(scene: &CellScene<'_>, key: CellKey, pieces: &[Piece]) -> Option<Sid
     }
     let (origins, normal) = origins_of(scene, key, pieces, area);
     let normal = normal.try_normalize().or_else(|| facing.try_normalize())?;
-    let mut side = Side { place: center / (area * spacing), normal, is_unfit: facing.length() < THIN * area };
-    side.is_unfit |= straddles(scene, &origins, normal * (LIFT * spacing));
+    let side = Side {
+        place: center / (area * spacing),
+        normal,
+        is_thin: facing.length() < THIN * area,
+        blocked: blocked_ways(scene, &origins, normal * (LIFT * spacing)),
+    };
     side.place.is_finite().then_some(SideShape { side, origins })
 }
 
@@ -130,14 +138,12 @@ fn origins_of(scene: &CellScene<'_>, key: CellKey, pieces: &[Piece], area: f32) 
     (origins, normals)
 }
 
-/// Whether a wall stands between the origins of a side: then most ways between them are blocked. Relief blocks a few.
-fn straddles(scene: &CellScene<'_>, origins: &[Origin; ORIGINS], lift: Vec3) -> bool {
-    /// Blocked ways of eight.
-    const MOST_BLOCKED: usize = 2;
+/// How many of eight ways between the origins of a side are blocked.
+fn blocked_ways(scene: &CellScene<'_>, origins: &[Origin; ORIGINS], lift: Vec3) -> u8 {
     let is_blocked = |number: &usize| {
         // Three is prime to eight: one round trip over all origins, with long steps.
         let [from, to] = [*number, (number + 3) % ORIGINS].map(|number| origins[number].start + lift);
         scene.about.is_blocked(from, to - from, ALMOST)
     };
-    (0..ORIGINS).filter(is_blocked).count() > MOST_BLOCKED
+    (0..ORIGINS).filter(is_blocked).count() as u8
 }

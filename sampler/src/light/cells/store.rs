@@ -31,6 +31,8 @@ struct Page {
     places: [u16; PAGE_CELLS],
     /// For each corner what is known of it.
     corners: [Corner; PAGE_CELLS],
+    /// Groups of the sides of corners with a wall between them.
+    groups: Vec<Box<[u8]>>,
     cells: Vec<Cell>,
     sides: Vec<Side>,
     /// Sums of each tier. Those of a tier that no cell has yet are empty.
@@ -41,8 +43,10 @@ struct Page {
 enum Corner {
     #[default]
     Unknown,
-    Tight,
-    Leaks,
+    /// No wall stands between its sides.
+    Open,
+    /// Index into [`Page::groups`].
+    Parted(u16),
 }
 
 struct Cell {
@@ -96,20 +100,21 @@ impl Store {
         Some(usize::from(self.pages.get(&page)?.cell(place)?.tier))
     }
 
-    /// Whether something stands between the sides of a corner; `None` if that is not known.
-    pub(super) fn leaks(&self, corner: CellKey) -> Option<bool> {
+    /// The groups of a corner's sides ([`super::corner::groups`]); `None` if they are not known.
+    pub(super) fn groups(&self, corner: CellKey) -> Option<&[u8]> {
         let (page, place) = corner.in_page();
-        match self.pages.get(&page)?.corners[place] {
+        let page = self.pages.get(&page)?;
+        match page.corners[place] {
             Corner::Unknown => None,
-            Corner::Tight => Some(false),
-            Corner::Leaks => Some(true),
+            Corner::Open => Some(&[]),
+            Corner::Parted(groups) => page.groups.get(usize::from(groups)).map(|groups| &**groups),
         }
     }
 
     /// Whether lookups at a corner have all that they need.
     pub(super) fn is_whole(&self, corner: CellKey, tier: usize) -> bool {
         let has = |key| self.tier(key).is_some_and(|has| has >= tier);
-        self.leaks(corner).is_some() && corner.corner().all(|(_, key)| has(key))
+        self.groups(corner).is_some() && corner.corner().all(|(_, key)| has(key))
     }
 
     /// The sides of a corner's cells, which are filled.
@@ -153,10 +158,21 @@ impl Store {
         self.bytes += grown * size_of::<Sums>();
     }
 
-    /// Keeps what is known of a corner.
-    pub(super) fn set_corner(&mut self, corner: CellKey, leaks: bool) {
+    /// Keeps the groups of a corner's sides.
+    pub(super) fn set_groups(&mut self, corner: CellKey, groups: Box<[u8]>) {
         let place = corner.in_page().1;
-        self.page(corner).corners[place] = if leaks { Corner::Leaks } else { Corner::Tight };
+        let page = self.page(corner);
+        if page.corners[place] != Corner::Unknown {
+            return;
+        }
+        if groups.is_empty() {
+            page.corners[place] = Corner::Open;
+            return;
+        }
+        let bytes = size_of_val(&*groups) + size_of::<Box<[u8]>>();
+        page.corners[place] = Corner::Parted(page.groups.len() as u16);
+        page.groups.push(groups);
+        self.bytes += bytes;
     }
 
     fn page(&mut self, key: CellKey) -> &mut Page {
@@ -213,6 +229,7 @@ impl Page {
             used: AtomicU32::new(0),
             places: [0; PAGE_CELLS],
             corners: [Corner::Unknown; PAGE_CELLS],
+            groups: Vec::new(),
             cells: Vec::new(),
             sides: Vec::new(),
             sums: Default::default(),
@@ -231,7 +248,10 @@ impl Page {
 
     fn bytes(&self) -> usize {
         let sums: usize = self.sums.iter().map(Vec::len).sum();
+        let groups: usize = self.groups.iter().map(|groups| size_of_val(&**groups)).sum();
         size_of::<Self>()
+            + groups
+            + self.groups.len() * size_of::<Box<[u8]>>()
             + self.cells.len() * size_of::<Cell>()
             + self.sides.len() * size_of::<Side>()
             + sums * size_of::<Sums>()
@@ -249,7 +269,7 @@ mod tests {
     }
 
     fn sums(of: f32) -> (Side, Sums) {
-        let side = Side { place: Vec3::splat(0.5), normal: Vec3::Y, is_unfit: false };
+        let side = Side { place: Vec3::splat(0.5), normal: Vec3::Y, is_thin: false, blocked: 0 };
         (side, Sums { valid: of, ..Sums::default() })
     }
 
@@ -274,6 +294,7 @@ mod tests {
         for job in 0..100 {
             store.begin_job();
             store.insert(key(job * 8), &[sums(1.0)]);
+            store.set_groups(key(job * 8), Box::new([1, 2]));
             assert!(store.filled(key(0), 0).is_some());
             store.keep_bound();
             assert!(store.bytes() <= 40 * size_of::<Page>());
