@@ -121,6 +121,12 @@ impl Gpu {
         &self.adapter
     }
 
+    /// Most bytes of an array that a program may bind.
+    pub fn largest_array(&self) -> u64 {
+        let limits = self.device.limits();
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+    }
+
     /// Whether the device has timestamps.
     pub fn has_timestamps(&self) -> bool {
         self.device.features().contains(Features::TIMESTAMP_QUERY)

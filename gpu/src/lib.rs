@@ -4,9 +4,7 @@
 //! - [`Commands`]: passes that bind resources by their WGSL names, each with a row of timestamps;
 //! - [`Finished`]: the results of a submission, read back through a pool of mapped buffers;
 //! - [`plane`]: sample planes as textures and as bytes;
-//! - [`hierarchy`]: prefix sums, sorting, and octrees;
-//! - [`many_views`]: maps of an octree from very many viewpoints at once;
-//! - [`points`]: points of triangles, splatted into maps around reflectors (EPR);
+//! - [`Scan`] and [`Sort`]: exclusive prefix sums of 32-bit numbers, and a stable sort of 64-bit keys;
 //! - [`ScatteredAtomics`]: a benchmark of the atomics that write such maps.
 //!
 //! This crate depends on the scene's vocabulary only.
@@ -15,14 +13,13 @@ mod commands;
 mod device;
 mod environment;
 mod error;
-pub mod hierarchy;
-pub mod many_views;
 mod pipeline;
 pub mod plane;
-pub mod points;
 mod readback;
 mod reflection_probes;
+mod scan;
 mod scattered_atomics;
+mod sort;
 mod timing;
 
 pub use commands::{
@@ -35,6 +32,8 @@ pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
 pub use plane::DevicePlane;
 pub use readback::{Finished, PendingReadback};
 pub use reflection_probes::ReflectionProbes;
+pub use scan::{Scan, ScanSums};
 pub use scattered_atomics::{ScatteredAtomics, Word};
+pub use sort::{Sort, SortScratch};
 /// Re-exported, so that all crates use one version.
 pub use wgpu;

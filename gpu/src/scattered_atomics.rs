@@ -1,6 +1,6 @@
 //! Benchmark of atomics at pseudo-random addresses of a buffer. Program: `shaders/gpu/scattered_atomics.wgsl`.
 //!
-//! Traversals of many views write texels this way ([`crate::many_views`]), to buffers that fit the device's caches or do
+//! Traversals of many views write texels this way (`papers/megaviews`), to buffers that fit the device's caches or do
 //! not.
 
 use std::sync::Arc;

@@ -12,10 +12,12 @@ use crate::resident::{Placement, Resident, upload};
 
 /// Transforms and lights relative to an eye, combined in f64 and then rounded to f32, so that world coordinates are never
 /// f32.
-pub(crate) struct Eye {
-    pub(crate) position: DVec3,
+pub struct Eye {
+    /// Metres, world space.
+    pub position: DVec3,
     pub(crate) instances: wgpu::Buffer,
-    pub(crate) lighting: wgpu::Buffer,
+    /// Lights and sky, as a uniform.
+    pub lighting: wgpu::Buffer,
     pub(crate) lights: wgpu::Buffer,
 }
 
@@ -24,7 +26,7 @@ impl Eye {
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if there are more instances than the device can bind.
-    pub(crate) fn new(
+    pub fn new(
         gpu: &Gpu,
         resident: &Resident,
         position: DVec3,

@@ -1,4 +1,4 @@
-//! Indirect diffuse light: by VPLs, point-based, or by paths.
+//! Indirect diffuse light: by paths, or by a method that is plugged in.
 
 use std::sync::Arc;
 
@@ -8,39 +8,46 @@ use argus_scene::{Indirect, LightLevel, Lighting, RenderError, Scene, Stage};
 use crate::light::{DirectLight, Neighbours, PathLight};
 use crate::packets::PacketTracer;
 use crate::passes::TileContext;
-use crate::point_based::PointBased;
-use crate::radiosity::Radiosity;
+use crate::plug::{IndirectMethod, Methods};
 use crate::resident::{Placement, Resident};
 use crate::scratch::Scratch;
 
 /// The indirect light of one scene on one device.
 pub(crate) enum IndirectLight {
-    Vpls(Box<Radiosity>),
-    Points(Box<PointBased>),
+    Method(Box<dyn IndirectMethod>),
     /// Added with direct light.
     Paths(Box<PathLight>),
 }
 
 /// Inputs of indirect light.
 #[derive(Clone, Copy)]
-pub(crate) struct LightInputs<'a> {
-    pub(crate) gpu: &'a Arc<Gpu>,
-    pub(crate) scene: &'a Arc<Scene>,
-    pub(crate) resident: &'a Resident,
-    pub(crate) tracer: &'a PacketTracer,
+pub struct LightInputs<'a> {
+    /// The device.
+    pub gpu: &'a Arc<Gpu>,
+    /// The posed scene.
+    pub scene: &'a Arc<Scene>,
+    /// The scene on the device.
+    pub resident: &'a Resident,
+    /// The scene for single rays.
+    pub tracer: &'a PacketTracer,
     pub(crate) direct: Option<&'a DirectLight>,
-    pub(crate) lighting: &'a Lighting,
+    /// Lights and sky.
+    pub lighting: &'a Lighting,
     pub(crate) light: LightLevel,
-    pub(crate) time_secs: f64,
+    /// Time of the pose, seconds.
+    pub time_secs: f64,
 }
 
 /// Which sub-samples of a tile share received light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum LightSharing {
+pub enum LightSharing {
     /// Neighbours in an image.
     Image,
     /// Neighbours in a sample. Its texels have `side` sub-samples along each side.
-    Texels { side: u32 },
+    Texels {
+        /// Sub-samples along each side of a texel.
+        side: u32,
+    },
     /// Sub-samples of one pixel, because neighbours in a list are not neighbours in the view.
     Pixels,
     /// Consecutive leaves of a list, which are neighbours in space.
@@ -61,7 +68,7 @@ impl LightSharing {
 
     /// Size of the blocks that share receivers, in sub-samples, and the reach of a receiver, in blocks. `block` is the
     /// block side in an image; `side` is the number of sub-samples along a pixel's side.
-    pub(crate) fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {
+    pub fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {
         match self {
             Self::Image => ([block, block], 1),
             // Receivers are as far apart as if sub-samples were lit.
@@ -74,19 +81,21 @@ impl LightSharing {
 }
 
 impl IndirectLight {
-    /// The indirect light of these knobs; `None` if it is off.
+    /// The indirect light of these knobs; `None` if it is off, or if none of the methods finds it, which
+    /// [`Methods::check_indirect`] refuses first.
     pub(crate) fn new(
         gpu: &Arc<Gpu>,
         scene: &Arc<Scene>,
         resident: &Resident,
         knobs: Indirect,
+        methods: &Methods,
     ) -> Option<Self> {
         match knobs {
             Indirect::Off => None,
-            Indirect::Vpl(knobs) => {
-                Some(Self::Vpls(Box::new(Radiosity::new(gpu, scene, &resident.instances, knobs))))
+            Indirect::Vpl(_) | Indirect::Points(_) => {
+                let new = methods.indirect.as_ref()?;
+                new(gpu, scene, resident, knobs).map(Self::Method)
             }
-            Indirect::Points(knobs) => Some(Self::Points(Box::new(PointBased::new(gpu, resident, knobs)))),
             Indirect::Paths(knobs) => {
                 Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, knobs, None))))
             }
@@ -101,15 +110,22 @@ impl IndirectLight {
     pub(crate) fn paths(&self) -> Option<&PathLight> {
         match self {
             Self::Paths(light) => Some(light),
-            Self::Vpls(_) | Self::Points(_) => None,
+            Self::Method(_) => None,
+        }
+    }
+
+    /// The method that is plugged in.
+    pub(crate) fn method(&self) -> Option<&dyn IndirectMethod> {
+        match self {
+            Self::Method(light) => Some(&**light),
+            Self::Paths(_) => None,
         }
     }
 
     /// Changes the knobs. Returns false if they are of another method.
     pub(crate) fn set_knobs(&mut self, knobs: Indirect) -> bool {
         match (self, knobs) {
-            (Self::Vpls(light), Indirect::Vpl(knobs)) => light.set_knobs(knobs),
-            (Self::Points(light), Indirect::Points(knobs)) => light.set_knobs(knobs),
+            (Self::Method(light), knobs) => return light.set_knobs(knobs),
             (Self::Paths(light), Indirect::Paths(knobs)) if light.cells().is_none() => light.set_knobs(knobs),
             (Self::Paths(light), Indirect::Cells(knobs)) if light.cells() == Some(knobs) => {}
             _ => return false,
@@ -120,8 +136,7 @@ impl IndirectLight {
     /// Moves instances of a posed scene. Marks the light as out of date.
     pub(crate) fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]) {
         match self {
-            Self::Vpls(light) => light.place(scene, placements),
-            Self::Points(light) => light.forget_pose(),
+            Self::Method(light) => light.place(scene, placements),
             Self::Paths(light) => light.place(scene, placements),
         }
     }
@@ -136,8 +151,7 @@ impl IndirectLight {
         scratch: &mut Scratch,
     ) -> Result<Vec<Stage>, RenderError> {
         match self {
-            Self::Vpls(light) => light.ready(inputs),
-            Self::Points(light) => light.ready(inputs, scratch),
+            Self::Method(light) => light.ready(inputs, scratch),
             Self::Paths(light) => {
                 let none = || RenderError::Internal("paths need direct light by rays".to_owned());
                 light.ready(inputs.direct.ok_or_else(none)?.tracing(), inputs.light)
@@ -151,17 +165,13 @@ impl IndirectLight {
     /// The errors of [`Self::ready`].
     pub(crate) fn add(
         &mut self,
-        mut commands: Commands,
+        commands: Commands,
         context: &TileContext<'_>,
         sharing: LightSharing,
         stages: &mut Vec<Stage>,
     ) -> Result<Commands, RenderError> {
         match self {
-            Self::Vpls(light) => {
-                light.record(&mut commands, context);
-                Ok(commands)
-            }
-            Self::Points(light) => light.add(commands, context, sharing, stages),
+            Self::Method(light) => light.add(commands, context, sharing, stages),
             Self::Paths(_) => Ok(commands),
         }
     }

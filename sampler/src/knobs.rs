@@ -133,7 +133,7 @@ impl SamplerKnobs {
     }
 
     /// Sub-samples along each side of a texel.
-    pub(crate) fn side(&self) -> u32 {
+    pub fn side(&self) -> u32 {
         self.sub_samples.isqrt()
     }
 }

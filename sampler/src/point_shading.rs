@@ -4,23 +4,51 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Gpu, wgpu};
+use argus_scene::camera::Face;
 use argus_scene::{Cancel, RenderError, Stage, rgb9e5};
 use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, ProbePoint};
 use bytemuck::Zeroable;
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::eye::Eye;
-use crate::eye_points::{ShadingPoint, Side};
 use crate::indirect::{IndirectLight, LightSharing};
 use crate::light::DirectLight;
-use crate::lit_octree::{CHUNK_SIDE, image_of};
 use crate::passes::{ShadePoints, TileContext};
 use crate::resident::{Resident, upload};
 use crate::sampler::{add_light, check_wanted};
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
 use crate::timing;
+
+/// Columns and most rows of the image that points are shaded in.
+pub const CHUNK_SIDE: u32 = 1024;
+
+/// A surface that is to be shaded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ShadingPoint {
+    /// Index into [`argus_scene::Scene::instances`].
+    pub instance: u32,
+    /// Index of the triangle in its mesh.
+    pub primitive: u32,
+    /// Weights of the mesh's second and third corner.
+    pub weights: [f64; 2],
+    /// Metres, world space.
+    pub position: DVec3,
+    /// The side that is seen.
+    pub side: Side,
+    /// Two edges of the area that it stands for, metres, world space.
+    pub footprint: [DVec3; 2],
+}
+
+/// A side of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Side {
+    /// Its corners run counter-clockwise.
+    Front,
+    /// They run clockwise.
+    Back,
+}
 
 /// What shades points. Their positions are relative to the eye.
 pub(crate) struct PointShading<'a> {
@@ -35,12 +63,12 @@ pub(crate) struct PointShading<'a> {
 
 /// Points to be shaded.
 #[derive(Default)]
-pub(crate) struct Points {
+pub struct Points {
     /// Squares of [`LEAF_BLOCK`]² consecutive points are squares of the images that they are shaded in.
-    pub(crate) all: Vec<ProbePoint>,
+    pub all: Vec<ProbePoint>,
     /// Where all are neighbours in one image, and share light: its first column and row, and its columns and rows, which are
     /// multiples of [`LEAF_BLOCK`]. Otherwise consecutive points are neighbours in space.
-    pub(crate) image: Option<[[u32; 2]; 2]>,
+    pub image: Option<[[u32; 2]; 2]>,
 }
 
 /// The guides of a point (`shaders/shared/guide.wgsl`): surface and material.
@@ -65,7 +93,7 @@ struct PointChunk {
 
 impl Points {
     /// Where an image has no point.
-    pub(crate) const NOTHING: ProbePoint =
+    pub const NOTHING: ProbePoint =
         ProbePoint { instance: u32::MAX, primitive: 0, width: 0.0, front: 0, position: [0.0; 3], _pad: 0 };
 
     /// Which sub-samples share light.
@@ -94,8 +122,14 @@ impl Points {
     }
 }
 
+/// The image that points are shaded in, as a tile. Its rays are not used.
+pub fn image_of(size: [u32; 2]) -> Tile {
+    let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov: DVec2::ONE, offset: [0, 0], size };
+    Tile { face, begin: [0, 0], size, side: 1 }
+}
+
 /// A surface for the device, relative to a place.
-pub(crate) fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
+pub fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
     ProbePoint {
         instance: point.instance,
         primitive: point.primitive,

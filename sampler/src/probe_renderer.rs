@@ -1,19 +1,17 @@
 //! Renders reflection probes: maps of radiance and range around each reflective object. Samples, direct views and compositors
 //! share them. There are three sources ([`argus_scene::ProbeSource`]):
 //!
-//! - An octree of the scene ([`octree`]; ManyLoDs, Holländer et al. 2011, section 5). One traversal renders all probes, with a
-//!   cut through the octree for each. Nodes that belong to one object alone are culled from its own probe.
-//! - Points on triangles ([`points`]; Gavane and Watson, "Eye-Based Point Rendering for Dynamic Multiview Effects", 2022), which
-//!   have the exact range, and details that an octree's cells do not.
-//! - Rays ([`points`], too): what each texel's ray meets takes the place of a point.
+//! - Rays ([`points`]): what the ray of each texel of a cube map meets is shaded.
+//! - Points on triangles, if a method for them is plugged in ([`crate::plug::PointMethod`]): they fill cube maps, too.
+//! - An octree of the scene, if a method for it is plugged in ([`crate::plug::ProbeMethod`]).
 //!
-//! Leaves and points are shaded as samples are, so probes show only diffuse light; by rays, they show what reflectors in them
-//! reflect as well ([`crate::reflected_light`]).
+//! Points are shaded as samples are, so probes show only diffuse light; by rays, they show what reflectors in them reflect as
+//! well ([`crate::reflected_light`]).
 //!
 //! # Lifetime
 //!
-//! Once for each pose and lighting: the octree is built and lit, or points are made and shaded. *Resample probes* or *resample
-//! points* makes octahedral maps of radiance and range. *Blur probes* adds coarser levels, each blurred for its roughness.
+//! Once for each pose and lighting: points are found and shaded. *Resample points* makes octahedral maps of radiance and range.
+//! *Blur probes* adds coarser levels, each blurred for its roughness.
 //!
 //! The probes of one time are one more sample of the set (`SampleId::REFLECTION_PROBES`), the last of a plan. A sample's
 //! *reflector* plane names the probe of each texel, and the light that passes through it. Both roles look up probes with
@@ -23,7 +21,6 @@
 //! Without reflective objects or reflections, none of these programs is compiled. The reference traces rays instead
 //! (`scene/src/reference/reflection.rs`); `argus-lab study reflections` measures the difference.
 
-mod octree;
 mod points;
 
 use std::time::Instant;
@@ -36,10 +33,11 @@ use argus_scene::{
 use bytes::BytesMut;
 use glam::{DVec3, Vec4};
 
-pub(crate) use self::octree::OctreeProbes;
+pub use self::points::FilledMaps;
 pub(crate) use self::points::{Fill, PointProbes};
 use crate::SamplerKnobs;
 use crate::passes::{ProbePlanes, ResolveSample, Shade, ShadeSample};
+use crate::plug::{Methods, ProbeMethod, missing};
 use crate::reflected_light::Reflectors;
 use crate::resident::{GuideUse, Resident, upload};
 
@@ -57,32 +55,34 @@ pub(crate) struct ProbeRenderer {
 
 /// What renders the probes.
 pub(crate) enum ProbePrograms {
-    Octree(Box<OctreeProbes>),
-    Points(Box<PointProbes>),
+    /// A method that is plugged in.
+    Method(Box<dyn ProbeMethod>),
+    /// Cube maps that are filled by rays or points.
+    Filled(Box<PointProbes>),
 }
 
 /// Where probes are, at a pose.
-pub(crate) struct ProbePlaces {
+pub struct ProbePlaces {
     /// Centre of the scene, metres, world space.
-    pub(crate) middle: DVec3,
+    pub middle: DVec3,
     /// Viewpoint of each probe relative to it, and radius of the reflector. Metres. Lookups use the same values.
     spheres: Vec<Vec4>,
     /// Instance of each probe.
     pub(crate) instances: Vec<u32>,
     /// For each instance 1 + the index of its probe; 0 for none.
-    probe_of_instance: wgpu::Buffer,
+    pub probe_of_instance: wgpu::Buffer,
 }
 
 impl ProbePlaces {
     /// Viewpoint of each probe, metres, world space.
-    pub(crate) fn centers(&self) -> Vec<DVec3> {
+    pub fn centers(&self) -> Vec<DVec3> {
         self.spheres.iter().map(|sphere| self.middle + sphere.truncate().as_dvec3()).collect()
     }
 }
 
 /// Planes of rendered probes.
 #[derive(Default)]
-pub(crate) struct ProbeBytes {
+pub struct ProbeBytes {
     radiance: BytesMut,
     inverse_range: BytesMut,
 }
@@ -92,7 +92,7 @@ impl ProbeBytes {
     ///
     /// # Errors
     /// The errors of the device.
-    pub(crate) fn read(&mut self, mut commands: Commands, planes: &ProbePlanes) -> Result<(), RenderError> {
+    pub fn read(&mut self, mut commands: Commands, planes: &ProbePlanes) -> Result<(), RenderError> {
         let pending = [&planes.radiance, &planes.inverse_range]
             .map(|plane| commands.read_buffer(plane, 0..plane.size()));
         let mut finished = commands.submit().wait()?;
@@ -133,13 +133,14 @@ impl ProbeRenderer {
     /// The probe renderer of a scene on a device.
     ///
     /// # Errors
-    /// [`RenderError::Invalid`] if the number of the scene's reflectors differs from the job's.
+    /// [`RenderError::Invalid`] if the number of the scene's reflectors differs from the job's, or for a source that is not
+    /// plugged in.
     pub(crate) fn new(
         gpu: &Gpu,
         scene: &Scene,
         resident: &Resident,
         sampler: &SamplerKnobs,
-        set: ReflectionProbeSet,
+        (set, methods): (ReflectionProbeSet, &Methods),
     ) -> Result<Self, RenderError> {
         let guides = GuideUse::of(sampler);
         let reflectors = Reflectors::new(scene, set.knobs.most);
@@ -150,11 +151,13 @@ impl ProbeRenderer {
         }
         let filled = |fill| {
             let probes = PointProbes::new(gpu, resident, guides, fill, set.knobs.side);
-            ProbePrograms::Points(Box::new(probes))
+            ProbePrograms::Filled(Box::new(probes))
         };
         let source = match (set.knobs.source, set.eye) {
             (ProbeSource::Octree { levels }, _) => {
-                ProbePrograms::Octree(Box::new(OctreeProbes::new(gpu, resident, guides, levels)))
+                let new = methods.probes.as_ref();
+                let new = new.ok_or_else(|| missing("reflections", set.knobs.source.name()))?;
+                ProbePrograms::Method(new(gpu, resident, guides, levels))
             }
             (ProbeSource::Points { budget }, Some(viewers)) => filled(Fill::Points { viewers, budget }),
             (ProbeSource::Points { .. }, None) => {
@@ -175,16 +178,16 @@ impl ProbeRenderer {
 
     /// Marks all as out of date, because surfaces moved.
     pub(crate) fn forget_pose(&mut self) {
-        if let ProbePrograms::Octree(probes) = &mut self.source {
-            probes.octree.forget_pose();
+        if let ProbePrograms::Method(probes) = &mut self.source {
+            probes.forget_pose();
         }
         self.made = None;
     }
 
     /// Marks lighting as out of date.
     pub(crate) fn forget_light(&mut self) {
-        if let ProbePrograms::Octree(probes) = &mut self.source {
-            probes.octree.forget_light();
+        if let ProbePrograms::Method(probes) = &mut self.source {
+            probes.forget_light();
         }
         self.made = None;
     }

@@ -12,8 +12,8 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::draws;
 use crate::light_rays::{Faces, LightRays, LightRaysAbout, RayHit};
+use crate::mixed::mixed;
 use crate::packets::{PacketTracer, Ray};
-use crate::radiosity::sequence::mixed;
 use crate::resident::placed;
 use crate::tile::tiles;
 

@@ -2,7 +2,7 @@
 
 mod light;
 mod light_cells;
-mod octree_samples;
+mod method_samples;
 mod part_shading;
 mod point_probes;
 mod prepared;
@@ -33,10 +33,10 @@ use crate::enlarge::enlarged;
 use crate::eye::Eye;
 use crate::indirect::IndirectLight;
 use crate::light::DirectLight;
-use crate::omni_maps::OmniMaps;
 use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::{Blend, PlaneBuffers, ResolveView, TileContext};
 use crate::pixel_list::pixel_lists;
+use crate::plug::{Methods, SampleMethod};
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::{Tile, tiles};
@@ -80,8 +80,9 @@ pub struct GpuSampler {
     direct: Option<DirectLight>,
     /// Indirect light, made when it is first needed.
     indirect: Option<IndirectLight>,
-    /// Maps of the octree, made when a sample is first rendered from them.
-    maps: Option<OmniMaps>,
+    methods: Methods,
+    /// Renders samples otherwise than from triangles; made when a set first asks for it.
+    samples: Option<Box<dyn SampleMethod>>,
 }
 
 impl GpuSampler {
@@ -97,9 +98,23 @@ impl GpuSampler {
     /// Makes a sampler with these knobs.
     ///
     /// # Errors
-    /// The errors of [`Self::new`], and [`RenderError::Invalid`] for a knob out of range.
+    /// The errors of [`Self::with_methods`].
     pub fn with_knobs(gpu: Arc<Gpu>, scene: Arc<Scene>, knobs: SamplerKnobs) -> Result<Self, RenderError> {
+        Self::with_methods(gpu, scene, knobs, Methods::default())
+    }
+
+    /// Makes a sampler with these knobs that has these methods beside its own.
+    ///
+    /// # Errors
+    /// The errors of [`Self::new`], and [`RenderError::Invalid`] for a knob out of range, or that asks for another method.
+    pub fn with_methods(
+        gpu: Arc<Gpu>,
+        scene: Arc<Scene>,
+        knobs: SamplerKnobs,
+        methods: Methods,
+    ) -> Result<Self, RenderError> {
         knobs.validate()?;
+        methods.check_indirect(knobs.indirect)?;
         if !gpu.device.features().contains(wgpu::Features::PRIMITIVE_INDEX) {
             let message = format!("{} does not number triangles in fragments", gpu.kind());
             return Err(RenderError::Internal(message));
@@ -113,7 +128,8 @@ impl GpuSampler {
             surface_programs: SurfacePrograms::new(&gpu, &resident, &knobs),
             direct: None,
             indirect: None,
-            maps: None,
+            methods,
+            samples: None,
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
             layer_scratch: Scratch::default(),
@@ -131,6 +147,11 @@ impl GpuSampler {
     /// The knobs that the sampler was made with.
     pub fn knobs(&self) -> &SamplerKnobs {
         &self.knobs
+    }
+
+    /// The device that it renders on.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
     }
 
     /// The passes of this scene, and why each is on or off.
@@ -163,7 +184,7 @@ impl GpuSampler {
                 }
                 rendered
             }
-            Sampling::MegaViews(knobs) => self.render_from_octree(&job_of_rig, knobs, cancel),
+            Sampling::MegaViews(knobs) => self.render_by_method(&job_of_rig, knobs, cancel),
         };
         let of_probes: Vec<_> =
             of_probes.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
@@ -228,7 +249,7 @@ impl GpuSampler {
             Ok(())
         })?;
         wait(&mut submitted, &mut scene.stages)?;
-        let planes = self.hand_over(&planes, camera.size(), job.to_host)?;
+        let planes = planes.hand_over(&self.gpu, job.to_host)?;
         Ok(Sample { id, camera, faces, planes, stages: scene.into_stages() })
     }
 
@@ -240,29 +261,9 @@ impl GpuSampler {
             return Err(InvalidField::new("sample.scene", reason).into());
         }
         self.knobs.check_set(&job.info)?;
+        self.methods.check_sampling(job.info.sampling)?;
+        self.methods.check_reflections(job.info.reflections.as_ref())?;
         Ok(job.info.sampling.validate(&job.info.rig)?)
-    }
-
-    /// The planes of a finished sample: read back, or as textures on the device.
-    fn hand_over(
-        &self,
-        planes: &PlaneBuffers,
-        size: [u32; 2],
-        to_host: bool,
-    ) -> Result<Vec<Plane>, RenderError> {
-        let mut commands = self.gpu.commands("hand sample over");
-        if !to_host {
-            let planes = planes.to_textures(&self.gpu, &mut commands);
-            commands.submit().wait()?;
-            return Ok(planes);
-        }
-        let pending = planes.read(&mut commands);
-        let mut finished = commands.submit().wait()?;
-        let host = |(kind, format, pending)| {
-            let data = PlaneData::Host(finished.take(pending));
-            Plane { kind, format, size, data }
-        };
-        Ok(pending.into_iter().map(host).collect())
     }
 
     /// Renders one direct view in its plan's detail. All images but the colours have all of their pixels.
@@ -416,8 +417,8 @@ impl GpuSampler {
         if let Some(direct) = &mut self.direct {
             direct.pose(&self.scene, self.visibility.prepare_packets(&self.resident), time_secs)?;
         }
-        if let Some(maps) = &mut self.maps {
-            maps.forget_pose();
+        if let Some(samples) = &mut self.samples {
+            samples.forget_pose();
         }
         if let Some(probes) = &mut self.surface_programs.probes {
             probes.forget_pose();
@@ -527,7 +528,7 @@ fn faces_of(camera: Camera, [width, height]: [u32; 2]) -> Vec<Face> {
 }
 
 /// The tiles of a sample camera.
-fn sample_tiles(camera: &SampleCamera, side: u32) -> Result<Vec<Tile>, RenderError> {
+pub(crate) fn sample_tiles(camera: &SampleCamera, side: u32) -> Result<Vec<Tile>, RenderError> {
     tiles_of_faces(camera, FaceMask::ALL, side)
 }
 

@@ -12,46 +12,50 @@ const KEPT: u64 = 2 << 22;
 
 /// Targets of one size.
 #[derive(Clone)]
-pub(crate) struct Targets {
+pub struct Targets {
     size: [u32; 2],
     pub(crate) visibility: wgpu::TextureView,
     pub(crate) depth: wgpu::TextureView,
     /// Four floats a sub-sample.
-    pub(crate) shaded: wgpu::Buffer,
+    pub shaded: wgpu::Buffer,
     /// Two words a sub-sample; allocated when a glossy sample first needs it.
     pub(crate) gloss: Option<wgpu::Buffer>,
     /// A word a sub-sample; allocated when a sample with reflection probes first needs it.
     pub(crate) reflectors: Option<wgpu::Buffer>,
     /// Inputs of indirect light; `None` without indirect light.
-    pub(crate) guides: Option<Guides>,
+    pub guides: Option<Guides>,
 }
 
 /// Surface of each sub-sample, written by shading for indirect light: `shaders/shared/guide.wgsl`.
 #[derive(Clone)]
-pub(crate) struct Guides {
+pub struct Guides {
     /// Position and normal, four words a sub-sample.
-    pub(crate) surfaces: wgpu::Buffer,
+    pub surfaces: wgpu::Buffer,
     /// Albedo, the triangle's normal, the start of rays to lights, and the specular lobe: four words a sub-sample.
-    pub(crate) materials: wgpu::Buffer,
+    pub materials: wgpu::Buffer,
 }
 
 impl Guides {
-    pub(crate) fn both(&self) -> (&wgpu::Buffer, &wgpu::Buffer) {
+    /// Surfaces and materials.
+    pub fn both(&self) -> (&wgpu::Buffer, &wgpu::Buffer) {
         (&self.surfaces, &self.materials)
     }
 }
 
 /// Optional buffers of a tile.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Extras {
-    pub(crate) gloss: bool,
-    pub(crate) reflectors: bool,
-    pub(crate) guides: bool,
+pub struct Extras {
+    /// Specular lobes, for glossy samples.
+    pub gloss: bool,
+    /// Numbers of reflectors.
+    pub reflectors: bool,
+    /// Inputs of later light.
+    pub guides: bool,
 }
 
 /// Targets of the most recently used sizes.
 #[derive(Default)]
-pub(crate) struct Scratch(Vec<Targets>);
+pub struct Scratch(Vec<Targets>);
 
 impl Scratch {
     /// Targets for `size` sub-samples.

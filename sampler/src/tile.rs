@@ -10,14 +10,15 @@ pub(crate) const MAX_SIDE: u32 = 2048;
 
 /// A rectangle of a face's texels, with a number of sub-samples in each.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Tile {
-    pub(crate) face: Face,
+pub struct Tile {
+    /// The face that it is a part of.
+    pub face: Face,
     /// First texel: column, row of the face.
-    pub(crate) begin: [u32; 2],
+    pub begin: [u32; 2],
     /// Texels: columns, rows.
-    pub(crate) size: [u32; 2],
+    pub size: [u32; 2],
     /// Sub-samples along each side of a texel.
-    pub(crate) side: u32,
+    pub side: u32,
 }
 
 /// Cuts faces into tiles of at most [`MAX_SIDE`] sub-samples a side, row by row.
@@ -50,12 +51,12 @@ impl Tile {
     }
 
     /// The tile with one sub-sample a texel.
-    pub(crate) fn of_texels(self) -> Self {
+    pub fn of_texels(self) -> Self {
         Self { side: 1, ..self }
     }
 
     /// Sub-samples: columns, rows.
-    pub(crate) fn sub_samples(&self) -> [u32; 2] {
+    pub fn sub_samples(&self) -> [u32; 2] {
         self.size.map(|texels| texels * self.side)
     }
 

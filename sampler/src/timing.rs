@@ -5,7 +5,7 @@ use std::time::Instant;
 use argus_scene::Stage;
 
 /// Adds rows to a table. Rows of one name are summed.
-pub(crate) fn add(table: &mut Vec<Stage>, rows: Vec<Stage>) {
+pub fn add(table: &mut Vec<Stage>, rows: Vec<Stage>) {
     for row in rows {
         match table.iter_mut().find(|stage| stage.name == row.name) {
             Some(stage) => stage.ms += row.ms,
@@ -15,13 +15,13 @@ pub(crate) fn add(table: &mut Vec<Stage>, rows: Vec<Stage>) {
 }
 
 /// Adds the time since `begin` as a row.
-pub(crate) fn add_since(table: &mut Vec<Stage>, name: &str, begin: Instant) {
+pub fn add_since(table: &mut Vec<Stage>, name: &str, begin: Instant) {
     add(table, vec![Stage::new(name, begin.elapsed().as_secs_f64() * 1e3)]);
 }
 
 /// Adds the time since `begin` that no row accounts for as the row "other": submission, copies, and gaps between
 /// timestamps, which the software driver has between consecutive compute passes.
-pub(crate) fn add_rest(table: &mut Vec<Stage>, begin: Instant) {
+pub fn add_rest(table: &mut Vec<Stage>, begin: Instant) {
     let rows: f64 = table.iter().map(|stage| stage.ms).sum();
     let rest = begin.elapsed().as_secs_f64() * 1e3 - rows;
     if rest > 0.0 {

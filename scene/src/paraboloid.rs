@@ -1,4 +1,4 @@
-//! Dual paraboloid maps: conversion between directions and texels. `shaders/shared/paraboloid.wgsl` is the same on the
+//! Dual paraboloid maps: conversion between directions and texels. `papers/megaviews/shaders/shared/paraboloid.wgsl` is the same on the
 //! GPU.
 //!
 //! Each hemisphere, about +x and −x of the world's axes, is projected stereographically onto a square of `side` by

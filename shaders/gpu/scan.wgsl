@@ -1,4 +1,4 @@
-// Program of gpu/src/hierarchy/scan.rs: exclusive prefix sums, in place.
+// Program of gpu/src/scan.rs: exclusive prefix sums, in place.
 //
 // Each invocation sums a run of values, so there are no barriers. The sums of runs are scanned in the same way.
 

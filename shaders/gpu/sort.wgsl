@@ -1,4 +1,4 @@
-// Program of gpu/src/hierarchy/sort.rs: sorts 64-bit keys by one digit of 4 bits; a stable radix sort.
+// Program of gpu/src/sort.rs: sorts 64-bit keys by one digit of 4 bits; a stable radix sort.
 //
 // Each invocation counts a run of keys by digit, in two 64-bit words of eight 8-bit counters each. So ranks within a run
 // need neither barriers nor memory.

@@ -1,5 +1,5 @@
 // Program of `sampler/src/passes/resample_points.rs`: makes the finest level of reflection probes from cube maps of points
-// (`sampler/src/eye_points/maps.rs`).
+// (`sampler/src/index_maps/mod.rs`).
 
 import package::shared::cube_faces::{face_of, in_face};
 import package::shared::encode::{radiance_from_rgb9e5};

@@ -5,7 +5,7 @@ import package::shared::finite::{finite_or_zero};
 import package::shared::guide::{keep_guide};
 import package::shared::projected::{projected_onto};
 import package::shared::surface::{radiance, surface_at};
-import package::shared::surfel::{LeafChunk, leaf_side};
+import package::shared::chunk::{LeafChunk, leaf_side};
 
 // A point of a triangle.
 struct ProbePoint {

@@ -1,4 +1,4 @@
-// Faces of the cube maps around reflectors, as `sampler/src/eye_points/maps.rs`: pairs for x, y and z, the positive one first.
+// Faces of the cube maps around reflectors, as `sampler/src/index_maps/mod.rs`: pairs for x, y and z, the positive one first.
 
 // A direction within a face: coordinates along its two axes, and along its own axis.
 fn in_face(face: u32, d: vec3f) -> vec3f {

@@ -2,11 +2,13 @@
 //!
 //! Programs are in a folder named after the crate that runs them: `shaders/sampler/x.wgsl` is the program of
 //! `sampler/src/passes/x.rs`. `shaders/shared` has imported modules (`import package::shared::camera::…;`) without entry
-//! points. `shaders/entry_points` has entry points that several programs share. `build.rs` links, validates and reflects
-//! each program. So workgroup sizes and bindings are written once, in WGSL, and a missing program is a compile error.
+//! points. `shaders/entry_points` has entry points that several programs share. `link/` links, validates and reflects
+//! each program; crates under `papers/` have programs of their own, and link them likewise. So workgroup sizes and bindings are written once, in WGSL, and a missing program is a compile error.
 //!
 //! Structs of both sides are declared with [`mirror!`] in [`layout`]; a test compares them with the WGSL.
 
+#[cfg(feature = "checks")]
+pub mod checks;
 pub mod layout;
 
 include!(concat!(env!("OUT_DIR"), "/programs.rs"));

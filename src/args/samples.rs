@@ -1,5 +1,6 @@
 //! Flags of how samples are placed and rendered, by all workers alike.
 
+use argus_sampler::plug::missing;
 use argus_scene::{
     CellKnobs, Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathKnobs, PointKnobs,
     RigKind, RigKnobs, Visibility, VplKnobs,
@@ -8,6 +9,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::{positive, size};
 use crate::settings::Flags;
+use crate::wiring::HAS_PAPERS;
 
 /// How sample cameras are placed. A flag that is not given follows from the scene.
 #[derive(clap::Args, Debug, Clone)]
@@ -237,6 +239,11 @@ impl IndirectLight {
             _ => self.virtual_lights(off),
         };
         knobs.validate()?;
+        let of_papers = matches!(knobs, Indirect::Vpl(_) | Indirect::Points(_));
+        if of_papers && !HAS_PAPERS {
+            let field = if self.particles.is_some() { "particles" } else { "indirect" };
+            return Err(missing(field, &self.indirect).into());
+        }
         Ok(Some(knobs))
     }
 

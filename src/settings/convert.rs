@@ -9,6 +9,7 @@ use argus_scene::{MegaViews, ProbeSource, ReflectionRequest, Reflections, Sampli
 use tempfile::{Builder, NamedTempFile};
 
 use super::{Coordinator, Limits, Settings, Worker};
+use crate::wiring::HAS_PAPERS;
 
 /// The longest duration that can be set, in seconds: one year, which every clock can represent.
 const MOST_SECS: f64 = 31_536_000.0;
@@ -40,6 +41,7 @@ impl Settings {
                 let names = Sampling::NAMES.join(" or ");
                 ("coordinator.sampling", format!("must be {names}, not {:?}", coordinator.sampling))
             }),
+            lacks(coordinator.sampling != "triangles", "coordinator.sampling", &coordinator.sampling),
             within("coordinator.map_side", coordinator.map_side.into(), 8.0, 1024.0),
             within("coordinator.octree_levels", coordinator.octree_levels.into(), 1.0, 10.0),
             (![1, 2, 4].contains(&coordinator.map_block)).then(|| {
@@ -51,6 +53,11 @@ impl Settings {
                     format!("must be auto, off, maps, points or rays, not {:?}", coordinator.reflections),
                 )
             }),
+            lacks(
+                ["maps", "points"].contains(&coordinator.reflections.as_str()),
+                "coordinator.reflections",
+                &coordinator.reflections,
+            ),
             coordinator.reflections_error(),
             within("coordinator.refining_share", coordinator.refining_share, 0.0, 1.0),
             within("coordinator.epoch_ms", coordinator.epoch_ms, 1e-3, 1e3 * MOST_SECS),
@@ -95,6 +102,11 @@ impl Settings {
     }
 }
 
+/// Why a setting cannot be what it is, if it asks for a method of papers and this build has none.
+fn lacks(asks: bool, key: &'static str, name: &str) -> Option<(&'static str, String)> {
+    (asks && !HAS_PAPERS).then(|| (key, argus_sampler::plug::missing(key, name).reason))
+}
+
 /// The duration of a checked number of seconds.
 pub(crate) fn secs(secs: f64) -> Duration {
     Duration::try_from_secs_f64(secs).unwrap_or(Duration::MAX)
@@ -129,6 +141,7 @@ impl Coordinator {
     pub(crate) fn reflections(&self) -> Result<ReflectionRequest, ()> {
         let [maps, points, rays] = self.reflection_sources();
         match self.reflections.as_str() {
+            "auto" if !HAS_PAPERS => Ok(ReflectionRequest::Auto([rays; 3])),
             "auto" => Ok(ReflectionRequest::Auto([maps, points, rays])),
             "off" => Ok(ReflectionRequest::Off),
             "maps" => Ok(ReflectionRequest::By(maps)),

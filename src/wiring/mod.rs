@@ -2,12 +2,14 @@
 //! GPUs; these are the implementations.
 
 mod alone;
+mod methods;
 mod opener;
 mod roles;
 mod source;
 
 pub use alone::Alone;
 pub(crate) use alone::epoch_of;
+pub(crate) use methods::HAS_PAPERS;
 pub(crate) use opener::SceneFolder;
 pub(crate) use roles::Device;
 pub(crate) use source::OpenScene;

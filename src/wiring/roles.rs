@@ -8,6 +8,8 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, PreparedSampler, SamplerKnobs};
 use argus_scene::{Compositor, RenderError, SampleSetInfo, Sampler, Scene};
 
+use super::methods::methods;
+
 /// This machine's device, opened for the first role and shared by both, so that samples can stay on it.
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
@@ -32,7 +34,7 @@ impl Device {
     /// made.
     pub(crate) fn prepare(&self, scene: &Arc<Scene>) {
         let began = std::time::Instant::now();
-        let prepared = self.gpu().and_then(|gpu| PreparedSampler::new(gpu, scene));
+        let prepared = self.gpu().and_then(|gpu| PreparedSampler::new(gpu, scene, methods()));
         tracing::debug!(ms = began.elapsed().as_secs_f64() * 1e3, ok = prepared.is_ok(), "sampler prepared");
         *self.prepared.lock().unwrap_or_else(PoisonError::into_inner) = prepared.ok();
     }
@@ -57,7 +59,7 @@ impl RoleFactory for Device {
         let prepared = self.prepared.lock().unwrap_or_else(PoisonError::into_inner).take();
         let sampler = match prepared.filter(|prepared| prepared.is_of(&gpu, &scene)) {
             Some(prepared) => prepared.in_light(scene, knobs),
-            None => GpuSampler::with_knobs(gpu, scene, knobs),
+            None => GpuSampler::with_methods(gpu, scene, knobs, methods()),
         };
         Ok(Box::new(sampler?))
     }

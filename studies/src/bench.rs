@@ -92,7 +92,12 @@ impl Bench {
             indirect: sampler.indirect,
             reflections: None,
         });
-        let sampler = GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), sampler)?;
+        let sampler = GpuSampler::with_methods(
+            Arc::clone(gpu),
+            Arc::clone(&scene),
+            sampler,
+            crate::methods::methods(),
+        )?;
         let compositor = GpuCompositor::new(Arc::clone(gpu))?;
         let tracer = Tracer::new(Arc::clone(&scene));
         let sight = (!scene.is_animated()).then(|| SceneSight::new(&scene));

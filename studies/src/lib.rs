@@ -29,6 +29,7 @@ pub mod manylods;
 mod median;
 pub mod megaviews;
 mod metered;
+mod methods;
 pub mod omni_maps;
 pub mod overload;
 pub mod particles;

@@ -222,7 +222,12 @@ impl Subject {
     ) -> Result<Found> {
         let effects = method.effects_with(LightEffects::ALL);
         let knobs = SamplerKnobs { effects, indirect: method, ..SamplerKnobs::default() };
-        let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&self.scene), knobs)?;
+        let mut sampler = GpuSampler::with_methods(
+            Arc::clone(&self.gpu),
+            Arc::clone(&self.scene),
+            knobs,
+            crate::methods::methods(),
+        )?;
         let views = self.views.iter().map(|job| lit_by(job, method)).collect::<Vec<_>>();
         let begin = Instant::now();
         view(&mut sampler, &self.views[0])?;

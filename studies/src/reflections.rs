@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_gpu::hierarchy::{RootCube, stream};
-use argus_gpu::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_megaviews::hierarchy::{RootCube, stream};
+use argus_megaviews::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
 use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerKnobs;
 use argus_scene::reference::{Reflecting, Tracer};

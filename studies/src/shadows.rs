@@ -248,8 +248,12 @@ impl Subject<'_> {
         truths: &[RgbImage],
     ) -> Result<Map<String, Value>> {
         let knobs = SamplerKnobs { effects, light, ..SamplerKnobs::default() };
-        let mut sampler =
-            GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&self.bench.scene), knobs)?;
+        let mut sampler = GpuSampler::with_methods(
+            Arc::clone(&self.gpu),
+            Arc::clone(&self.bench.scene),
+            knobs,
+            crate::methods::methods(),
+        )?;
         let samples_per_pixel = self.options.samples_per_pixel;
         let jobs: Vec<_> = self
             .views

@@ -140,16 +140,55 @@ fn the_product_never_depends_on_experiments() {
     graph.never("argus-studies", &["argus"]);
 }
 
+/// The crates of papers, and those of other papers that each builds on.
+const PAPERS: [(&str, &[&str]); 4] = [
+    ("argus-megaviews", &[]),
+    ("argus-manylods", &["argus-megaviews"]),
+    ("argus-virtual-lights", &["argus-megaviews"]),
+    ("argus-eye-points", &[]),
+];
+
+#[test]
+fn no_crate_of_the_product_depends_on_a_papers() {
+    let graph = Graph::of_this_workspace();
+    let papers = PAPERS.map(|(paper, _)| paper);
+    let may = [&papers[..], &["argus", "argus-studies", "argus-lab", "argus-fuzz"]].concat();
+    for package in graph.reached.keys().filter(|package| !may.contains(&package.as_str())) {
+        graph.never(package, &papers);
+    }
+    let wired = "src/wiring/methods.rs";
+    for file in files().iter().filter(|path| path.starts_with("src") && *path != Path::new(wired)) {
+        let text = std::fs::read_to_string(root().join(file)).unwrap_or_default();
+        let named = papers.iter().find(|paper| text.contains(&paper.replace('-', "_")));
+        assert_eq!(named, None, "{} names a paper's crate; only {wired} may", file.display());
+    }
+    for paper in &papers[..1] {
+        assert!(graph.of("argus").contains(*paper), "does this test look in the right place?");
+    }
+}
+
+#[test]
+fn papers_build_on_the_device_the_shaders_the_scene_and_the_samplers_traits() {
+    let graph = Graph::of_this_workspace();
+    let product = ["argus-gpu", "argus-sampler", "argus-scene", "argus-shader-link", "argus-shaders"];
+    for (paper, others) in PAPERS {
+        let ours = graph.of(paper).iter().map(String::as_str).filter(|name| name.starts_with("argus"));
+        let strange: Vec<_> = ours.filter(|name| !product.contains(name) && !others.contains(name)).collect();
+        assert!(strange.is_empty(), "{paper} must not depend on {strange:?}");
+    }
+}
+
 #[test]
 fn dependencies_within_the_workspace_point_one_way() {
     let graph = Graph::of_this_workspace();
     let allowed: &[(&str, &[&str])] = &[
         ("argus-scene", &[]),
-        ("argus-shaders", &[]),
+        ("argus-shader-link", &[]),
+        ("argus-shaders", &["argus-shader-link"]),
         ("argus-proto", &["argus-scene"]),
-        ("argus-gpu", &["argus-scene", "argus-shaders"]),
-        ("argus-sampler", &["argus-gpu", "argus-scene", "argus-shaders"]),
-        ("argus-compositor", &["argus-gpu", "argus-scene", "argus-shaders"]),
+        ("argus-gpu", &["argus-scene", "argus-shader-link", "argus-shaders"]),
+        ("argus-sampler", &["argus-gpu", "argus-scene", "argus-shader-link", "argus-shaders"]),
+        ("argus-compositor", &["argus-gpu", "argus-scene", "argus-shader-link", "argus-shaders"]),
         ("argus-cluster", &["argus-proto", "argus-scene"]),
         ("argus-client", &["argus-proto", "argus-scene"]),
         ("argus-plot", &[]),
@@ -179,14 +218,16 @@ fn the_thin_client_builds_only_the_vocabulary_of_the_scene_crate() {
 }
 
 #[test]
-fn gpu_programs_are_only_in_the_shaders_crate() {
+fn gpu_programs_are_only_in_shaders_and_in_those_of_papers() {
     let files = files();
     assert!(
         files.iter().any(|path| is_shader(path)),
         "no shader found: does this test look in the right place?"
     );
     for path in files.iter().filter(|path| !path.starts_with("shaders")) {
-        assert!(!is_shader(path), "{} belongs in shaders/", path.display());
+        let mut folders = path.iter().map(|folder| folder.to_str().unwrap_or_default());
+        let is_of_paper = folders.next() == Some("papers") && folders.nth(1) == Some("shaders");
+        assert!(!is_shader(path) || is_of_paper, "{} belongs in shaders/", path.display());
         if path.extension().is_some_and(|e| e == "rs") {
             let text = std::fs::read_to_string(root().join(path)).unwrap();
             for stage in ["compute", "vertex", "fragment"] {
@@ -205,14 +246,17 @@ fn gpu_programs_are_only_in_the_shaders_crate() {
 #[test]
 fn a_pass_and_its_program_have_the_same_stem() {
     let files = files();
-    for user in ["sampler", "compositor", "gpu"] {
-        let passes = Path::new(user).join("src/passes");
+    let papers = ["megaviews", "virtual-lights"].map(|paper| Path::new("papers").join(paper));
+    let of_papers = papers.map(|paper| (paper.join("src/passes"), paper.join("shaders")));
+    let of_product = ["sampler", "compositor", "gpu"]
+        .map(|user| (Path::new(user).join("src/passes"), Path::new("shaders").join(user)));
+    for (passes, programs) in of_product.into_iter().chain(of_papers) {
         for pass in files.iter().filter(|path| path.parent() == Some(&passes)) {
             let stem = pass.file_stem().unwrap().to_string_lossy();
             if stem == "mod" {
                 continue;
             }
-            let program = Path::new("shaders").join(user).join(format!("{stem}.wgsl"));
+            let program = programs.join(format!("{stem}.wgsl"));
             assert!(files.contains(&program), "{} has no program at {}", pass.display(), program.display());
         }
     }
@@ -220,7 +264,8 @@ fn a_pass_and_its_program_have_the_same_stem() {
 
 #[test]
 fn shared_shader_files_have_no_entry_points() {
-    for path in files().iter().filter(|path| path.starts_with("shaders/shared") && is_shader(path)) {
+    let is_shared = |path: &&PathBuf| path.iter().any(|folder| folder == "shared") && is_shader(path);
+    for path in files().iter().filter(is_shared) {
         let text = std::fs::read_to_string(root().join(path)).unwrap();
         for stage in ["@compute", "@vertex", "@fragment"] {
             assert!(!text.contains(stage), "{} has an entry point", path.display());

@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3, Vec3};
 use super::VisiblePoint;
 use crate::light_rays::{LightRaysAbout, RayHit};
 use crate::packets::Hit;
-use crate::radiosity::surfaces::Surfaces;
+use crate::surfaces::Surfaces;
 
 /// Directions from each visible point, and how many of them are followed to further surfaces.
 const DIRECTIONS: u32 = 32;

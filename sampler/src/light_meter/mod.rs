@@ -24,8 +24,8 @@ use rayon::prelude::*;
 use crate::PacketSight;
 use crate::light_rays::{Faces, LightRays};
 use crate::packets::PacketTracer;
-use crate::radiosity::surfaces::Surfaces;
 use crate::resident::placed;
+use crate::surfaces::Surfaces;
 use arriving::Light;
 
 /// Share of the visible points that light must reach.

@@ -7,7 +7,7 @@ use argus_scene::{
 use glam::{DAffine3, DQuat, Vec4};
 
 use super::*;
-use crate::radiosity::sequence::mixed;
+use crate::mixed::mixed;
 use crate::resident;
 
 fn scene(meshes: Vec<Mesh>, places: Vec<(u32, DAffine3)>, materials: Vec<Material>) -> Scene {

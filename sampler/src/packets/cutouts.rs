@@ -8,7 +8,7 @@ use argus_scene::{Material, Mesh, Scene, TextureRef};
 use glam::{Vec2, Vec4};
 
 /// Textures and coordinates for alpha and transmission.
-pub(crate) struct Cutouts {
+pub struct Cutouts {
     scene: Arc<Scene>,
     /// One entry a texture that is the base colour of a cut-out or a blended surface, or the transmission of glass.
     textures: Vec<Option<MipChain>>,
@@ -27,7 +27,8 @@ struct At<'a> {
 }
 
 impl Cutouts {
-    pub(crate) fn new(scene: &Arc<Scene>) -> Self {
+    /// The textures of a scene's surfaces with alpha or transmission.
+    pub fn new(scene: &Arc<Scene>) -> Self {
         let mut textures: Vec<Option<MipChain>> = scene.textures.iter().map(|_| None).collect();
         let tested = scene.materials.iter().flat_map(|material| {
             let alpha = material.base_color_texture.filter(|_| material.alpha_cutoff().is_some());
@@ -45,7 +46,7 @@ impl Cutouts {
 
     /// Whether a ray that brings one surface passes through a triangle, by instance and index, at the weights of its second
     /// and third corner.
-    pub(crate) fn let_through(&self, ids: [u32; 2], beta: f32, gamma: f32) -> bool {
+    pub fn let_through(&self, ids: [u32; 2], beta: f32, gamma: f32) -> bool {
         !is_met(self.coverage(ids, beta, gamma), ids, [beta, gamma])
     }
 

@@ -25,7 +25,7 @@ use cutouts::Cutouts;
 use lanes::{LANES, Lanes, Plain};
 pub(crate) use lengths::Ray;
 use packet::{Directions, Entry, Leaves, Nearest, Packet};
-pub(crate) use single::Hit;
+pub use single::Hit;
 
 /// Rays of a vector: columns, rows.
 const VECTOR: [usize; 2] = [4, 2];
@@ -37,7 +37,7 @@ const VECTORS: usize = PACKET[0] * PACKET[1];
 const SCATTERED: usize = 2;
 
 /// Traces a scene.
-pub(crate) struct PacketTracer {
+pub struct PacketTracer {
     hierarchy: Hierarchy,
     cutouts: Arc<Cutouts>,
     /// Distance of the near plane along the view's axis, metres, as in the rasteriser.
@@ -63,7 +63,7 @@ struct ObjectAbout {
 
 impl PacketTracer {
     /// Builds the hierarchy of a scene with these instances. `near` is the distance of the near plane, metres.
-    pub(crate) fn new(scene: &Arc<Scene>, placements: &[Placement], near: f32) -> Self {
+    pub fn new(scene: &Arc<Scene>, placements: &[Placement], near: f32) -> Self {
         let begin = Instant::now();
         let hierarchy = Hierarchy::new(scene, placements);
         let (triangles, objects) = (hierarchy.triangles.len(), hierarchy.placed.len());

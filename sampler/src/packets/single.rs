@@ -10,17 +10,17 @@ use crate::bvh::{Node, OF_OBJECT, Triangle, flags};
 
 /// The nearest surface along a ray.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Hit {
+pub struct Hit {
     /// Index into [`argus_scene::Scene::instances`].
-    pub(crate) instance: u32,
+    pub instance: u32,
     /// Index of the triangle in its mesh.
-    pub(crate) primitive: u32,
+    pub primitive: u32,
     /// Distance in units of the direction.
-    pub(crate) t: f64,
+    pub t: f64,
     /// Weights of the mesh's second and third corner.
-    pub(crate) weights: [f64; 2],
+    pub weights: [f64; 2],
     /// Whether the front face (counter-clockwise) is hit.
-    pub(crate) front: bool,
+    pub front: bool,
 }
 
 /// A ray in an object's space, prepared for box tests.
@@ -37,7 +37,7 @@ impl PacketTracer {
     /// The nearest hit at 0 < t < `most`. Rays pass through transparent parts of cut-outs and through the back of
     /// single-sided triangles, and meet transparent surfaces as often as their alpha says. `None` for a ray that is not
     /// finite or has no direction.
-    pub(crate) fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Hit> {
+    pub fn nearest(&self, origin: DVec3, direction: DVec3, most: f64) -> Option<Hit> {
         self.first(origin, direction, most, |hit| {
             let [beta, gamma] = hit.weights.map(|weight| weight as f32);
             !self.cutouts.let_through([hit.instance, hit.primitive], beta, gamma)

@@ -6,12 +6,12 @@ use argus_shaders::layout::sampler::ProbeLevel;
 use argus_shaders::sampler::BLUR_PROBES;
 
 /// Blurs.
-pub(crate) struct BlurProbes {
+pub struct BlurProbes {
     pipeline: ComputePipeline,
 }
 
 /// Probes while they are rendered.
-pub(crate) struct ProbePlanes {
+pub struct ProbePlanes {
     /// Radiance and inverse range of the finest levels in full precision.
     finest: wgpu::Buffer,
     pub(crate) radiance: wgpu::Buffer,
@@ -22,7 +22,7 @@ pub(crate) struct ProbePlanes {
 
 impl ProbePlanes {
     /// Buffers of `count` probes.
-    pub(crate) fn new(gpu: &Gpu, side: u32, count: u32) -> Self {
+    pub fn new(gpu: &Gpu, side: u32, count: u32) -> Self {
         let (storage, read) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::COPY_SRC);
         let texels = map_size(side).map(u64::from).iter().product::<u64>() * u64::from(count);
         Self {
@@ -35,13 +35,13 @@ impl ProbePlanes {
     }
 
     /// Bytes of one probe while it is rendered.
-    pub(crate) fn bytes_of_map(side: u32) -> u64 {
+    pub fn bytes_of_map(side: u32) -> u64 {
         let texels = map_size(side).map(u64::from).iter().product::<u64>();
         u64::from(side + 2).pow(2) * 16 + texels * 8
     }
 
     /// Dispatches a program that makes the finest level.
-    pub(super) fn finest_level(&self, call: ComputeCall<'_>) {
+    pub fn finest_level(&self, call: ComputeCall<'_>) {
         self.level(call, self.side, 0, 0.0);
     }
 
@@ -57,12 +57,13 @@ impl ProbePlanes {
 }
 
 impl BlurProbes {
-    pub(crate) fn new(gpu: &Gpu) -> Self {
+    /// Makes the pipeline.
+    pub fn new(gpu: &Gpu) -> Self {
         Self { pipeline: gpu.compute_pipeline(&BLUR_PROBES, "blur") }
     }
 
     /// Makes the coarser levels of all probes from their finest.
-    pub(crate) fn record(&self, commands: &mut Commands, planes: &ProbePlanes) {
+    pub fn record(&self, commands: &mut Commands, planes: &ProbePlanes) {
         let levels = level_sides(planes.side).count();
         let mut row = 0;
         for (level, side) in level_sides(planes.side).enumerate() {

@@ -2,34 +2,20 @@
 
 mod add_direct;
 mod add_reflections;
-mod adopt_maps;
 mod blend;
 mod blur_probes;
-mod choose_receivers;
-mod cull_vpls;
-mod filter_indirect;
-mod gather;
-mod imperfect;
-mod map_lookup;
-mod own_nodes;
-mod receive;
 mod resample_points;
-mod resample_probes;
 mod resolve_sample;
 mod resolve_view;
 mod shade;
-mod shade_leaves;
 mod shade_points;
 mod shade_sample;
-mod spread;
-mod surfels;
 mod trace;
 mod trace_cutouts;
 mod visibility;
 
 use std::sync::Arc;
 
-use argus_gpu::many_views::ManyViews;
 use argus_gpu::{ComputeCall, Gpu, wgpu};
 
 use crate::eye::Eye;
@@ -39,58 +25,38 @@ use crate::tile::Tile;
 
 pub(crate) use add_direct::AddDirect;
 pub(crate) use add_reflections::AddReflections;
-pub(crate) use adopt_maps::AdoptMaps;
 pub(crate) use blend::{Blend, Placed, Shaded};
-pub(crate) use blur_probes::{BlurProbes, ProbePlanes};
-pub(crate) use choose_receivers::{BlockUniform, ChooseReceivers, OF_BLOCK};
-pub(crate) use cull_vpls::CullVpls;
-pub(crate) use filter_indirect::FilterIndirect;
-pub(crate) use gather::{Gather, Gathered, IndirectScratch, Maps, blocks};
-pub(crate) use imperfect::Imperfect;
-pub(crate) use map_lookup::{MapLookup, Maps as NodeMaps};
-pub(crate) use own_nodes::{NodeSurfaces, OwnNodes};
-pub(crate) use receive::{Batch, Receive};
+pub use blur_probes::{BlurProbes, ProbePlanes};
 pub(crate) use resample_points::ResamplePoints;
-pub(crate) use resample_probes::ResampleProbes;
-pub(crate) use resolve_sample::{PlaneBuffers, ResolveSample};
+pub use resolve_sample::{PlaneBuffers, ResolveSample};
 pub(crate) use resolve_view::ResolveView;
 pub(crate) use shade::Shade;
-pub(crate) use shade_leaves::{Leaves, ShadeLeaves};
 pub(crate) use shade_points::ShadePoints;
 pub(crate) use shade_sample::ShadeSample;
-pub(crate) use spread::{Spread, SpreadFrom};
-pub(crate) use surfels::Surfels;
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
 
-/// Binds what `shaders/shared/node_maps.wgsl` reads.
-fn with_node_maps<'a>(call: ComputeCall<'a>, views: &'a ManyViews) -> ComputeCall<'a> {
-    let arrays = &views.maps().arrays;
-    // Missing arrays are never read.
-    let array = |i: usize| arrays.get(i).unwrap_or(&arrays[0]);
-    call.read("map_of_view", views.map_of_view())
-        .read("maps0", array(0))
-        .read("maps1", array(1))
-        .read("maps2", array(2))
-        .read("maps3", array(3))
-}
-
 /// What the passes of a tile share.
-pub(crate) struct TileContext<'a> {
-    pub(crate) gpu: &'a Arc<Gpu>,
-    pub(crate) resident: &'a Resident,
-    pub(crate) eye: &'a Eye,
-    pub(crate) tile: &'a Tile,
+pub struct TileContext<'a> {
+    /// The device.
+    pub gpu: &'a Arc<Gpu>,
+    /// The scene on the device.
+    pub resident: &'a Resident,
+    /// The eye that positions are relative to.
+    pub eye: &'a Eye,
+    /// The tile.
+    pub tile: &'a Tile,
     /// Uniform of the tile's rays.
-    pub(crate) rays: wgpu::Buffer,
+    pub rays: wgpu::Buffer,
     /// For a list of pixels: the position of each in the tile of the rays.
-    pub(crate) places: Option<wgpu::Buffer>,
-    pub(crate) targets: Targets,
+    pub places: Option<wgpu::Buffer>,
+    /// What passes write.
+    pub targets: Targets,
 }
 
 impl<'a> TileContext<'a> {
     /// Uploads a tile's rays and takes targets of its size.
-    pub(crate) fn new(
+    pub fn new(
         gpu: &'a Arc<Gpu>,
         resident: &'a Resident,
         eye: &'a Eye,
@@ -110,7 +76,7 @@ impl<'a> TileContext<'a> {
     }
 
     /// Binds what a program reads to shade surfaces.
-    fn with_surfaces<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
+    pub fn with_surfaces<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
         let Self { resident, eye, .. } = self;
         call.read("lighting", &eye.lighting)
             .read("lights", &eye.lights)

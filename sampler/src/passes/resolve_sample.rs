@@ -14,7 +14,7 @@ use crate::{RadianceFormat, SamplerKnobs};
 const ROW_TEXELS: u32 = 64;
 
 /// Quantises texels, after reducing sub-samples to texels where those were shaded. Nothing else loses precision.
-pub(crate) struct ResolveSample {
+pub struct ResolveSample {
     pipeline: ComputePipeline,
     glossy: bool,
     reflects: bool,
@@ -27,7 +27,7 @@ pub(crate) struct ResolveSample {
 }
 
 /// Planes of one sample while it is rendered.
-pub(crate) struct PlaneBuffers {
+pub struct PlaneBuffers {
     planes: Vec<(PlaneKind, PlaneFormat, wgpu::Buffer)>,
     size: [u32; 2],
     /// Texels from one row to the next.
@@ -37,7 +37,7 @@ pub(crate) struct PlaneBuffers {
 impl ResolveSample {
     /// The pipeline for a scene with or without glossy materials and reflection probes. `side` is the number of shaded
     /// sub-samples along a texel's side; 1 if texels were shaded.
-    pub(crate) fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool, light_seen: bool) -> Self {
+    pub fn new(gpu: &Gpu, glossy: bool, side: u32, reflects: bool, light_seen: bool) -> Self {
         let entry = if glossy { "resolve_glossy" } else { "resolve_matt" };
         let (reflects, light_seen) = (glossy && reflects, glossy && light_seen);
         let flag = |on: bool| f64::from(u8::from(on));
@@ -54,13 +54,7 @@ impl ResolveSample {
     }
 
     /// Buffers for a sample of `size` texels. Rows are padded unless they are read back.
-    pub(crate) fn planes(
-        &self,
-        gpu: &Gpu,
-        knobs: &SamplerKnobs,
-        size: [u32; 2],
-        to_host: bool,
-    ) -> PlaneBuffers {
+    pub fn planes(&self, gpu: &Gpu, knobs: &SamplerKnobs, size: [u32; 2], to_host: bool) -> PlaneBuffers {
         let stride = if to_host { size[0] } else { size[0].next_multiple_of(ROW_TEXELS) };
         let mut kinds = vec![
             (PlaneKind::Radiance, knobs.radiance.plane()),
@@ -89,7 +83,7 @@ impl ResolveSample {
     }
 
     /// Writes a tile's texels into the planes. `arriving` is its direct light by rays, if there is any.
-    pub(crate) fn record(
+    pub fn record(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
@@ -142,6 +136,26 @@ fn name(kind: PlaneKind) -> &'static str {
 }
 
 impl PlaneBuffers {
+    /// The planes of a finished sample: read back, or as textures on the device.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub fn hand_over(&self, gpu: &Arc<Gpu>, to_host: bool) -> Result<Vec<Plane>, RenderError> {
+        let mut commands = gpu.commands("hand sample over");
+        if !to_host {
+            let planes = self.to_textures(gpu, &mut commands);
+            commands.submit().wait()?;
+            return Ok(planes);
+        }
+        let pending = self.read(&mut commands);
+        let mut finished = commands.submit().wait()?;
+        let host = |(kind, format, pending)| {
+            let data = PlaneData::Host(finished.take(pending));
+            Plane { kind, format, size: self.size, data }
+        };
+        Ok(pending.into_iter().map(host).collect())
+    }
+
     /// Begins with the texels of a sample of the same camera. Tiles that are rendered replace theirs.
     ///
     /// # Errors

@@ -11,23 +11,24 @@ const SHARP: f32 = 0.02;
 
 /// A ray that a surface reflects or lets through.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Ray {
+pub struct Ray {
     /// Where it begins, off the surface, metres about the eye.
-    pub(crate) start: Vec3,
+    pub start: Vec3,
     /// Unit vector.
-    pub(crate) direction: Vec3,
+    pub direction: Vec3,
     /// Number of its reflector, from 0.
-    pub(crate) reflector: u32,
+    pub reflector: u32,
     /// The instance that it passes through.
-    pub(crate) past: Option<u32>,
-    /// Width of what it stands for at its start, metres, and how much wider that is a metre further.
-    pub(crate) width: f32,
-    pub(crate) spread: f32,
+    pub past: Option<u32>,
+    /// Width of what it stands for at its start, metres.
+    pub width: f32,
+    /// How much wider that is a metre further.
+    pub spread: f32,
     /// The sub-sample that it is for.
-    pub(crate) at: u32,
+    pub at: u32,
     /// Whether it began as a refracted ray. A sub-sample has at most one refracted ray, and one reflected ray unless there are
     /// several taps.
-    pub(crate) is_through: bool,
+    pub is_through: bool,
 }
 
 /// A reflective surface as guides describe it.

@@ -6,8 +6,8 @@
 //!
 //! Direct views and reflection probes share it.
 
-mod indexed;
 mod mirror;
+mod rays;
 mod reflectors;
 mod scene;
 
@@ -18,11 +18,12 @@ use argus_shaders::layout::sampler::{LEAF_BLOCK, ProbePoint};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-pub(crate) use self::indexed::IndexedMaps;
-pub(crate) use self::mirror::{Mirror, Ray, reflected};
+pub use self::mirror::Ray;
+pub(crate) use self::mirror::{Mirror, reflected};
+pub use self::rays::{MetByRay, ReflectionRays};
 pub(crate) use self::reflectors::Reflectors;
 pub(crate) use self::scene::{FoundBy, ReflectedScene};
-use crate::eye_points::{MetByRay, ReflectionRays};
+use crate::plug::ViewMaps;
 use crate::point_shading::{PointGuides, PointShading, Points, ShadedPoints, index_in_blocks, probe_point};
 use crate::tile::Tile;
 
@@ -37,7 +38,7 @@ const GRAIN: u32 = 4 * LEAF_BLOCK;
 pub(crate) struct Bounces<'a> {
     pub(crate) by: &'a FoundBy,
     /// The view's maps, if points are looked up.
-    pub(crate) maps: Option<&'a IndexedMaps>,
+    pub(crate) maps: Option<&'a dyn ViewMaps>,
     pub(crate) reflectors: &'a Reflectors,
     pub(crate) sky: &'a Sky,
     /// Positions are about it, metres.
@@ -47,10 +48,11 @@ pub(crate) struct Bounces<'a> {
 }
 
 /// What rays met, to be shaded.
-pub(crate) struct Met {
-    pub(crate) points: Points,
+pub struct Met {
+    /// Each point once.
+    pub points: Points,
     /// For each ray the index of its point; `None` for the sky.
-    pub(crate) of_ray: Vec<Option<u32>>,
+    pub of_ray: Vec<Option<u32>>,
 }
 
 /// A ray on its way.
@@ -196,8 +198,9 @@ impl Bounces<'_> {
 
     fn meet(&self, paths: &[Path]) -> Met {
         match (self.by, self.maps) {
-            (FoundBy::Points(points), Some(maps)) => {
-                maps.meet(points, self.eye, paths.par_iter().map(|path| &path.ray))
+            (FoundBy::Points(_), Some(maps)) => {
+                let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
+                maps.meet(self.eye, &rays)
             }
             (FoundBy::Points(_), None) => Met { points: Points::default(), of_ray: vec![None; paths.len()] },
             (FoundBy::Rays(tracer), _) => self.meet_by_rays(tracer, paths),

@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use argus_scene::{ProbeSource, RenderError, Scene};
 
-use crate::eye_points::{PointScene, ReflectionRays};
+use super::ReflectionRays;
 use crate::packets::PacketTracer;
+use crate::plug::{NewPoints, PointMethod, missing};
 
 /// A scene, and whether it is at the sampler's present pose.
 pub(crate) struct ReflectedScene {
@@ -16,24 +17,27 @@ pub(crate) struct ReflectedScene {
 /// How reflections are found.
 pub(crate) enum FoundBy {
     Rays(Box<ReflectionRays>),
-    Points(PointScene),
+    Points(Arc<dyn PointMethod>),
 }
 
 impl ReflectedScene {
-    /// Prepares a scene for a source, at the pose of a packet tracer: a time in seconds. `before` is what was prepared before,
+    /// Prepares a scene for a source, which may be points that are plugged in, at the pose of a packet tracer: a time in seconds. `before` is what was prepared before,
     /// of which trees are kept.
     ///
     /// # Errors
-    /// [`RenderError::OutOfMemory`] for a scene of too many triangles.
+    /// [`RenderError::OutOfMemory`] for a scene of too many triangles, [`RenderError::Invalid`] for points that are not plugged in.
     pub(crate) fn posed(
         before: Option<Self>,
-        source: ProbeSource,
+        (source, points): (ProbeSource, Option<&NewPoints>),
         scene: &Arc<Scene>,
         (tracer, time_secs): (&PacketTracer, f64),
     ) -> Result<Self, RenderError> {
         let by_points = matches!(source, ProbeSource::Points { .. });
         let found_by = match before {
-            _ if by_points => FoundBy::Points(PointScene::new(scene, time_secs)),
+            _ if by_points => {
+                let new = points.ok_or_else(|| missing("reflections", source.name()))?;
+                FoundBy::Points(new(scene, time_secs))
+            }
             Some(Self { found_by: FoundBy::Rays(mut rays), .. }) => {
                 rays.pose(scene, (tracer, time_secs))?;
                 FoundBy::Rays(rays)

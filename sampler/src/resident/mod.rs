@@ -17,7 +17,7 @@ pub(crate) use geometry::{Chunk, MeshRun};
 
 /// Buffers and textures that passes read, by the names that `shaders/shared/geometry.wgsl` and
 /// `shaders/shared/texture.wgsl` give them, and what the CPU needs to draw them.
-pub(crate) struct Resident {
+pub struct Resident {
     pub(crate) vertices: wgpu::Buffer,
     pub(crate) attributes: wgpu::Buffer,
     pub(crate) indices: wgpu::Buffer,
@@ -27,23 +27,25 @@ pub(crate) struct Resident {
     pub(crate) texel_levels: wgpu::Buffer,
     pub(crate) texels: wgpu::TextureView,
     pub(crate) texels_srgb: wgpu::TextureView,
-    pub(crate) environment: EnvironmentTexture,
+    /// The sky's map.
+    pub environment: EnvironmentTexture,
     /// Where the textures are in the array, by which materials address them.
     textures: Vec<texels::InstanceTransform>,
     /// One a mesh of the scene.
     pub(crate) runs: Vec<MeshRun>,
     /// Visible instances at the time of the last pose, in drawing order: by class, then by mesh.
-    pub(crate) instances: Vec<Placement>,
+    pub instances: Vec<Placement>,
     /// Largest instance index + 1.
     pub(crate) instance_count: usize,
     /// Box around the scene at all times, world space.
     pub(crate) bounds: Bounds,
-    pub(crate) features: Features,
+    /// What programs are specialised to.
+    pub features: Features,
 }
 
 /// Shading features that the scene needs. Programs are specialised to them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Features {
+pub struct Features {
     pub(crate) srgb_textures: bool,
     pub(crate) linear_textures: bool,
     pub(crate) normal_maps: bool,
@@ -54,7 +56,7 @@ pub(crate) struct Features {
     pub(crate) nearest_textures: bool,
     pub(crate) second_uvs: bool,
     /// The sky is an environment map.
-    pub(crate) environment: bool,
+    pub environment: bool,
 }
 
 impl Features {
@@ -77,7 +79,7 @@ impl Features {
     }
 
     /// The `override` of programs that look at the sky and not at surfaces.
-    pub(crate) fn sky_constant(self) -> (&'static str, f64) {
+    pub fn sky_constant(self) -> (&'static str, f64) {
         ("has_environment", f64::from(u8::from(self.environment)))
     }
 
@@ -88,7 +90,7 @@ impl Features {
     }
 
     /// Values of the shading programs' `override`s.
-    pub(crate) fn constants(self, guides: GuideUse) -> [(&'static str, f64); 12] {
+    pub fn constants(self, guides: GuideUse) -> [(&'static str, f64); 12] {
         [
             ("has_nearest_textures", self.nearest_textures),
             ("has_second_uvs", self.second_uvs),
@@ -109,7 +111,7 @@ impl Features {
 
 /// What passes after shading do with guides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum GuideUse {
+pub enum GuideUse {
     /// Nothing: shading writes none.
     None,
     /// Indirect light is added to what is shaded.
@@ -120,7 +122,7 @@ pub(crate) enum GuideUse {
 
 impl GuideUse {
     /// The use of a sampler with these knobs.
-    pub(crate) fn of(knobs: &SamplerKnobs) -> Self {
+    pub fn of(knobs: &SamplerKnobs) -> Self {
         match (knobs.effects.any(), knobs.indirect) {
             (true, _) => Self::AllLight,
             (false, Indirect::Off) => Self::None,
@@ -129,23 +131,23 @@ impl GuideUse {
     }
 
     /// The same use, with guides in any case.
-    pub(crate) fn at_least_kept(self) -> Self {
+    pub fn at_least_kept(self) -> Self {
         if self == Self::None { Self::IndirectLight } else { self }
     }
 }
 
 /// The pipeline of an instance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct DrawClass {
+pub struct DrawClass {
     /// Whether fragments test alpha.
-    pub(crate) cutout: bool,
+    pub cutout: bool,
     /// The side that is culled.
-    pub(crate) cull: Cull,
+    pub cull: Cull,
 }
 
 /// The side of triangles that is culled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Cull {
+pub enum Cull {
     /// No side.
     None,
     /// The back side.
@@ -156,21 +158,24 @@ pub(crate) enum Cull {
 
 /// A visible instance.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Placement {
+pub struct Placement {
     /// Index into [`Scene::instances`].
-    pub(crate) instance: u32,
-    pub(crate) mesh: u32,
-    pub(crate) class: DrawClass,
-    /// Linear part of the transform, and its inverse.
-    pub(crate) world_from_mesh: DMat3,
-    pub(crate) mesh_from_world: DMat3,
+    pub instance: u32,
+    /// Index into [`Scene::meshes`].
+    pub mesh: u32,
+    /// Its pipeline.
+    pub class: DrawClass,
+    /// Linear part of the transform.
+    pub world_from_mesh: DMat3,
+    /// Its inverse.
+    pub mesh_from_world: DMat3,
     /// World space position of the mesh's origin.
-    pub(crate) origin: DVec3,
+    pub origin: DVec3,
 }
 
 impl Placement {
     /// Corners of all triangles of its mesh, world space. Some may not be finite.
-    pub(crate) fn triangles<'a>(&self, mesh: &'a Mesh) -> impl Iterator<Item = [DVec3; 3]> + use<'a> {
+    pub fn triangles<'a>(&self, mesh: &'a Mesh) -> impl Iterator<Item = [DVec3; 3]> + use<'a> {
         let (origin, world_from_mesh) = (self.origin, self.world_from_mesh);
         let corner = move |i: u32| {
             let p = mesh.positions.get(i as usize).copied().unwrap_or(Vec3::NAN);
@@ -253,7 +258,7 @@ impl Resident {
 ///
 /// # Errors
 /// [`RenderError::OutOfMemory`] if it is larger than the device can bind.
-pub(crate) fn upload<T: NoUninit + Zeroable>(
+pub fn upload<T: NoUninit + Zeroable>(
     gpu: &Gpu,
     label: &str,
     data: &[T],
@@ -283,7 +288,7 @@ fn is_filled(run: &MeshRun) -> bool {
 }
 
 /// A scene's instances like [`Resident::instances`], without a device.
-pub(crate) fn placed(scene: &Scene, instances: &[Instance]) -> Vec<Placement> {
+pub fn placed(scene: &Scene, instances: &[Instance]) -> Vec<Placement> {
     placements(scene, instances, |mesh| scene.meshes[mesh].triangles() > 0)
 }
 

@@ -10,8 +10,7 @@ use argus_scene::{
 use super::GpuSampler;
 use crate::indirect::{IndirectLight, LightInputs};
 use crate::light::{DirectLight, PathLight, PathReport};
-use crate::point_based::PointReport;
-use crate::radiosity::IndirectReport;
+use crate::plug::IndirectMethod;
 use crate::resident::GuideUse;
 use crate::{LightKnobs, SamplerKnobs, timing};
 
@@ -40,7 +39,7 @@ impl GpuSampler {
             None => {}
         }
         if self.indirect.is_none() {
-            self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect);
+            self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect, &self.methods);
         }
         let Some(indirect) = &mut self.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
@@ -61,23 +60,9 @@ impl GpuSampler {
         self.indirect.as_ref().and_then(IndirectLight::paths)
     }
 
-    /// Report on indirect light by VPLs, with the culling since the last call. `None` before it was first needed.
-    ///
-    /// # Errors
-    /// The device is lost.
-    pub fn indirect(&self) -> Result<Option<IndirectReport>, RenderError> {
-        match &self.indirect {
-            Some(IndirectLight::Vpls(light)) => light.report(&self.gpu),
-            _ => Ok(None),
-        }
-    }
-
-    /// Report on point-based indirect light. `None` before it was first needed.
-    pub fn points(&self) -> Option<PointReport> {
-        match &self.indirect {
-            Some(IndirectLight::Points(light)) => light.report(),
-            _ => None,
-        }
+    /// The method that finds indirect light, if it is plugged in. `None` before it was first needed.
+    pub fn indirect_method(&self) -> Option<&dyn IndirectMethod> {
+        self.indirect.as_ref().and_then(IndirectLight::method)
     }
 
     /// Report on indirect light by paths. `None` before it was first needed.
@@ -93,6 +78,7 @@ impl GpuSampler {
     pub fn set_indirect(&mut self, knobs: Indirect) -> Result<(), RenderError> {
         let knobs = SamplerKnobs { indirect: knobs, ..self.knobs };
         knobs.validate()?;
+        self.methods.check_indirect(knobs.indirect)?;
         if [self.knobs.indirect, knobs.indirect].contains(&Indirect::Off) {
             return Err(
                 InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
@@ -106,8 +92,8 @@ impl GpuSampler {
         if !self.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
             self.indirect = None;
         }
-        if let Some(maps) = &mut self.maps {
-            maps.octree.forget_light();
+        if let Some(samples) = &mut self.samples {
+            samples.forget_light();
         }
         if let Some(probes) = &mut self.surface_programs.probes {
             probes.forget_light();

@@ -10,7 +10,7 @@ use crate::indirect::{IndirectLight, LightSharing};
 use crate::layers::{self, RayLayers};
 use crate::light::DirectLight;
 use crate::passes::{Blend, Placed, Shaded, TileContext};
-use crate::reflected_light::IndexedMaps;
+use crate::plug::ViewMaps;
 use crate::scratch::{Extras, Scratch};
 use crate::timing;
 use crate::visibility::write_ids;
@@ -22,7 +22,7 @@ pub(super) struct PartShading<'a> {
     pub(super) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
     pub(super) lighting: &'a Lighting,
     pub(super) reflections: ReflectFrom,
-    pub(super) maps: Option<&'a IndexedMaps>,
+    pub(super) maps: Option<&'a dyn ViewMaps>,
     pub(super) blend: Option<&'a Blend>,
     pub(super) cancel: &'a Cancel,
 }

@@ -7,9 +7,8 @@ use argus_scene::{Cancel, Lighting, ProbeSource, RenderError, Stage, rgb9e5};
 
 use super::{GpuSampler, check_wanted};
 use crate::eye::Eye;
-use crate::lit_octree::{CHUNK_SIDE, image_of};
 use crate::passes::ProbePlanes;
-use crate::point_shading::{PointShading, Points};
+use crate::point_shading::{CHUNK_SIDE, PointShading, Points, image_of};
 use crate::probe_renderer::{Fill, PointProbes, ProbeBytes, ProbePlaces};
 use crate::reflected_light::{Bounces, Reflectors};
 use crate::resident::upload;
@@ -35,7 +34,9 @@ impl GpuSampler {
         timing::add(stages, self.ready_reflected(source, time_secs)?);
         let begin = Instant::now();
         let eye = Eye::new(&self.gpu, &self.resident, places.middle, lighting)?;
-        let groups = PointProbes::groups(probes.source, &scene, places, (side, time_secs));
+        let Some(reflected) = &self.surface_programs.reflected else { return Ok(ProbeBytes::default()) };
+        let by = &reflected.found_by;
+        let groups = PointProbes::groups(probes.source, by, &scene, places, (side, time_secs));
         timing::add_since(stages, stage, begin);
         let mut bytes = ProbeBytes::default();
         for group in groups {
@@ -45,7 +46,6 @@ impl GpuSampler {
             let by = &reflected.found_by;
             let filled = PointProbes::fill(probes.source, by, &scene, places.middle, &group);
             timing::add_since(stages, stage, begin);
-            filled.report();
             let texels =
                 upload(&self.gpu, "texels of reflectors", &filled.texels, wgpu::BufferUsages::STORAGE)?;
             let mut shading = PointShading {

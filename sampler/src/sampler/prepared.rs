@@ -16,6 +16,7 @@ use super::probes::SurfacePrograms;
 use super::{GpuSampler, exposed};
 use crate::SamplerKnobs;
 use crate::passes::Blend;
+use crate::plug::Methods;
 
 /// Size of the view that compiles programs, pixels.
 const COMPILED_BY: [u32; 2] = [64, 48];
@@ -30,13 +31,13 @@ pub struct PreparedSampler {
 
 impl PreparedSampler {
     /// Uploads a scene as it was opened, builds its hierarchies, and compiles the programs that its views will probably need:
-    /// those of a set with effects of light, in the usual settings.
+    /// those of a set with effects of light, in the usual settings. The sampler has these methods beside its own.
     ///
     /// # Errors
     /// The errors of making a sampler and of rendering a view.
-    pub fn new(gpu: Arc<Gpu>, scene: &Arc<Scene>) -> Result<Self, RenderError> {
+    pub fn new(gpu: Arc<Gpu>, scene: &Arc<Scene>, methods: Methods) -> Result<Self, RenderError> {
         let knobs = SamplerKnobs { effects: LightEffects::ALL, ..SamplerKnobs::default() };
-        let mut sampler = GpuSampler::with_knobs(gpu, scene.clone(), knobs)?;
+        let mut sampler = GpuSampler::with_methods(gpu, scene.clone(), knobs, methods)?;
         let [width, height] = COMPILED_BY;
         let view = ViewJob {
             camera: scene.default_camera(),
@@ -69,9 +70,10 @@ impl PreparedSampler {
     /// The sampler of the prepared scene in a light. It renders the same bytes as one that is made with these knobs at once.
     ///
     /// # Errors
-    /// The errors of [`GpuSampler::with_knobs`].
+    /// The errors of [`GpuSampler::with_methods`].
     pub fn in_light(self, scene: Arc<Scene>, knobs: SamplerKnobs) -> Result<GpuSampler, RenderError> {
         knobs.validate()?;
+        self.sampler.methods.check_indirect(knobs.indirect)?;
         let mut sampler = self.sampler;
         let before = (sampler.knobs, sampler.resident.features);
         sampler.resident.relight(&sampler.gpu, &scene)?;
@@ -93,7 +95,7 @@ impl PreparedSampler {
             direct.of_scene(&sampler.gpu, &scene, features, tracer, settings, at)
         });
         sampler.indirect = None;
-        sampler.maps = None;
+        sampler.samples = None;
         (sampler.knobs, sampler.scene) = (knobs, scene);
         Ok(sampler)
     }

@@ -132,6 +132,7 @@ impl GpuSampler {
             ReflectFrom::Probes(set) => return self.prepare_probes(Some(set), lit, time_secs, cancel),
             ReflectFrom::View(set) => set,
         };
+        self.methods.check_reflections(Some(&set))?;
         let of_views = match self.surface_programs.of_views.take().filter(|views| views.set == set) {
             Some(of_views) => of_views,
             None => Box::new(ViewReflections::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
@@ -151,12 +152,13 @@ impl GpuSampler {
     ) -> Result<Vec<Stage>, RenderError> {
         let before = self.surface_programs.reflected.take();
         let mut stages = Vec::new();
+        let points = self.methods.points.as_ref();
         self.surface_programs.reflected = match before {
             Some(reflected) if reflected.is_ready(source) => Some(reflected),
             before => {
                 let begin = Instant::now();
                 let at = (self.visibility.prepare_packets(&self.resident), time_secs);
-                let reflected = ReflectedScene::posed(before, source, &self.scene, at)?;
+                let reflected = ReflectedScene::posed(before, (source, points), &self.scene, at)?;
                 timing::add_since(&mut stages, "build trees for reflections", begin);
                 Some(reflected)
             }
@@ -204,10 +206,14 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
         let Some(set) = reflections else { return Ok(Vec::new()) };
+        self.methods.check_reflections(Some(&set))?;
         let drifts = self.drifts();
         let mut probes = match self.surface_programs.probes.take().filter(|probes| probes.set == set) {
             Some(probes) => probes,
-            None => Box::new(ProbeRenderer::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
+            None => {
+                let (gpu, resident, methods) = (&self.gpu, &self.resident, &self.methods);
+                Box::new(ProbeRenderer::new(gpu, &self.scene, resident, &self.knobs, (set, methods))?)
+            }
         };
         // Keeps the programs if the job was cancelled.
         let stages = match probes.is_made((lighting, light), time_secs, drifts) {
@@ -229,13 +235,13 @@ impl GpuSampler {
         let places = probes.places(&gpu, &self.scene, time_secs)?;
         let (side, mut stages) = (probes.set.knobs.side, Vec::new());
         let (begin, bytes) = match &mut probes.source {
-            ProbePrograms::Octree(from) => {
-                let lit = self.light_octree(&mut from.octree, lighting, time_secs, cancel)?;
-                stages.extend(lit.unwrap_or_default());
+            ProbePrograms::Method(method) => {
+                let mut scene = self.lit_scene(cancel);
+                stages.extend(method.ready(&mut scene, lighting, time_secs)?);
                 let begin = Instant::now();
-                (begin, from.render(&gpu, &self.resident, lighting, &places, side)?)
+                (begin, method.render(&mut scene, lighting, &places, side)?)
             }
-            ProbePrograms::Points(from) => {
+            ProbePrograms::Filled(from) => {
                 let begin = Instant::now();
                 let at = (lighting, time_secs);
                 let bytes = self.render_probe_points(

@@ -17,7 +17,7 @@ use crate::indirect::{IndirectLight, LightSharing};
 use crate::light::{CellUse, DirectLight};
 use crate::passes::{PlaneBuffers, TileContext};
 use crate::pixel_list::PixelList;
-use crate::reflected_light::IndexedMaps;
+use crate::plug::ViewMaps;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
@@ -52,7 +52,7 @@ pub(super) struct ReadyScene {
     cells: CellUse,
     pub(super) reflections: ReflectFrom,
     /// Maps of what a view's reflectors see, if it is looked up there.
-    pub(super) maps: Option<IndexedMaps>,
+    pub(super) maps: Option<Box<dyn ViewMaps>>,
     pub(super) eye: Eye,
     pub(super) backend: Visibility,
     /// Times of the job's stages so far.
@@ -269,7 +269,7 @@ impl GpuSampler {
             lights: (&self.direct, &mut self.indirect),
             lighting,
             reflections: *reflections,
-            maps: maps.as_ref(),
+            maps: maps.as_deref(),
             blend: self.blend.as_ref(),
             cancel,
         };

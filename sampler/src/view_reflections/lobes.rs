@@ -9,10 +9,10 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::eye_points::taps;
 use crate::light::Texel;
 use crate::reflected_light::{Mirror, Ray, reflected};
 use crate::tile::Tile;
+use crate::view_reflections::taps;
 
 /// Largest α of a reflection that pixels share in squares of 3 × 3; others share in squares of 5 × 5.
 const SMOOTH: f32 = 0.12;

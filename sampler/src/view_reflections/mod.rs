@@ -9,7 +9,7 @@
 //!
 //! # Steps of a view
 //!
-//! 1. With points: `reflected_light/indexed.rs` finds the reflectors in the view and fills their maps, once.
+//! 1. With points: the method that is plugged in finds the reflectors in the view and fills their maps, once.
 //! 2. For each tile, [`lobes`]: the rays of what the tile's sub-samples reflect. Sharp reflections have rays of their own.
 //!    Blurred ones have a ray a pixel, and neighbours share them.
 //! 3. [`Bounces`]: what rays meet is shaded, without what depends on the viewer (`passes/shade_points.rs`), and rays that meet
@@ -17,6 +17,7 @@
 //! 4. `passes/add_reflections.rs` adds it, weighted by the surfaces' lobes.
 
 mod lobes;
+mod taps;
 
 use std::time::Instant;
 
@@ -26,14 +27,15 @@ use argus_scene::{Cancel, Lighting, ProbeSource, ReflectionProbeSet, RenderError
 use crate::indirect::IndirectLight;
 use crate::light::DirectLight;
 use crate::passes::{AddReflections, Shade, ShadePoints, TileContext};
+use crate::plug::ViewMaps;
 use crate::point_shading::PointShading;
 use crate::probe_renderer::ProbeBindings;
-use crate::reflected_light::FoundBy;
-use crate::reflected_light::{Bounces, IndexedMaps, Reflectors, offset_about};
+use crate::reflected_light::{Bounces, FoundBy, Reflectors, offset_about};
 use crate::resident::{GuideUse, Resident, upload};
 use crate::scratch::Scratch;
 use crate::{SamplerKnobs, timing};
 use lobes::Lobes;
+pub use taps::taps;
 
 /// Taps of a pixel into maps of points, as in the paper.
 const TAPS: u32 = 25;
@@ -83,11 +85,12 @@ impl ViewReflections {
         (by, scene): (&FoundBy, &Scene),
         (view, time_secs): (&ViewJob, f64),
         ids: impl FnOnce() -> Vec<[u32; 2]>,
-    ) -> Option<IndexedMaps> {
+    ) -> Option<Box<dyn ViewMaps>> {
         let (ProbeSource::Points { budget }, FoundBy::Points(points)) = (self.set.knobs.source, by) else {
             return None;
         };
-        Some(IndexedMaps::new(points, scene, &self.reflectors.instances, &ids(), (view, time_secs, budget)))
+        let view = (view, time_secs, budget);
+        Some(points.clone().maps_of_view(scene, &self.reflectors.instances, &ids(), view))
     }
 
     /// Finds what a tile's sub-samples reflect, and records its addition. `commands` must have shaded the tile by
@@ -99,7 +102,7 @@ impl ViewReflections {
         &mut self,
         mut commands: Commands,
         context: &TileContext<'_>,
-        (by, maps): (&FoundBy, Option<&IndexedMaps>),
+        (by, maps): (&FoundBy, Option<&dyn ViewMaps>),
         (lights, lighting): ((&Option<DirectLight>, &mut Option<IndirectLight>), &Lighting),
         cancel: &Cancel,
         stages: &mut Vec<Stage>,

@@ -309,7 +309,7 @@ fn a_sampler_that_was_prepared_before_the_light_was_known_renders_the_same_bytes
             [LightEffects::ALL, LightEffects { shadows: true, ..LightEffects::NONE }, LightEffects::NONE]
         {
             let knobs = SamplerKnobs { effects, exposure: Some(1.5), ..SamplerKnobs::default() };
-            let prepared = PreparedSampler::new(gpu(), &opened).unwrap();
+            let prepared = PreparedSampler::new(gpu(), &opened, crate::methods()).unwrap();
             assert!(prepared.is_of(&gpu(), &scene));
             assert_eq!(Arc::strong_count(&opened), 1, "who opened the scene may change it");
             let found = direct(&mut prepared.in_light(scene.clone(), knobs).unwrap(), &job);
@@ -318,5 +318,5 @@ fn a_sampler_that_was_prepared_before_the_light_was_known_renders_the_same_bytes
         }
     }
     let other = Scene { hash: SceneHash([7; 32]), ..(*opened).clone() };
-    assert!(!PreparedSampler::new(gpu(), &opened).unwrap().is_of(&gpu(), &other));
+    assert!(!PreparedSampler::new(gpu(), &opened, crate::methods()).unwrap().is_of(&gpu(), &other));
 }

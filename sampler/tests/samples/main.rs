@@ -8,12 +8,12 @@ mod detail;
 mod environment;
 mod faces;
 mod hard_cases;
-mod indirect;
 mod light;
-mod megaviews;
 mod motion;
+mod moving;
 mod paths;
-mod points;
+mod plug;
+mod reflecting;
 mod reflections;
 mod rooms;
 mod sight;
@@ -22,3 +22,10 @@ mod texels;
 mod textures;
 mod transparency;
 mod visibility;
+
+use argus_sampler::plug::Methods;
+
+/// The methods of samplers in these tests, beside their own: none.
+fn methods() -> Methods {
+    Methods::default()
+}

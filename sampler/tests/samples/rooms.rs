@@ -1,4 +1,5 @@
 //! Rooms whose light goes from wall to wall, and the truth about them.
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 use std::sync::Arc;
 

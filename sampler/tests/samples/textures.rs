@@ -14,7 +14,7 @@ use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 use image::Rgb;
 
 use crate::common::*;
-use crate::reflections::{judged_with, probes_from};
+use crate::reflecting::{judged_with, probes_from};
 
 const SIZE: [u32; 2] = [160, 120];
 

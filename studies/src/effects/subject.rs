@@ -57,7 +57,12 @@ impl<'a> Subject<'a> {
             if subject.renderings.iter().all(|rendering| rendering.effects != effects) {
                 subject.renderings.push(Rendering {
                     effects,
-                    sampler: GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), knobs(effects))?,
+                    sampler: GpuSampler::with_methods(
+                        Arc::clone(gpu),
+                        Arc::clone(&scene),
+                        knobs(effects),
+                        crate::methods::methods(),
+                    )?,
                     views: Vec::new(),
                     samples: Vec::new(),
                     images: Images::default(),

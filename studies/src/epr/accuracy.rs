@@ -1,8 +1,9 @@
 //! Figure 6: error against time, for reflectors of several sizes, densities of points, and rules for the number of taps.
 
 use anyhow::{Context as _, Result};
+use argus_eye_points::{Eye, PointScene};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::eye_points::{Eye, PointScene, ReflectionRays, taps};
+use argus_sampler::plug::{ReflectionRays, taps};
 use argus_scene::Camera;
 use glam::{DVec2, DVec3};
 use indicatif::ProgressBar;

@@ -1,7 +1,8 @@
 //! The paper's reference: multi-view rendering at a multiple of the resolution. It has the error of looking up a map that is
 //! seen from the reflector's middle, as all ways with maps have.
 
-use argus_sampler::eye_points::{STEPS, reflect, taps};
+use argus_eye_points::{STEPS, reflect};
+use argus_sampler::plug::taps;
 use glam::Vec3;
 use image::RgbImage;
 
@@ -24,8 +25,7 @@ impl Ways<'_> {
         reflectors.iter_mut().for_each(|reflector| reflector.side *= multiple);
         let maps = self.points.rasterise(&reflectors);
         let taps = taps(TAPS * self.taps.len() as u32);
-        let lookups =
-            argus_sampler::eye_points::Lookups { taps: &taps, ..self.lookups(&maps, &reflectors, STEPS) };
+        let lookups = argus_eye_points::Lookups { taps: &taps, ..self.lookups(&maps, &reflectors, STEPS) };
         let shade = |texel: u32| {
             let at = self.points.shading_of_texel(&maps, &reflectors, texel as usize);
             at.map_or(Vec3::ZERO, |at| self.stage.shade(&at))

@@ -1,7 +1,8 @@
 //! What reflected rays of the f64 reference find, and how far a way is from it.
 
 use anyhow::Result;
-use argus_sampler::eye_points::{Maps, ReflectivePixel};
+use argus_eye_points::ReflectivePixel;
+use argus_sampler::plug::IndexMaps;
 use argus_scene::metrics;
 use argus_scene::reference::Hit;
 use glam::{DVec2, DVec3};
@@ -99,7 +100,7 @@ impl Stage {
     pub(super) fn holes(
         &self,
         seen: &Seen,
-        maps: &Maps,
+        maps: &IndexMaps,
         facet_of: impl Fn(u32) -> (u32, u32) + Sync,
     ) -> [f64; 2] {
         let step = maps.texels().div_ceil(EXAMINED).max(1) | 1;

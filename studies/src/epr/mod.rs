@@ -1,6 +1,6 @@
 //! Eye-based point rendering, beside its alternatives: points, shades, memory, time and error of reflections.
 //!
-//! The definition on the CPU is measured ([`argus_sampler::eye_points`]), with the f64 reference's shading. All ways share the
+//! The definition on the CPU is measured ([`argus_eye_points`]), with the f64 reference's shading. All ways share the
 //! eye's pixels, the taps, the lookup and the shading; they differ in how maps around the reflectors come to show the
 //! scene. The truth is reflected rays of the f64 reference.
 
@@ -21,9 +21,10 @@ use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
+use argus_eye_points::{PointDevice, PointScene};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::eye_points::{PointDevice, PointScene, ReflectionRays, taps};
+use argus_sampler::plug::{ReflectionRays, taps};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 

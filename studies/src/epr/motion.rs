@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_sampler::eye_points::{PointScene, ReflectionRays, taps};
+use argus_eye_points::PointScene;
+use argus_sampler::plug::{ReflectionRays, taps};
 use argus_scene::animation::{Animation, Channel, Interpolation, Track};
 use argus_scene::{Camera, Scene};
 use glam::{DQuat, DVec3};

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use argus_sampler::eye_points::{
-    Bounces, EyePointKnobs, EyePoints, Lookups, Mirror, PointScene, ReflectivePixel, STEPS, Side, Sight,
-    Surfaces, taps,
+use argus_eye_points::{
+    Bounces, EyePointKnobs, EyePoints, Lookups, Mirror, PointScene, ReflectivePixel, STEPS, Sight, Surfaces,
 };
+use argus_sampler::plug::{Side, taps};
 use argus_scene::reference::Hit;
 use argus_scene::shading::{diffuse_radiance, reflected_around, sky_radiance};
 use argus_scene::{Camera, Instance, Mesh, Scene};

@@ -3,10 +3,11 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use argus_sampler::eye_points::{
-    Density, DensityRule, Eye, EyePointKnobs, LARGEST_SHADOW_SIDE, PointReflector, PointScene, is_lit,
-    light_map, light_points, shadow_side,
+use argus_eye_points::{
+    Density, DensityRule, Eye, EyePointKnobs, LARGEST_SHADOW_SIDE, PointScene, is_lit, light_map,
+    light_points, shadow_side,
 };
+use argus_sampler::plug::MappedReflector;
 use argus_scene::reference::Hit;
 use argus_scene::shading::{Surface, incident, reflected_light};
 use argus_scene::{Camera, Light, Lighting, Scene};
@@ -80,7 +81,7 @@ impl ShadowScene {
         let places: Vec<DVec3> =
             sub_pixels.iter().filter_map(|sub| sub.seen.as_ref().map(|seen| seen.0.position)).collect();
         // The maps of each light, and the first of them.
-        let (mut maps, mut first): (Vec<PointReflector>, Vec<usize>) = (Vec::new(), vec![0]);
+        let (mut maps, mut first): (Vec<MappedReflector>, Vec<usize>) = (Vec::new(), vec![0]);
         for (place, radius) in self.lighting.lights.iter().filter_map(place_of) {
             let points = light_points(place, radius, if radius > 0.0 { each } else { 1 });
             let map =

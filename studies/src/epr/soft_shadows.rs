@@ -3,10 +3,11 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_sampler::eye_points::{
-    Density, DensityRule, Eye, EyePointKnobs, LARGEST_SHADOW_SIDE, Maps, PointReflector, PointScene,
-    Splatting, is_lit, light_map, light_points, shadow_side,
+use argus_eye_points::{
+    Density, DensityRule, Eye, EyePointKnobs, LARGEST_SHADOW_SIDE, PointScene, Splatting, is_lit, light_map,
+    light_points, shadow_side,
 };
+use argus_sampler::plug::{IndexMaps, MappedReflector};
 use argus_scene::Camera;
 use argus_scene::reference::Hit;
 use glam::{DVec2, DVec3, Vec3};
@@ -67,7 +68,7 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
     for &samples in &options.light_samples {
         let lights = light_points(middle, LIGHT * radius, samples);
         let seen: Vec<DVec3> = places.all.iter().map(|(_, hit, ..)| hit.position).collect();
-        let maps: Vec<PointReflector> = lights
+        let maps: Vec<MappedReflector> = lights
             .par_iter()
             .map(|&light| light_map(light, shadow_side(&places.eye, light, &seen, LARGEST_SHADOW_SIDE)))
             .collect();
@@ -115,10 +116,10 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
 fn fill(
     points: &PointScene,
     eye: &Eye,
-    maps: &[PointReflector],
+    maps: &[MappedReflector],
     method: Method,
     budget: u32,
-) -> (Maps, [Option<usize>; 2], usize) {
+) -> (IndexMaps, [Option<usize>; 2], usize) {
     let (rule, scale, splatting) = match method {
         Method::Points(splatting) => (DensityRule::Shadow, USUAL_DENSITY, splatting),
         Method::MapPoints => (DensityRule::Map, 1.0, Splatting::Buffered),

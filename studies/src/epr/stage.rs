@@ -5,7 +5,8 @@ use std::fmt;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use argus_sampler::eye_points::{Eye, LARGEST_SIDE, PointReflector, ReflectivePixel, ShadingPoint, Side};
+use argus_eye_points::{Eye, LARGEST_SIDE, ReflectivePixel, curved_reflector, planar_reflector};
+use argus_sampler::plug::{MappedReflector, ShadingPoint, Side};
 use argus_scene::reference::{Hit, Tracer};
 use argus_scene::shading::{Surface, diffuse_radiance, reflected_around};
 use argus_scene::{Camera, Instance, Scene};
@@ -52,7 +53,7 @@ pub(super) struct Seen {
     pub(super) eye: Eye,
     pub(super) size: [u32; 2],
     /// The reflectors of which a pixel is seen.
-    pub(super) reflectors: Vec<PointReflector>,
+    pub(super) reflectors: Vec<MappedReflector>,
     /// The pixels in which one is seen.
     pub(super) pixels: Vec<ReflectivePixel>,
     /// Index in the image, surface and direction towards the eye of each of [`Self::pixels`].
@@ -181,8 +182,8 @@ impl Stage {
         numbers.retain(|&instance, number| {
             *number = reflectors.len() as u32;
             let placed = &self.placed[instance as usize];
-            let found = PointReflector::planar(&self.scene, instance, placed, &eye)
-                .or_else(|| PointReflector::new(&self.scene, instance, placed, &eye, LARGEST_SIDE));
+            let found = planar_reflector(&self.scene, instance, placed, &eye)
+                .or_else(|| curved_reflector(&self.scene, instance, placed, &eye, LARGEST_SIDE));
             reflectors.extend(found);
             found.is_some()
         });
@@ -277,7 +278,7 @@ impl Seen {
 
     /// Mean diameter of the seen reflectors, pixels; the height of the view for those that the eye is in.
     pub(super) fn mean_diameter(&self) -> f64 {
-        let diameter = |reflector: &PointReflector| {
+        let diameter = |reflector: &MappedReflector| {
             self.eye.diameter(reflector.center, reflector.radius).min(f64::from(self.eye.height))
         };
         crate::median::mean(self.reflectors.iter().map(diameter))

@@ -4,10 +4,11 @@ use std::fmt;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_sampler::eye_points::{
-    Density, DensityRule, EyePointKnobs, EyePoints, Lookups, Maps, PointDevice, PointReflector, PointScene,
-    Reflected, ReflectionRays, STEPS, Splatting, reflect, reflect_adaptively, reflect_all,
+use argus_eye_points::{
+    Density, DensityRule, EyePointKnobs, EyePoints, Lookups, PointDevice, PointScene, Reflected, STEPS,
+    Splatting, reflect, reflect_adaptively, reflect_all,
 };
+use argus_sampler::plug::{IndexMaps, MappedReflector, ReflectionRays};
 use argus_scene::Stage as Timed;
 use argus_scene::shading::sky_radiance;
 use glam::{DVec2, DVec3, Vec3};
@@ -195,8 +196,8 @@ impl Ways<'_> {
 
     pub(super) fn lookups<'a>(
         &'a self,
-        maps: &'a Maps,
-        reflectors: &'a [PointReflector],
+        maps: &'a IndexMaps,
+        reflectors: &'a [MappedReflector],
         steps: u32,
     ) -> Lookups<'a> {
         let (eye, pixels) = (self.seen.eye.position, &self.seen.pixels[..]);
@@ -207,7 +208,7 @@ impl Ways<'_> {
         self.seen.pixels.len() as u64 * self.taps.len() as u64
     }
 
-    fn outcome(&self, maps: &Maps, reflectors: &[PointReflector], reflected: Reflected) -> Outcome {
+    fn outcome(&self, maps: &IndexMaps, reflectors: &[MappedReflector], reflected: Reflected) -> Outcome {
         Outcome {
             arriving: reflected.radiance,
             met: self.lookups(maps, reflectors, STEPS).met(),
@@ -331,7 +332,7 @@ impl Ways<'_> {
         let (mut trace_ms, mut shade_ms) = (0.0, 0.0);
         for pixels in pixels.chunks(SHARE) {
             let begin = Instant::now();
-            let of_pixel = |pixel: &argus_sampler::eye_points::ReflectivePixel| {
+            let of_pixel = |pixel: &argus_eye_points::ReflectivePixel| {
                 let own = reflectors[pixel.reflector as usize].instance;
                 let pixel = *pixel;
                 self.taps.iter().map(move |&tap| {

@@ -169,7 +169,12 @@ impl Stages {
         ids.dedup();
         // One sub-sample per texel, so that the sample sees exactly what the oracle sees.
         let knobs = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
-        let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&scene), knobs)?;
+        let mut sampler = GpuSampler::with_methods(
+            Arc::clone(&self.gpu),
+            Arc::clone(&scene),
+            knobs,
+            crate::methods::methods(),
+        )?;
         let job = SampleJob::new(Arc::clone(&info), ids, true);
         let samples = sampler.render_samples(&job, &Cancel::new()).into_iter();
         let samples: Vec<Arc<Sample>> =

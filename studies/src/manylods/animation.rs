@@ -3,8 +3,9 @@
 use std::collections::BTreeSet;
 
 use anyhow::Result;
-use argus_gpu::hierarchy::HierarchyError;
-use argus_gpu::many_views::{CutMethod, CutStats, ManyLods, ViewList};
+use argus_manylods::{CutMethod, CutStats, ManyLods};
+use argus_megaviews::hierarchy::HierarchyError;
+use argus_megaviews::many_views::ViewList;
 use argus_plot::{Axis, Plot, Series};
 use indicatif::ProgressBar;
 
@@ -91,7 +92,7 @@ fn frames(stage: &Stage<'_>, path: Path, tree: Tree, distances: &[f64]) -> Resul
     let cut_tree = match path {
         Path::Scene => {
             let own = stage.builder.build(stage.root, stage.options.ball_levels, &stage.triangles)?;
-            let tree = argus_gpu::many_views::CutTree::of_spheres(&own);
+            let tree = argus_manylods::CutTree::of_spheres(&own);
             balls = Some(own);
             tree
         }

@@ -1,7 +1,8 @@
 //! Equal time: maps from cuts against imperfect and rasterised maps that take as long (figure 7).
 
 use anyhow::{Context as _, Result};
-use argus_gpu::many_views::{CutMethod, ImperfectViews, Knobs, ManyLods, RasterViews, ViewList, ViewPoint};
+use argus_manylods::{CutMethod, ImperfectViews, ManyLods};
+use argus_megaviews::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
 use glam::DVec3;
 use indicatif::ProgressBar;
 

@@ -11,11 +11,11 @@ mod table;
 use std::sync::Arc;
 
 use anyhow::{Result, ensure};
-use argus_gpu::hierarchy::{
-    HierarchyError, Octree, OctreeBuilder, RootCube, SphereBuilder, SphereHierarchy, Triangle, stream,
-};
-use argus_gpu::many_views::{CutKnobs, CutMethod, CutStats, CutTree, ManyLods, ViewList, ViewPoint};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_manylods::{CutKnobs, CutMethod, CutStats, CutTree, ManyLods};
+use argus_manylods::{SphereBuilder, SphereHierarchy};
+use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle, stream};
+use argus_megaviews::many_views::{ViewList, ViewPoint};
 use argus_scene::reference::Tracer;
 use argus_scene::{Bounds, Pose, Scene};
 use indicatif::ProgressBar;

@@ -1,7 +1,7 @@
 //! How views and scenes move in the study.
 
-use argus_gpu::hierarchy::{Triangle, stream};
-use argus_gpu::many_views::ViewPoint;
+use argus_megaviews::hierarchy::{Triangle, stream};
+use argus_megaviews::many_views::ViewPoint;
 use glam::DVec3;
 
 use super::Stage;

@@ -1,6 +1,6 @@
 //! The study's rows; all have the same columns.
 
-use argus_gpu::many_views::CutStats;
+use argus_manylods::CutStats;
 use serde_json::{Map, Value, json};
 
 use crate::median::{mean, median};

@@ -8,9 +8,9 @@ mod texels;
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, ensure};
-use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
-use argus_gpu::many_views::{FrameStats, Knobs, ManyViews, RasterViews, ViewList, ViewPoint};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
+use argus_megaviews::many_views::{FrameStats, Knobs, ManyViews, RasterViews, ViewList, ViewPoint};
 use argus_plot::{Axis, Plot, Series};
 use argus_scene::reference::Tracer;
 use argus_scene::{Bounds, Light, Pose, Scene};
@@ -18,7 +18,7 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-pub use argus_gpu::many_views::{Occlusion, Texel};
+pub use argus_megaviews::many_views::{Occlusion, Texel};
 
 pub use self::placement::{Emitter, Placement};
 use self::shadows::{Shadows, Wrong};

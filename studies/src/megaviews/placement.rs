@@ -3,7 +3,7 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use argus_gpu::many_views::ViewPoint;
+use argus_megaviews::many_views::ViewPoint;
 use argus_scene::reference::{Hit, Tracer};
 use argus_scene::{Bounds, Pose};
 use glam::DVec3;

@@ -1,7 +1,7 @@
 //! Shadow errors of maps: points on the scene's surfaces are looked up in views' maps and traced by f64 rays.
 
 use anyhow::Result;
-use argus_gpu::many_views::ViewPoint;
+use argus_megaviews::many_views::ViewPoint;
 use argus_scene::paraboloid;
 use argus_scene::reference::Tracer;
 use glam::DVec3;

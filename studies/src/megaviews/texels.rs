@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use argus_gpu::Gpu;
-use argus_gpu::hierarchy::HierarchyError;
-use argus_gpu::many_views::{Knobs, ManyViews, Texel, ViewList};
+use argus_megaviews::hierarchy::HierarchyError;
+use argus_megaviews::many_views::{Knobs, ManyViews, Texel, ViewList};
 use argus_plot::{Axis, Plot, Series};
 use serde_json::{Map, Value};
 

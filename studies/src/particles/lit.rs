@@ -83,7 +83,7 @@ impl Lit {
     }
 
     /// Shadows by one map per particle. A surface up to `slack` metres behind the map's range counts as lit, as in
-    /// the lookup of `shaders/sampler/gather.wgsl`.
+    /// the lookup of `papers/virtual-lights/shaders/gather.wgsl`.
     pub(super) fn by_maps(&self, particles: &[Particle], maps: &[ParticleMap], slack: f64) -> Visible {
         self.ask(particles, |index, _, receiver| {
             let map = &maps[index];

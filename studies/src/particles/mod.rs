@@ -10,11 +10,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_gpu::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
-use argus_gpu::many_views::{
-    CutKnobs, CutMethod, CutTree, Knobs, ManyLods, ManyViews, MapSet, RasterViews, ViewList, ViewPoint,
-};
 use argus_gpu::{Gpu, GpuOptions};
+use argus_manylods::{CutKnobs, CutMethod, CutTree, ManyLods};
+use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
+use argus_megaviews::many_views::{Knobs, ManyViews, MapSet, RasterViews, ViewList, ViewPoint};
 use argus_plot::{Axis, Plot, Series};
 use argus_scene::metrics::compare;
 use argus_scene::particles::{Particle, glowing};

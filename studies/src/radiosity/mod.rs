@@ -16,15 +16,16 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::{
-    GpuSampler, Indirect, IndirectReport, MapSource, PointKnobs, PointReport, SamplerKnobs, VplKnobs,
-};
+use argus_sampler::{GpuSampler, Indirect, MapSource, PointKnobs, SamplerKnobs, VplKnobs};
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
 use argus_scene::{
     Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, SceneState, ViewJob, Visibility,
 };
+use argus_virtual_lights::point_based::PointReport;
+use argus_virtual_lights::vpl::VplReport;
+use argus_virtual_lights::{point_report, vpl_report};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -244,11 +245,11 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         }
         let (mut row, before_ms) = match knobs {
             Indirect::Vpl(knobs) => {
-                let lit = stage.sampler.indirect()?.context("nothing was lit")?;
+                let lit = vpl_report(&stage.sampler)?.context("nothing was lit")?;
                 (vpl_row(&knobs, &lit), lit.trace_ms + lit.maps_ms)
             }
             Indirect::Points(knobs) => {
-                let lit = stage.sampler.points().context("nothing was lit")?;
+                let lit = point_report(&stage.sampler).context("nothing was lit")?;
                 (point_row(&knobs, &lit), lit.light_ms)
             }
             Indirect::Off | Indirect::Paths(_) | Indirect::Cells(_) => {
@@ -280,7 +281,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 
 type Row = serde_json::Map<String, serde_json::Value>;
 
-fn vpl_row(knobs: &VplKnobs, lit: &IndirectReport) -> Row {
+fn vpl_row(knobs: &VplKnobs, lit: &VplReport) -> Row {
     let from_octree = matches!(knobs.maps, MapSource::MegaViews | MapSource::ManyLods);
     report::row(json!({
         "way": "vpl",
@@ -408,7 +409,7 @@ impl Stage {
         };
         let sampler = |indirect| {
             let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
-            GpuSampler::with_knobs(Arc::clone(gpu), Arc::clone(&scene), knobs)
+            GpuSampler::with_methods(Arc::clone(gpu), Arc::clone(&scene), knobs, crate::methods::methods())
         };
         progress.set_message("without indirect light");
         let mut without = sampler(Indirect::Off)?;

@@ -42,7 +42,7 @@ use rayon::prelude::*;
 use super::paths::Leaves;
 use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
-use crate::radiosity::surfaces::Surfaces;
+use crate::surfaces::Surfaces;
 use alone::Surroundings;
 use key::CellKey;
 use lookup::{Answer, Lookup, only};

@@ -11,8 +11,8 @@ use super::grid::{Grid, Table};
 use super::links::hash;
 use super::polygon::Polygon;
 use crate::light_rays::{LightRaysAbout, RayHit};
-use crate::radiosity::surfaces::Surfaces;
 use crate::resident::{Cull, Placement};
+use crate::surfaces::Surfaces;
 
 /// Cosine of the angle within which surfaces of a cell are one leaf side: 45°.
 const ALIKE: f32 = 0.707;

@@ -10,7 +10,7 @@ use super::super::pattern::above;
 use super::super::texels::Texel;
 use super::leaves::Leaves;
 use crate::light_rays::LightRaysAbout;
-use crate::radiosity::surfaces::Surfaces;
+use crate::surfaces::Surfaces;
 
 /// Target of a ray that leaves the scene.
 const SKY: u32 = u32::MAX;

@@ -14,7 +14,7 @@ use super::gather::Gatherer;
 use super::leaves::Leaves;
 use super::links::Links;
 use crate::light_rays::LightRaysAbout;
-use crate::radiosity::surfaces::Surfaces;
+use crate::surfaces::Surfaces;
 use crate::timing;
 
 /// Leaf sides whose direct light is traced together.

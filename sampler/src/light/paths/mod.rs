@@ -44,8 +44,8 @@ use super::LightTracing;
 use super::cells::{CellLight, CellUse, Eye, LightCells, Parts};
 use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
-use crate::radiosity::surfaces::Surfaces;
 use crate::resident::Placement;
+use crate::surfaces::Surfaces;
 use lit_leaves::LitLeaves;
 
 pub(super) use leaves::Leaves;

@@ -10,7 +10,7 @@ use argus_scene::{LightLevel, Lighting, RenderError};
 
 use super::super::LightTracing;
 use super::lit_leaves::LitLeaves;
-use crate::radiosity::surfaces::Surfaces;
+use crate::surfaces::Surfaces;
 
 /// Added to the priority of threads, where larger is less urgent: a third of the time of a thread that competes, so that light
 /// comes to busy services, too.

@@ -24,11 +24,12 @@ pub(crate) fn gpu() -> Arc<Gpu> {
 }
 
 pub(crate) fn sampler(scene: &Arc<Scene>) -> GpuSampler {
-    GpuSampler::new(gpu(), Arc::clone(scene)).expect("the scene fits the device")
+    sampler_with(scene, SamplerKnobs::default())
 }
 
 pub(crate) fn sampler_with(scene: &Arc<Scene>, knobs: SamplerKnobs) -> GpuSampler {
-    GpuSampler::with_knobs(gpu(), Arc::clone(scene), knobs).expect("the scene fits the device")
+    GpuSampler::with_methods(gpu(), Arc::clone(scene), knobs, crate::methods())
+        .expect("the scene fits the device")
 }
 
 /// Both outputs of a direct view.

@@ -1,0 +1,45 @@
+//! Errors of hierarchies.
+
+use argus_gpu::GpuError;
+
+/// Most nodes of a hierarchy: child links have 24 bits.
+pub const MAX_NODES: u64 = 1 << 24;
+
+/// Why a hierarchy could not be built.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum HierarchyError {
+    /// No triangle has an area.
+    #[error("there is nothing to build a hierarchy over: no triangle has an area")]
+    Empty,
+    /// A parameter is out of range.
+    #[error("{field} must be {range}, not {value}")]
+    OutOfRange {
+        /// Its name.
+        field: &'static str,
+        /// Its valid range.
+        range: String,
+        /// Its value.
+        value: String,
+    },
+    /// More nodes than 24-bit child links can address.
+    #[error("{nodes} nodes are more than a hierarchy can number, which is {MAX_NODES}; use fewer levels")]
+    TooManyNodes {
+        /// Number of nodes.
+        nodes: u64,
+    },
+    /// An array exceeds what a program may bind on this device.
+    #[error(
+        "{what} need {needed} bytes in one array, and this device binds at most {limit}; use fewer levels or views"
+    )]
+    TooLarge {
+        /// Content of the array.
+        what: &'static str,
+        /// Its size, bytes.
+        needed: u64,
+        /// The device's limit, bytes.
+        limit: u64,
+    },
+    /// The device failed.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+}

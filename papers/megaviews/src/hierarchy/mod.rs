@@ -1,0 +1,25 @@
+//! The scene's octree, built on the GPU with prefix sums and a radix sort.
+//!
+//! - [`Octree`]: the scene's surfaces as a sparse voxel octree ([`OctreeBuilder`] makes it);
+//! - [`RootCube`]: the root cube of an octree in f64; everything on the GPU is relative to it.
+//!
+//! The builder finds the cells that triangles overlap, level by level, by a conservative test. Pairs of triangle and cell
+//! are sorted by Morton code; then leaves and inner nodes are averaged. Leaves come first in the array of nodes, the root
+//! last. Positions are f32 relative to the root cube, combined in f64 first.
+
+mod error;
+mod levels;
+mod octree;
+mod root;
+pub mod stream;
+mod voxelize;
+
+pub use error::{HierarchyError, MAX_NODES};
+pub(crate) use levels::{LevelBuffers, LevelBuilder};
+pub use octree::fits;
+pub(crate) use octree::numbered;
+pub use octree::{Octree, OctreeBuilder, OctreeTimes};
+pub use root::{RootCube, Triangle};
+
+/// Most levels below the root: three bits a level of a 32-bit Morton code.
+pub const MAX_DEPTH: u32 = 10;

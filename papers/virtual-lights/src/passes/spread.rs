@@ -1,0 +1,44 @@
+//! Program: `shaders/spread.wgsl`. Interpolates the receivers' light at sub-samples.
+
+use crate::programs::SPREAD;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
+
+use super::BlockUniform;
+use argus_sampler::plug::{Guides, TileContext};
+
+/// One invocation a sub-sample.
+pub(crate) struct Spread {
+    pipeline: ComputePipeline,
+}
+
+/// Inputs.
+pub(crate) struct SpreadFrom<'a> {
+    pub(crate) layout: &'a BlockUniform,
+    pub(crate) guides: &'a Guides,
+    /// Two words a block: indices of its receivers.
+    pub(crate) of_blocks: &'a wgpu::Buffer,
+    pub(crate) receivers: &'a wgpu::Buffer,
+    /// Irradiance / π and mean inverse distance of each receiver.
+    pub(crate) received: &'a wgpu::Buffer,
+}
+
+impl Spread {
+    pub(crate) fn new(gpu: &Gpu) -> Self {
+        Self { pipeline: gpu.compute_pipeline(&SPREAD, "spread") }
+    }
+
+    /// Adds the reflected light to radiance.
+    pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, from: &SpreadFrom<'_>) {
+        let [width, height] = from.layout.blocks.size;
+        commands
+            .compute("spread light", &self.pipeline)
+            .read("blocks", &from.layout.uniform)
+            .read("guides", &from.guides.surfaces)
+            .read("guide_materials", &from.guides.materials)
+            .read("of_blocks", from.of_blocks)
+            .read("receivers", from.receivers)
+            .read("received", from.received)
+            .write("shaded", &context.targets.shaded)
+            .dispatch_threads([width, height, 1]);
+    }
+}

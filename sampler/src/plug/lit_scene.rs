@@ -1,0 +1,93 @@
+//! A posed and lit scene, as methods that render samples or probes from it see it.
+
+use std::sync::Arc;
+
+use argus_gpu::{Commands, Gpu};
+use argus_scene::{Cancel, Lighting, RenderError, SampleCamera, Scene, Stage};
+use glam::DVec3;
+
+use crate::SamplerKnobs;
+use crate::eye::Eye;
+use crate::indirect::{IndirectLight, LightSharing};
+use crate::light::DirectLight;
+use crate::passes::TileContext;
+use crate::resident::Resident;
+use crate::sampler::{add_light, check_wanted, sample_tiles};
+use crate::scratch::{Extras, Scratch};
+use crate::tile::Tile;
+
+/// A scene on a device, at the pose and in the light of a job.
+pub struct LitScene<'a> {
+    /// The device.
+    pub gpu: &'a Arc<Gpu>,
+    /// The posed scene.
+    pub scene: &'a Arc<Scene>,
+    /// The scene on the device.
+    pub resident: &'a Resident,
+    /// The sampler's settings.
+    pub knobs: &'a SamplerKnobs,
+    pub(crate) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
+    pub(crate) scratch: &'a mut Scratch,
+    pub(crate) cancel: &'a Cancel,
+}
+
+impl<'a> LitScene<'a> {
+    /// Checks that the job is still wanted.
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`].
+    pub fn check_wanted(&self) -> Result<(), RenderError> {
+        check_wanted(self.cancel)
+    }
+
+    /// Uploads what passes need to see the scene from a place, metres, world space.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if there are more instances than the device can bind.
+    pub fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {
+        Eye::new(self.gpu, self.resident, position, lighting)
+    }
+
+    /// The tiles of a sample camera.
+    ///
+    /// # Errors
+    /// [`RenderError::Invalid`] for a camera without pinhole faces.
+    pub fn tiles(&self, camera: &SampleCamera) -> Result<Vec<Tile>, RenderError> {
+        sample_tiles(camera, self.knobs.side())
+    }
+
+    /// What the passes of a tile share. With `guides`, the targets have room for what later light needs.
+    pub fn context<'b>(&mut self, eye: &'b Eye, tile: &'b Tile, guides: bool) -> TileContext<'b>
+    where
+        'a: 'b,
+    {
+        let extras = Extras { guides, ..Extras::default() };
+        TileContext::new(self.gpu, self.resident, eye, tile, self.scratch, extras)
+    }
+
+    /// Whether light is added to what is shaded, for which shading leaves guides.
+    pub fn keeps_guides(&self) -> bool {
+        self.lights.0.is_some() || self.lights.1.is_some()
+    }
+
+    /// Whether light changes with time in a static scene.
+    pub fn drifts(&self) -> bool {
+        self.knobs.indirect.drifts()
+    }
+
+    /// Adds direct light by rays and indirect light to a tile that `commands` shade, as far as there are any. Returns the commands
+    /// that later passes are recorded into.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub fn add_light(
+        &mut self,
+        commands: Commands,
+        context: &TileContext<'_>,
+        sharing: LightSharing,
+        stages: &mut Vec<Stage>,
+    ) -> Result<Commands, RenderError> {
+        let lights = (self.lights.0, &mut *self.lights.1);
+        Ok(add_light(lights, commands, context, (sharing, false), stages)?.0)
+    }
+}
