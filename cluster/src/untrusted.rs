@@ -5,10 +5,7 @@ use std::sync::Arc;
 use argus_proto::trace::continued_from;
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
-use argus_scene::{
-    Bounds, FaceMask, Indirect, InvalidField, Lighting, Rig, SampleSetInfo, Sampling, SceneHash,
-    Specification, Version, View, Visibility,
-};
+use argus_scene::{Bounds, FaceMask, InvalidField, Rig, SampleSetInfo, SceneHash, View, Visibility};
 use glam::DVec3;
 use prost::Message;
 
@@ -23,21 +20,11 @@ use crate::worker;
 
 fn set() -> Arc<SampleSetInfo> {
     let bounds = Bounds { min: DVec3::splat(-10.0), max: DVec3::splat(10.0) };
-    Arc::new(SampleSetInfo {
-        scene: SceneHash([1; 32]),
+    Arc::new(SampleSetInfo::plain(
+        SceneHash([1; 32]),
         bounds,
-        extent: bounds,
-        rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
-        version: Version::of_epoch(0, 0),
-        epoch_secs: 0.0,
-        lighting: Lighting::default(),
-        visibility: Visibility::default(),
-        sampling: Sampling::default(),
-        sub_samples: Specification::USUAL_SUB_SAMPLES,
-        effects: argus_scene::LightEffects::NONE,
-        indirect: Indirect::Off,
-        reflections: None,
-    })
+        Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
+    ))
 }
 
 fn hello() -> Hello {

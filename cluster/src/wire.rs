@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use argus_proto::convert::{light_level, scene_hash_bytes, visibility, wire_light_level};
+use argus_proto::convert::{WireEnum as _, light_level, scene_hash_bytes};
 use argus_proto::{PROTOCOL_VERSION, v1};
 use argus_scene::{FaceMask, InvalidField, Limits, Plan, SampleId, SampleSetInfo, Version, Visibility};
 
@@ -100,7 +100,9 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         backend_costs: wire
             .backend_costs
             .into_iter()
-            .filter_map(|cost| Some((visibility(cost.visibility, "backend_costs").ok()?, cost.ms)))
+            .filter_map(|cost| {
+                Some((Visibility::from_number(cost.visibility, "backend_costs").ok()?, cost.ms))
+            })
             .collect(),
     }
 }
@@ -131,7 +133,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         part_ms: report.part_ms,
         sample_progress: report.sample_progress,
         sample_bytes: report.sample_bytes,
-        light: wire_light_level(report.light).into(),
+        light: report.light.number(),
         direct_cost: report.direct_cost.map(Into::into),
         few_rays_cost: report.few_rays_cost.map(Into::into),
         warp_cost: report.warp_cost.map(Into::into),
@@ -174,7 +176,7 @@ fn probed_from(count: u64, error: f64, predicted: f64) -> Probed {
 }
 
 fn backend_cost((visibility, ms): (Visibility, f64)) -> v1::BackendCost {
-    v1::BackendCost { visibility: v1::Visibility::from(visibility) as i32, ms }
+    v1::BackendCost { visibility: visibility.number(), ms }
 }
 
 /// Constant parts of all assignments of a coordinator.

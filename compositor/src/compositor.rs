@@ -18,21 +18,17 @@ use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::bounds::BoundsPass;
 use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::passes::fill::FillPass;
-use crate::passes::fixed_point::FixedPointPass;
 use crate::passes::highlight::HighlightPass;
-use crate::passes::linear::LinearPass;
 use crate::passes::mend::MendPass;
 use crate::passes::mips::MipsPass;
-use crate::passes::pyramid::PyramidPass;
 use crate::passes::reproject::ReprojectPass;
 use crate::passes::resolve::ResolvePass;
-use crate::passes::seeded::SeededPass;
 use crate::passes::sky_mask::SkyMaskPass;
 use crate::passes::splat::SplatPass;
-use crate::passes::warp::WarpPass;
 use crate::prepare::PreparedView;
 use crate::sample_store::SampleStore;
 use crate::sample_upload::UploadContext;
+use crate::search_pipelines::{self, SearchPipelines};
 use crate::targets::{ChunkTargets, TargetPool};
 
 /// Reconstructs views from samples on a GPU.
@@ -49,14 +45,10 @@ pub struct GpuCompositor {
     reproject: ReprojectPass,
     fill: FillPass,
     sky_mask: SkyMaskPass,
-    warp: WarpPass,
     mend: MendPass,
     highlight: HighlightPass,
-    linear: LinearPass,
-    fixed_point: FixedPointPass,
-    seeded: SeededPass,
     build_pyramid: BuildPyramidPass,
-    pyramid: PyramidPass,
+    searches: BTreeMap<Search, SearchPipelines>,
     pub(crate) resolve: ResolvePass,
     autotune: BTreeMap<Search, Autotune>,
 }
@@ -116,14 +108,10 @@ impl GpuCompositor {
             reproject: ReprojectPass::new(&gpu),
             fill: FillPass::new(&gpu),
             sky_mask: SkyMaskPass::default(),
-            warp: WarpPass::new(),
             mend: MendPass::default(),
             highlight: HighlightPass::default(),
-            linear: LinearPass::new(),
-            fixed_point: FixedPointPass::new(),
-            seeded: SeededPass::new(),
             build_pyramid: BuildPyramidPass::new(&gpu),
-            pyramid: PyramidPass::new(),
+            searches: BTreeMap::new(),
             resolve: ResolvePass::new(&gpu),
             autotune: BTreeMap::new(),
             gpu,
@@ -207,20 +195,17 @@ impl GpuCompositor {
             let search_backend = self.autotune.entry(search).or_default().next(self.knobs.search_backend);
             let pieces = &inputs.pieces(pieces, chunk, batch);
             let draws = &DrawBatch { variant, search_backend, shared, splat: &inputs.splat, pieces, targets };
-            match search {
-                Search::Splat => {
-                    self.sky_mask.record(gpu, &mut commands, draws)?;
-                    pauses.pause(&mut commands)?;
-                    self.warp.record(gpu, &mut commands, draws)?;
-                    pauses.pause(&mut commands)?;
-                    self.mend.record(gpu, &mut commands, draws)?;
-                    pauses.pause(&mut commands)?;
-                    self.highlight.record(gpu, &mut commands, draws)?;
-                }
-                Search::Linear => self.linear.record(gpu, &mut commands, draws)?,
-                Search::FixedPoint => self.fixed_point.record(gpu, &mut commands, draws)?,
-                Search::Seeded => self.seeded.record(gpu, &mut commands, draws)?,
-                Search::Pyramid => self.pyramid.record(gpu, &mut commands, draws)?,
+            if search == Search::Splat {
+                self.sky_mask.record(gpu, &mut commands, draws)?;
+                pauses.pause(&mut commands)?;
+            }
+            let pipelines = self.searches.entry(search).or_insert_with(|| SearchPipelines::new(search));
+            pipelines.record(gpu, &mut commands, draws)?;
+            if search == Search::Splat {
+                pauses.pause(&mut commands)?;
+                self.mend.record(gpu, &mut commands, draws)?;
+                pauses.pause(&mut commands)?;
+                self.highlight.record(gpu, &mut commands, draws)?;
             }
             pauses.pause(&mut commands)?;
         }
@@ -263,13 +248,7 @@ impl GpuCompositor {
     fn note_times(&mut self, chunk: &Chunk, inputs: &ChunkInputs, stages: &[Stage]) {
         let searches: BTreeSet<Search> = inputs.draws.keys().map(|(search, _)| *search).collect();
         for search in searches {
-            let name = match search {
-                Search::Splat => WarpPass::NAME,
-                Search::Linear => LinearPass::NAME,
-                Search::FixedPoint => FixedPointPass::NAME,
-                Search::Seeded => SeededPass::NAME,
-                Search::Pyramid => PyramidPass::NAME,
-            };
+            let name = search_pipelines::name(search);
             let Some(stage) = stages.iter().find(|stage| stage.name == name) else { continue };
             let tuning = self.autotune.entry(search).or_default();
             let search_backend = tuning.next(self.knobs.search_backend);

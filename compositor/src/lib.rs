@@ -7,10 +7,8 @@
 //! - [`argus_scene::Search::Splat`]: the samples' texels are projected into cells of the view, each cell keeps the
 //!   nearest, and gaps within a surface are filled;
 //! - [`argus_scene::Search::Linear`]: linear steps and bisection (the cluster paper, section 4.2);
-//! - [`argus_scene::Search::FixedPoint`]: fixed-point iteration between the ray and a sample's surface, from the middle
-//!   of the scene's bounds; a linear search where it does not converge;
-//! - [`argus_scene::Search::Seeded`]: fixed-point iteration that starts from a coarse splat, or from the previous frame
-//!   of the session ([`argus_scene::History`]);
+//! - [`argus_scene::Search::Seeded`]: fixed-point iteration between the ray and a sample's surface, from a coarse splat or
+//!   from the previous frame of the session ([`argus_scene::History`]);
 //! - [`argus_scene::Search::Pyramid`]: the ray is marched through a pyramid of each sample's nearest surfaces (exact).
 //!
 //! The meaning of a frame's pixels, in addition to [`argus_scene::Output`]:

@@ -2,12 +2,8 @@
 
 use argus_scene::{Outputs, Plan, Search, Warp};
 
-use crate::passes::fixed_point::FixedPointPass;
-use crate::passes::linear::LinearPass;
-use crate::passes::pyramid::PyramidPass;
 use crate::passes::reproject::ReprojectPass;
-use crate::passes::seeded::SeededPass;
-use crate::passes::warp::WarpPass;
+use crate::search_pipelines::name;
 
 /// Whether a pass, or a part of one, runs for a view.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,7 +55,7 @@ pub(crate) fn pass_plan(
         ),
         row("fill cells", fills, &searched),
         row("mask sky", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
-        row(WarpPass::NAME, is(Search::Splat), &searched),
+        row(name(Search::Splat), is(Search::Splat), &searched),
         row("collect pixels", is(Search::Splat), "pixels that the warp left over are listed"),
         row("mend pixels", is(Search::Splat), "pixels that one sample did not settle are tried in all"),
         row(
@@ -67,11 +63,10 @@ pub(crate) fn pass_plan(
             is(Search::Splat) && glossy,
             "glossy pixels are lit one by one, so that the others do not pay",
         ),
-        row(LinearPass::NAME, is(Search::Linear), &stepped),
-        row(FixedPointPass::NAME, is(Search::FixedPoint), &stepped),
-        row(SeededPass::NAME, is(Search::Seeded), &stepped),
+        row(name(Search::Linear), is(Search::Linear), &stepped),
+        row(name(Search::Seeded), is(Search::Seeded), &stepped),
         row("make pyramid", is(Search::Pyramid), "of samples that have none yet, for searches that read it"),
-        row(PyramidPass::NAME, is(Search::Pyramid), &searched),
+        row(name(Search::Pyramid), is(Search::Pyramid), &searched),
         row(
             "specular",
             glossy,

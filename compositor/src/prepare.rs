@@ -87,10 +87,7 @@ impl PreparedView {
         let Plan::Warp(Warp { search, steps, supersampling, samples, faces, .. }) = &job.plan else {
             return Err(InvalidField::new("plan", "a compositor has no triangles to render directly").into());
         };
-        let within = |field, value: usize, most: usize| match (1..=most).contains(&value) {
-            true => Ok(()),
-            false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {value}"))),
-        };
+        let within = |field, value: usize, most| InvalidField::within(field, value, 1..=most);
         let (of_probes, of_rig): (Vec<SampleId>, Vec<SampleId>) =
             samples.iter().copied().partition(SampleId::is_reflection_probe);
         within("plan.samples", of_rig.len(), MAX_SAMPLES)?;

@@ -1,10 +1,10 @@
-//! The pipelines of one search: a fragment and a compute program, by variant.
+//! The searches: the program of each, and its pipelines in fragments and in compute, by variant.
 
 use std::collections::BTreeMap;
 
 use argus_gpu::{Commands, ComputePipeline, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
-use argus_scene::RenderError;
-use argus_shaders::Program;
+use argus_scene::{RenderError, Search};
+use argus_shaders::{Program, compositor};
 
 use crate::draw_batch::{DrawBatch, NamedBinding, PieceDraw, Variant};
 use crate::knobs::SearchBackend;
@@ -12,6 +12,7 @@ use crate::knobs::SearchBackend;
 /// Pipelines of one search, made when a batch first needs them. A scene needs one or two variants.
 #[derive(Debug)]
 pub(crate) struct SearchPipelines {
+    search: Search,
     program: &'static Program,
     /// Row in the timing table.
     name: &'static str,
@@ -20,17 +21,36 @@ pub(crate) struct SearchPipelines {
     compute: BTreeMap<Variant, ComputePipeline>,
 }
 
+/// Row of a search in the timing table.
+pub(crate) const fn name(search: Search) -> &'static str {
+    match search {
+        Search::Splat => "warp views",
+        Search::Linear => "search views",
+        Search::Seeded => "refine views",
+        Search::Pyramid => "follow rays",
+    }
+}
+
 impl SearchPipelines {
-    pub(crate) fn new(program: &'static Program, name: &'static str) -> Self {
-        Self { program, name, reads_display: false, fragment: BTreeMap::new(), compute: BTreeMap::new() }
+    pub(crate) fn new(search: Search) -> Self {
+        let program = match search {
+            Search::Splat => &compositor::WARP,
+            Search::Linear => &compositor::LINEAR,
+            Search::Seeded => &compositor::SEEDED,
+            Search::Pyramid => &compositor::PYRAMID,
+        };
+        let reads_display = search == Search::Splat;
+        Self {
+            search,
+            program,
+            name: name(search),
+            reads_display,
+            fragment: BTreeMap::new(),
+            compute: BTreeMap::new(),
+        }
     }
 
-    /// Pipelines of a program that reads the display plane.
-    pub(crate) fn with_display(program: &'static Program, name: &'static str) -> Self {
-        Self { reads_display: true, ..Self::new(program, name) }
-    }
-
-    /// Draws pieces. `extras` are the bindings of this search beside the shared ones.
+    /// Draws pieces.
     ///
     /// # Errors
     /// [`RenderError::Internal`] if the pool lacks a plane.
@@ -39,14 +59,21 @@ impl SearchPipelines {
         gpu: &Gpu,
         commands: &mut Commands,
         batch: &DrawBatch<'_>,
-        extras: &[NamedBinding<'_>],
     ) -> Result<(), RenderError> {
         let bindings = |draw: &PieceDraw<'_>| {
             let mut bindings = match self.reads_display {
                 true => batch.shared.bindings_of_level(draw.level)?,
                 false => batch.shared.bindings()?,
             };
-            bindings.extend_from_slice(extras);
+            match self.search {
+                Search::Splat | Search::Seeded => {
+                    bindings.push(NamedBinding::read("depths", &batch.splat.depths));
+                }
+                Search::Pyramid => {
+                    bindings.push(NamedBinding::read("nearest_surfaces", batch.shared.pool.pyramids()?));
+                }
+                Search::Linear => {}
+            }
             Ok(bindings)
         };
         let bindings = batch.pieces.iter().map(bindings).collect::<Result<Vec<_>, RenderError>>()?;
@@ -95,10 +122,7 @@ impl SearchPipelines {
             pass.viewport(x, y, width, height);
             let mut call = pass.draw(pipeline).read("view", &draw.view);
             for binding in bindings {
-                call = match binding.writes {
-                    true => call.write(binding.name, binding.resource),
-                    false => call.read(binding.name, binding.resource),
-                };
+                call = call.read(binding.name, binding.resource);
             }
             call.vertices(0..3, 0..1);
         }

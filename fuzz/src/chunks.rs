@@ -8,9 +8,8 @@ use argus_proto::chunks::{
 };
 use argus_proto::v1;
 use argus_scene::{
-    Bounds, Camera, FaceMask, Frame, Indirect, Lighting, Limits, PixelJob, Pixels, Plan, Plane, PlaneData,
-    PlaneFormat, PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, Sampling, SceneHash, Served,
-    Specification, Stage, Version, Visibility,
+    Bounds, Camera, FaceMask, Frame, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
+    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, SceneHash, Served, Stage,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -92,21 +91,7 @@ pub fn frames(bytes: &[u8]) -> Result<(), String> {
 
 fn set() -> SampleSetInfo {
     let bounds = Bounds { min: DVec3::splat(-10.0), max: DVec3::splat(10.0) };
-    SampleSetInfo {
-        scene: HASH,
-        bounds,
-        extent: bounds,
-        rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [12, 8] },
-        version: Version::of_epoch(0, 0),
-        epoch_secs: 0.0,
-        lighting: Lighting::default(),
-        visibility: Visibility::default(),
-        sampling: Sampling::default(),
-        sub_samples: Specification::USUAL_SUB_SAMPLES,
-        effects: argus_scene::LightEffects::NONE,
-        indirect: Indirect::Off,
-        reflections: None,
-    }
+    SampleSetInfo::plain(HASH, bounds, Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [12, 8] })
 }
 
 /// Valid samples.

@@ -39,6 +39,8 @@ enum Command {
 
 fn main() -> ExitCode {
     argus::silence_device_selection();
+    // The short form of a study has other defaults.
+    argus_studies::set_quick(std::env::args_os().any(|word| word == "--quick"));
     let Cli { command, common } = Cli::parse();
     match command {
         Command::Study(args) => argus::run_experiment(&common, |runtime| runtime.block_on(study::run(*args))),

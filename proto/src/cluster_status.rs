@@ -1,8 +1,10 @@
 //! The status of a cluster, as JSON and tables show it. Its one definition is [`v1::StatusResponse`].
 
+use argus_scene::Visibility;
 use serde::{Serialize, Serializer};
 
-use crate::{convert, v1};
+use crate::convert::{self, WireEnum as _};
+use crate::v1;
 
 impl v1::StatusResponse {
     /// Counts since the coordinator started; zeros if the message lacks them.
@@ -48,7 +50,7 @@ fn scene_name(scene: &Option<v1::SceneRef>) -> &str {
 }
 
 fn visibility_name(number: i32) -> &'static str {
-    convert::visibility(number, "visibility").map_or("", |visibility| visibility.name())
+    Visibility::from_number(number, "visibility").map_or("", |visibility| visibility.name())
 }
 
 fn light_name(number: i32) -> &'static str {

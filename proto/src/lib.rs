@@ -43,4 +43,4 @@ pub const MAX_CHUNK_BYTES: usize = 1 << 20;
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/argus_descriptors.bin"));
 
 #[cfg(test)]
-mod arbitrary;
+mod tests;

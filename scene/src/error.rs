@@ -1,5 +1,8 @@
 //! Errors that every layer shares.
 
+use std::fmt;
+use std::ops::RangeInclusive;
+
 /// A field of a request with an invalid value; sent to clients as `INVALID_ARGUMENT`.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: {reason}")]
@@ -14,6 +17,33 @@ impl InvalidField {
     /// An error for this field, with its reason.
     pub fn new(field: &'static str, reason: impl Into<String>) -> Self {
         Self { field, reason: reason.into() }
+    }
+
+    /// The value if it lies in the range. NaN never does.
+    ///
+    /// # Errors
+    /// The field, with the range.
+    pub fn within<T: PartialOrd + fmt::Display>(
+        field: &'static str,
+        value: T,
+        range: RangeInclusive<T>,
+    ) -> Result<T, Self> {
+        if range.contains(&value) {
+            return Ok(value);
+        }
+        Err(Self::new(field, format!("must be {} to {}, not {value}", range.start(), range.end())))
+    }
+
+    /// The value if it is above 0 and finite.
+    ///
+    /// # Errors
+    /// The field.
+    pub fn positive<T: Into<f64> + Copy>(field: &'static str, value: T) -> Result<T, Self> {
+        let number: f64 = value.into();
+        if number > 0.0 && number.is_finite() {
+            return Ok(value);
+        }
+        Err(Self::new(field, format!("must be above 0 and finite, not {number}")))
     }
 }
 

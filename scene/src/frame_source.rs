@@ -50,12 +50,8 @@ impl FrameSource {
     /// The fields of [`Camera::validate`]; `width`, `height`, `samples_per_pixel`.
     pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
         self.camera.validate()?;
-        for (field, side) in [("width", self.width), ("height", self.height)] {
-            if !(1..=limits.max_side).contains(&side) {
-                let reason = format!("must be 1 to {} pixels, not {side}", limits.max_side);
-                return Err(InvalidField::new(field, reason));
-            }
-        }
+        InvalidField::within("width", self.width, 1..=limits.max_side)?;
+        InvalidField::within("height", self.height, 1..=limits.max_side)?;
         let n = self.samples_per_pixel;
         if !(1..=Self::MOST_SAMPLES_PER_PIXEL).contains(&n) || n.isqrt().pow(2) != n {
             let reason = format!("must be a square number up to {}, not {n}", Self::MOST_SAMPLES_PER_PIXEL);

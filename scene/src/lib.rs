@@ -93,7 +93,7 @@ pub use sample::{
     Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Version,
 };
 pub use sampling::{MegaViews, Sampling};
-pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash, SharedScene};
+pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash};
 pub use specification::{Difference, Specification, SpecificationHash, check_sub_samples};
 pub use surface_light::{CellReport, SurfaceLight};
 pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};

@@ -129,24 +129,13 @@ impl Reflections {
             return Err(InvalidField::new("reflections.side", reason));
         }
         match self.source {
-            ProbeSource::Octree { levels } if !(1..=10).contains(&levels) => {
-                let reason = format!("must be 1 to 10, not {levels}");
-                return Err(InvalidField::new("reflections.levels", reason));
+            ProbeSource::Octree { levels } => InvalidField::within("reflections.levels", levels, 1..=10)?,
+            ProbeSource::Points { budget } => {
+                InvalidField::within("reflections.points", budget, ProbeSource::BUDGETS)?
             }
-            ProbeSource::Points { budget } if !ProbeSource::BUDGETS.contains(&budget) => {
-                let (least, most) = (ProbeSource::BUDGETS.start(), ProbeSource::BUDGETS.end());
-                let reason = format!("must be {least} to {most} points, not {budget}");
-                return Err(InvalidField::new("reflections.points", reason));
-            }
-            ProbeSource::Octree { .. } | ProbeSource::Points { .. } | ProbeSource::Rays => {}
-        }
-        if !(1..=1024).contains(&self.most) {
-            return Err(InvalidField::new(
-                "reflections.most",
-                format!("must be 1 to 1024, not {}", self.most),
-            ));
-        }
-        Ok(())
+            ProbeSource::Rays => 0,
+        };
+        InvalidField::within("reflections.most", self.most, 1..=1024).map(drop)
     }
 }
 
@@ -206,10 +195,7 @@ impl ReflectionProbeSet {
             }
             (_, eye) => eye.map_or(Ok(()), |eye| eye.validate())?,
         }
-        if !(1..=self.knobs.most).contains(&self.count) {
-            let reason = format!("must be 1 to {}, not {}", self.knobs.most, self.count);
-            return Err(InvalidField::new("reflections.count", reason));
-        }
+        InvalidField::within("reflections.count", self.count, 1..=self.knobs.most)?;
         let bytes = self.bytes();
         if bytes > MOST_BYTES {
             let (mib, most) = (bytes >> 20, MOST_BYTES >> 20);
@@ -359,14 +345,7 @@ mod tests {
             instances: vec![at(0, 0.0), at(2, 1.0), at(1, 1e6), at(3, 2.0), at(0, 5.0), at(4, 0.0)],
             materials: vec![chrome, matt, textured],
             textures: vec![texture],
-            name: String::new(),
-            hash: crate::SceneHash([0; 32]),
-            nodes: Vec::new(),
-            animations: Vec::new(),
-            lighting: crate::Lighting::default(),
-            cameras: Vec::new(),
-            rig: crate::RigKind::Cell,
-            warnings: Vec::new(),
+            ..Scene::default()
         }
     }
 

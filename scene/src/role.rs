@@ -93,6 +93,24 @@ pub struct ViewJob {
     pub history: Option<Arc<History>>,
 }
 
+impl ViewJob {
+    /// The colour of a view of the scene at its start, without probes and history.
+    pub fn new(camera: Camera, [width, height]: [u32; 2], plan: Plan) -> Self {
+        Self {
+            camera,
+            width,
+            height,
+            outputs: Outputs::COLOR,
+            plan,
+            state: SceneState::default(),
+            time_secs: 0.0,
+            visibility: Visibility::default(),
+            reflections: None,
+            history: None,
+        }
+    }
+}
+
 /// An order for some pixels of a view: those that no sample saw.
 #[derive(Debug, Clone)]
 pub struct PixelJob {
@@ -195,16 +213,11 @@ pub trait Sampler: Send {
         let views: Vec<ViewJob> = jobs
             .iter()
             .map(|job| ViewJob {
-                camera: job.camera,
-                width: job.width,
-                height: job.height,
                 outputs: Outputs { range: true, ..Outputs::COLOR },
-                plan: Plan::direct(job.samples_per_pixel),
                 state: job.state,
                 time_secs: job.time_secs,
-                visibility: Visibility::default(),
                 reflections: job.reflections,
-                history: None,
+                ..ViewJob::new(job.camera, [job.width, job.height], Plan::direct(job.samples_per_pixel))
             })
             .collect();
         let frames = self.render_views(&views, cancel);

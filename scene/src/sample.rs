@@ -227,6 +227,31 @@ pub struct SampleSetInfo {
 }
 
 impl SampleSetInfo {
+    /// A still set from triangles in the rig's cameras, without lights and without effects of light.
+    pub fn plain(scene: SceneHash, bounds: Bounds, rig: Rig) -> Self {
+        Self {
+            scene,
+            bounds,
+            extent: bounds,
+            rig,
+            version: Version::of_epoch(0, 0),
+            epoch_secs: 0.0,
+            lighting: Lighting::default(),
+            visibility: Visibility::default(),
+            sampling: Sampling::default(),
+            sub_samples: Specification::USUAL_SUB_SAMPLES,
+            effects: LightEffects::NONE,
+            indirect: Indirect::Off,
+            reflections: None,
+        }
+    }
+
+    /// A still set of a scene in its own light, without shadows and the like.
+    pub fn of_scene(scene: &Scene, rig: Rig) -> Self {
+        let plain = Self::plain(scene.hash, scene.bounds(), rig);
+        Self { extent: scene.extent(), lighting: scene.lighting.clone(), ..plain }
+    }
+
     /// Scene time, seconds: epoch·Δt.
     pub fn time_secs(&self) -> f64 {
         self.version.state.epoch as f64 * self.epoch_secs

@@ -90,13 +90,8 @@ impl Sampling {
                 "megaviews renders omni cameras, and those of the rig tile-corners are not: take --rig cell";
             return Err(InvalidField::new("sampling", reason));
         }
-        if !(8..=1024).contains(&map_side) {
-            let reason = format!("must be 8 to 1024 texels, not {map_side}");
-            return Err(InvalidField::new("sampling.map_side", reason));
-        }
-        if !(1..=10).contains(&levels) {
-            return Err(InvalidField::new("sampling.levels", format!("must be 1 to 10, not {levels}")));
-        }
+        InvalidField::within("sampling.map_side", map_side, 8..=1024)?;
+        InvalidField::within("sampling.levels", levels, 1..=10)?;
         if ![1, 2, 4].contains(&block) {
             return Err(InvalidField::new("sampling.block", format!("must be 1, 2 or 4, not {block}")));
         }

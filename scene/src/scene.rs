@@ -311,9 +311,6 @@ fn met(direction: DVec3, a: DVec3, b: DVec3, c: DVec3) -> Option<(f64, bool)> {
     (distance > 0.0).then_some((distance, is_front))
 }
 
-/// A shared scene, since scenes are large.
-pub type SharedScene = Arc<Scene>;
-
 #[cfg(test)]
 mod tests {
     use glam::DAffine3;

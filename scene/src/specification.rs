@@ -66,12 +66,7 @@ impl Specification {
         self.indirect.validate()?;
         self.indirect.check_effects(self.effects)?;
         self.reflections.map_or(Ok(()), |maps| maps.validate())?;
-        // Written so that NaN is refused.
-        if !(self.exposure > 0.0 && self.exposure.is_finite()) {
-            let reason = format!("must be above 0 and finite, not {}", self.exposure);
-            return Err(InvalidField::new("exposure", reason));
-        }
-        Ok(())
+        InvalidField::positive("exposure", self.exposure).map(drop)
     }
 
     /// Its hash, which is stable.

@@ -14,9 +14,6 @@ pub enum Search {
     /// The cluster paper's search (section 4.2): linear steps along the view ray until it is inside every camera's
     /// surface, then binary refinement; the most conservative surface wins.
     Linear,
-    /// Fixed-point iteration from the middle of the scene's bounds. Each step goes to the end of the sample's ray;
-    /// where it does not converge, linear steps follow.
-    FixedPoint,
     /// A coarse splat gives the start, fixed-point steps refine it, a short linear search finishes.
     Seeded,
     /// Exact: the ray is followed through a min/max pyramid of each sample's inverse range.
@@ -25,14 +22,13 @@ pub enum Search {
 
 impl Search {
     /// All searches, in the order of tables.
-    pub const ALL: [Self; 5] = [Self::Splat, Self::Linear, Self::FixedPoint, Self::Seeded, Self::Pyramid];
+    pub const ALL: [Self; 4] = [Self::Splat, Self::Linear, Self::Seeded, Self::Pyramid];
 
     /// Its name on the command line and in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Splat => "splat",
             Self::Linear => "linear",
-            Self::FixedPoint => "fixed-point",
             Self::Seeded => "seeded",
             Self::Pyramid => "pyramid",
         }
@@ -41,7 +37,6 @@ impl Search {
     /// Default number of steps: more of them gain little.
     pub fn usual_steps(self) -> u32 {
         match self {
-            Self::FixedPoint => 8,
             Self::Seeded => 4,
             _ => 64,
         }
@@ -49,7 +44,7 @@ impl Search {
 
     /// Whether it uses [`Warp::steps`].
     pub fn takes_steps(self) -> bool {
-        matches!(self, Self::Linear | Self::FixedPoint | Self::Seeded)
+        matches!(self, Self::Linear | Self::Seeded)
     }
 }
 
@@ -360,12 +355,8 @@ impl View {
     /// Rejects an invalid view by field. Code behind this check need not repeat it.
     pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
         self.camera.validate()?;
-        for (field, side) in [("width", self.width), ("height", self.height)] {
-            if !(1..=limits.max_side).contains(&side) {
-                let reason = format!("must be 1 to {} pixels, not {side}", limits.max_side);
-                return Err(InvalidField::new(field, reason));
-            }
-        }
+        InvalidField::within("width", self.width, 1..=limits.max_side)?;
+        InvalidField::within("height", self.height, 1..=limits.max_side)?;
         let pixels = u64::from(self.width) * u64::from(self.height);
         if pixels > limits.max_pixels {
             let reason = format!("width × height must be at most {} pixels, not {pixels}", limits.max_pixels);
@@ -374,11 +365,8 @@ impl View {
         if self.outputs == Outputs::default() {
             return Err(InvalidField::new("outputs", "at least one output must be asked for"));
         }
-        let within = |field, value: Option<u32>, most| match value {
-            Some(n) if !(1..=most).contains(&n) => {
-                Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}")))
-            }
-            _ => Ok(()),
+        let within = |field, value: Option<u32>, most| {
+            value.map_or(Ok(0), |value| InvalidField::within(field, value, 1..=most))
         };
         within("plan.steps", self.plan.steps, 4096)?;
         within("plan.supersampling", self.plan.supersampling, 8)?;

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/linear.rs: the linear search of the cluster paper (section 4.2), and the fetch.
+// Program of compositor/src/search_pipelines.rs: the linear search of the cluster paper (section 4.2), and the fetch.
 
 import package::shared::fetch::{crossing_of_bounds, direction_of, position_of, view};
 import package::shared::march::march;

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/pyramid.rs: exact ray marching, from texel to texel of each sample in turn. It ends
+// Program of compositor/src/search_pipelines.rs: exact ray marching, from texel to texel of each sample in turn. It ends
 // where no camera that looks there sees past the point (the most conservative surface, cluster paper, section 4.2). A
 // pyramid of nearest surfaces skips empty space in large steps.
 

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/seeded.rs: fixed-point iteration from the depth of the pixel's cell. Where it does not
+// Program of compositor/src/search_pipelines.rs: fixed-point iteration from the depth of the pixel's cell. Where it does not
 // converge, a short linear search.
 
 import package::shared::cells::{Depth, depth_of};

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/warp.rs: a pixel has the depth of its cell, and the colour of the sample that splatted
+// Program of compositor/src/search_pipelines.rs: a pixel has the depth of its cell, and the colour of the sample that splatted
 // it. Pixels that this does not settle are marked for `mend.wgsl`.
 //
 // This program has no loop, no list and no rare case. The software driver runs both sides of every branch, and zeroes the

@@ -9,10 +9,10 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 #[command(next_help_heading = "Plan")]
 pub(crate) struct Plan {
     /// Reconstruct from samples, and find the depth of a pixel by: splat (samples are splatted forward; fastest), linear (the
-    /// cluster paper's steps along the ray), fixed-point, seeded (fixed-point from a coarse splat) or pyramid (exact)
+    /// cluster paper's steps along the ray), seeded (fixed-point iteration from a coarse splat) or pyramid (exact)
     #[arg(long, value_name = "SEARCH", value_parser = search())]
     pub(crate) search: Option<Search>,
-    /// Steps of the linear, fixed-point and seeded searches, 1 to 4096; more steps find more surfaces and cost time
+    /// Steps of the linear and seeded searches, 1 to 4096; more steps find more surfaces and cost time
     #[arg(long, value_name = "N")]
     pub(crate) steps: Option<u32>,
     /// Render from the triangles, never from samples. This also fixes the plan: a plan that is left open depends on what the

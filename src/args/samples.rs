@@ -47,6 +47,11 @@ impl Rig {
             face: self.face,
         }
     }
+
+    /// The number of samples of a view, or `usual`.
+    pub fn samples(&self, usual: usize) -> usize {
+        self.samples.map_or(usual, |samples| samples as usize)
+    }
 }
 
 /// What samples are rendered from.

@@ -10,8 +10,8 @@ use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Indirect, Outputs, Plan, RenderError, Rig, RigKnobs, SampleJob,
-    Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Plan, RenderError, Rig, RigKnobs, SampleJob, Sampler as _, Scene,
+    ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -53,21 +53,7 @@ impl Stage {
     /// A stage without references.
     pub(super) fn without_truth(gpu: &Arc<Gpu>) -> Result<Self> {
         let scene = Arc::new(argus_scene::open(SCENE)?);
-        let info = Arc::new(SampleSetInfo {
-            scene: scene.hash,
-            bounds: scene.bounds(),
-            extent: scene.extent(),
-            rig: Rig::for_scene(&scene, &RigKnobs::default())?,
-            version: Version::of_epoch(0, 0),
-            epoch_secs: 0.0,
-            lighting: scene.lighting.clone(),
-            visibility: Visibility::default(),
-            sampling: Sampling::default(),
-            sub_samples: Specification::USUAL_SUB_SAMPLES,
-            effects: argus_scene::LightEffects::NONE,
-            indirect: Indirect::Off,
-            reflections: None,
-        });
+        let info = Arc::new(SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, &RigKnobs::default())?));
         let sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
         let tracer = Tracer::new(Arc::clone(&scene));
         let cameras: Vec<Camera> = scene.cameras.iter().take(VIEWS).map(|named| named.camera).collect();
@@ -75,18 +61,7 @@ impl Stage {
     }
 
     fn job(&self, camera: Camera, plan: Plan, visibility: Visibility) -> ViewJob {
-        ViewJob {
-            camera,
-            width: SIZE[0],
-            height: SIZE[1],
-            outputs: Outputs::COLOR,
-            plan,
-            state: SceneState::default(),
-            time_secs: 0.0,
-            visibility,
-            reflections: None,
-            history: None,
-        }
+        ViewJob { visibility, ..ViewJob::new(camera, SIZE, plan) }
     }
 
     /// Renders all views from triangles.

@@ -20,56 +20,36 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, SamplingCost, compare};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures the cost of direct views, samples, and the splat and linear searches, and their error against the reference
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scenes, as [`argus_scene::open`] takes them.
+    /// Scenes with commas between, each measured by itself: a file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long = "scene", value_name = "S", value_delimiter = ',', default_value = or_quick("terrain:50000,terrain:500000,terrain:2000000", "terrain:20000"))]
     pub scenes: Vec<String>,
-    /// View sizes in pixels.
+    /// Sizes of views in pixels, with commas between, each measured by itself
+    #[arg(long = "size", value_name = "WxH", value_delimiter = ',', value_parser = size, default_value = or_quick("200x150,640x480", "96x72"))]
     pub sizes: Vec<[u32; 2]>,
-    /// Views in a batch.
+    /// Views in a batch
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("64", "8"))]
     pub batch: usize,
-    /// Views compared with the reference.
+    /// Views compared with the reference
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("8", "2"))]
     pub judged: usize,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Reference samples per pixel: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("64", "16"))]
     pub reference_samples: u32,
-    /// Samples used for each warped view.
+    /// Samples that a view is warped from
+    #[arg(long, value_name = "N", value_parser = count, default_value = "4")]
     pub samples: usize,
-}
-
-impl Default for Options {
-    /// The README's figures; takes minutes.
-    fn default() -> Self {
-        Self {
-            scenes: ["terrain:50000", "terrain:500000", "terrain:2000000"].map(str::to_owned).to_vec(),
-            sizes: vec![[200, 150], [640, 480]],
-            batch: 64,
-            judged: 8,
-            rounds: 3,
-            reference_samples: 64,
-            samples: 4,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scenes: vec!["terrain:20000".to_owned()],
-            sizes: vec![[96, 72]],
-            batch: 8,
-            judged: 2,
-            rounds: 1,
-            reference_samples: 16,
-            ..Self::default()
-        }
-    }
 }
 
 /// The methods compared; each is a row.

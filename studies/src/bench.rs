@@ -78,19 +78,10 @@ impl Bench {
         sampler: SamplerKnobs,
     ) -> Result<Self> {
         let info = Arc::new(SampleSetInfo {
-            scene: scene.hash,
-            bounds: scene.bounds(),
-            extent: scene.extent(),
-            rig: Rig::for_scene(&scene, rig)?,
-            version: Version::of_epoch(0, 0),
-            epoch_secs: 0.0,
-            lighting: scene.lighting.clone(),
-            visibility: Visibility::default(),
-            sampling: Sampling::default(),
             sub_samples: sampler.sub_samples,
             effects: sampler.effects,
             indirect: sampler.indirect,
-            reflections: None,
+            ..SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, rig)?)
         });
         let sampler = GpuSampler::with_methods(
             Arc::clone(gpu),
@@ -218,18 +209,10 @@ impl Bench {
     }
 
     /// A view job with this bench's epoch, visibility and probes.
-    pub(crate) fn job(
-        &self,
-        camera: Camera,
-        [width, height]: [u32; 2],
-        outputs: Outputs,
-        plan: Plan,
-    ) -> ViewJob {
-        let (state, time_secs) = (self.info.version.state, self.info.time_secs());
-        let visibility = self.info.visibility;
-        let reflections = self.info.reflections;
-        let history = None;
-        ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history }
+    pub(crate) fn job(&self, camera: Camera, size: [u32; 2], outputs: Outputs, plan: Plan) -> ViewJob {
+        let SampleSetInfo { visibility, reflections, ref version, .. } = *self.info;
+        let (state, time_secs) = (version.state, self.info.time_secs());
+        ViewJob { outputs, state, time_secs, visibility, reflections, ..ViewJob::new(camera, size, plan) }
     }
 
     /// Renders a batch. Returns its milliseconds and its frames. Jobs are all direct or all warped.

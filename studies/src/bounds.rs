@@ -13,59 +13,40 @@ use argus_scene::{Holes, PlanRequest, RigKnobs, Search};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, is_quick, or_quick, size};
 use crate::calibration::{self, Answers, share, tally};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures how often error bounds hold in random views, and what they cost against the cheapest setting that keeps them.
+/// The calibrated model is saved, and services on this machine use it from then on
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scenes, as [`argus_scene::open`] takes them.
+    /// Scenes with commas between, each measured by itself: a file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long = "scene", value_name = "S", value_delimiter = ',', default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scenes: Vec<String>,
-    /// Views used to fit the model.
+    /// Number of random views that calibrate the model
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("100", "12"))]
     pub calibration: usize,
-    /// Further views used to test the bounds.
+    /// Number of further random views that test the bounds
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("100", "6"))]
     pub views: usize,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "64x48"))]
     pub size: [u32; 2],
-    /// Reference samples per pixel: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("16", "4"))]
     pub reference_samples: u32,
-    /// Cells of a `Cell` rig from which views are drawn.
+    /// Cells of a `cell` rig from which views are drawn
+    #[arg(long, value_name = "N", value_parser = count, default_value = "12")]
     pub cells: usize,
-    /// Error bounds, as multiples of the calibration views' median error in the default setting.
+    /// Error bounds, as multiples of the calibration views' median error in the default setting
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0.5,1,2")]
     pub bounds: Vec<f64>,
     /// Whether fitted models are saved for coordinators to use.
+    #[arg(skip = !is_quick())]
     pub keep: bool,
-}
-
-impl Default for Options {
-    /// The README's figures; takes minutes.
-    fn default() -> Self {
-        Self {
-            scenes: vec!["terrain:500000".to_owned()],
-            calibration: 100,
-            views: 100,
-            size: [200, 150],
-            reference_samples: 16,
-            cells: 12,
-            bounds: vec![0.5, 1.0, 2.0],
-            keep: true,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scenes: vec!["terrain:20000".to_owned()],
-            calibration: 12,
-            views: 6,
-            size: [64, 48],
-            reference_samples: 4,
-            keep: false,
-            ..Self::default()
-        }
-    }
 }
 
 /// Random seeds of the two disjoint sets of views.

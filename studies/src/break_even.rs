@@ -7,66 +7,43 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
+use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Outputs, Plan, RigKnobs, ViewJob, Visibility, Warp, path};
+use argus_scene::{Camera, Outputs, Plan, ViewJob, Visibility, Warp, path};
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, SamplingCost};
 use crate::median::median;
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures from how many views on samples are cheaper than direct views, for each visibility backend
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scenes, as [`argus_scene::open`] takes them.
+    /// Scenes with commas between, each measured by itself: a file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long = "scene", value_name = "S", value_delimiter = ',', default_value = or_quick("terrain:2000000", "terrain:20000"))]
     pub scenes: Vec<String>,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "64x48"))]
     pub size: [u32; 2],
-    /// How sample cameras are placed.
-    pub rig: RigKnobs,
-    /// Samples used for each warped view.
-    pub samples: usize,
-    /// Largest number of views: a power of two.
+    #[command(flatten)]
+    rig: args::Rig,
+    /// Largest number of views: a power of two
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("512", "32"))]
     pub most: usize,
-    /// Direct views over which their cost is averaged.
+    /// Direct views over which their cost is averaged
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub direct: usize,
-    /// Warped views in a batch.
+    /// Warped views in a batch
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("64", "8"))]
     pub batch: usize,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-}
-
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scenes: vec!["terrain:2000000".to_owned()],
-            size: [200, 150],
-            rig: RigKnobs::default(),
-            samples: 4,
-            most: 512,
-            direct: 4,
-            batch: 64,
-            rounds: 3,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scenes: vec!["terrain:20000".to_owned()],
-            size: [64, 48],
-            most: 32,
-            direct: 2,
-            batch: 8,
-            rounds: 1,
-            ..Self::default()
-        }
-    }
 }
 
 /// The cost of samples and of direct views by one visibility backend.
@@ -100,9 +77,10 @@ fn scene(
 ) -> Result<()> {
     let opened = Arc::new(argus_scene::open(spec)?);
     let mut backends = Vec::new();
-    let mut bench = Bench::with_scene(gpu, Arc::clone(&opened), &options.rig, SamplerKnobs::default())?;
+    let mut bench =
+        Bench::with_scene(gpu, Arc::clone(&opened), &options.rig.knobs(), SamplerKnobs::default())?;
     let cameras: Vec<Camera> = path::viewpoints(&bench.suggested(), options.most);
-    let ids = bench.all_ids(&cameras, options.samples);
+    let ids = bench.all_ids(&cameras, options.rig.samples(4));
     for visibility in Visibility::ALL {
         bench.set_visibility(visibility);
         // Views are warped from the last backend's samples; backends differ only along edges.
@@ -114,7 +92,7 @@ fn scene(
         ..bench.job(*camera, options.size, Outputs::COLOR, Plan::direct(1))
     };
     let warped = |bench: &Bench, camera: &Camera| {
-        let samples = bench.sample_ids(camera, options.samples);
+        let samples = bench.sample_ids(camera, options.rig.samples(4));
         bench.job(*camera, options.size, Outputs::COLOR, Plan::Warp(Warp { samples, ..Warp::default() }))
     };
     let mut warp_ms = Vec::new();

@@ -16,35 +16,29 @@ use futures::StreamExt as _;
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::arguments::{count, or_quick, size};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures many views at once over gRPC, from a cluster without samples, against rendering them all directly
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// Views requested at once.
+    /// Number of views
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("290", "16"))]
     pub views: u32,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "96x72"))]
     pub size: [u32; 2],
-    /// Worker processes.
+    /// Number of worker processes
+    #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
     pub workers: usize,
-    /// Rounds, each with a new cluster; each time is their median.
+    /// Number of rounds, each with a new cluster; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-}
-
-impl Default for Options {
-    /// The cluster paper's number and size of views.
-    fn default() -> Self {
-        Self { scene: "terrain:500000".to_owned(), views: 290, size: [200, 150], workers: 2, rounds: 3 }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self { scene: "terrain:20000".to_owned(), views: 16, size: [96, 72], rounds: 1, ..Self::default() }
-    }
 }
 
 /// How views are requested.

@@ -16,48 +16,31 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, compare, image_of};
 use crate::median::{mean, median};
 use crate::metered::open_metered;
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures views from triangles in less detail: time and error, which the planner weighs under load
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scenes, as [`argus_scene::open`] takes them.
+    /// Scenes with commas between, each measured by itself: a file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long = "scene", value_name = "S", value_delimiter = ',', default_value = or_quick("terrain:50000,terrain:500000,rooms", "terrain:20000"))]
     pub scenes: Vec<String>,
-    /// Size of a view in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("320x240", "96x72"))]
     pub size: [u32; 2],
-    /// Views of each scene.
+    /// Number of views of each scene
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub views: usize,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Samples a pixel of the references: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = "16")]
     pub reference_samples: u32,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scenes: ["terrain:50000", "terrain:500000", "rooms"].map(str::to_owned).to_vec(),
-            size: [320, 240],
-            views: 4,
-            rounds: 3,
-            reference_samples: 16,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scenes: vec!["terrain:20000".to_owned()],
-            size: [96, 72],
-            views: 2,
-            rounds: 1,
-            reference_samples: 16,
-        }
-    }
 }
 
 /// Runs the study; `progress` counts scenes × views.
@@ -154,7 +137,7 @@ mod tests {
 
     #[test]
     fn less_detail_takes_less_time_and_errs_more() {
-        let report = run(&Options::quick(), &ProgressBar::hidden()).unwrap();
+        let report = run(&crate::arguments::quick(), &ProgressBar::hidden()).unwrap();
         let column =
             |name: &str| -> Vec<f64> { report.rows.iter().map(|row| row[name].as_f64().unwrap()).collect() };
         let flips = column("flip");

@@ -9,74 +9,51 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::Result;
+use argus::args;
 use argus_compositor::{CompositorKnobs, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Frame, History, Output, Outputs, Plan, RigKnobs, SampleId, Search, ViewJob, Warp};
+use argus_scene::{Camera, Frame, History, Output, Outputs, Plan, SampleId, Search, ViewJob, Warp};
 use glam::DQuat;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, FrameErrors, Truth, WRONG_SURFACE};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures temporal reprojection: whether a session's search should start from its previous frame or from samples,
+/// by time and error against the camera's motion, and over a chain of frames
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "96x72"))]
     pub size: [u32; 2],
-    /// Views of the walk.
+    /// Number of views in the walk
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("12", "3"))]
     pub views: usize,
-    /// How sample cameras are placed.
-    pub rig: RigKnobs,
-    /// Samples used for each warped view.
-    pub samples: usize,
-    /// Camera turns between two frames, in degrees.
+    #[command(flatten)]
+    rig: args::Rig,
+    /// Camera turns between two frames in degrees
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("0,0.5,1,2,5,10,20", "0,2,90"))]
     pub turns_deg: Vec<f64>,
-    /// Camera moves between two frames, forward and sideways, as shares of the median visible range.
+    /// Camera moves between two frames, forward and sideways, as shares of the median visible range
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("0.001,0.005,0.01,0.02,0.05", "0.01"))]
     pub steps: Vec<f64>,
-    /// Lengths of chains: frames that each start from the one before.
+    /// Lengths of chains: frames that each start from the one before
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("3,5,8,12,30", "4"))]
     pub chains: Vec<usize>,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("9", "1"))]
     pub rounds: usize,
-    /// Reference samples per pixel: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = "16")]
     pub reference_samples: u32,
-}
-
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            size: [200, 150],
-            views: 12,
-            rig: RigKnobs::default(),
-            samples: 4,
-            turns_deg: vec![0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0],
-            steps: vec![0.001, 0.005, 0.01, 0.02, 0.05],
-            chains: vec![3, 5, 8, 12, 30],
-            rounds: 9,
-            reference_samples: 16,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            size: [96, 72],
-            views: 3,
-            turns_deg: vec![0.0, 2.0, 90.0],
-            steps: vec![0.01],
-            chains: vec![4],
-            rounds: 1,
-            ..Self::default()
-        }
-    }
 }
 
 /// A camera motion since the previous frame.
@@ -136,7 +113,7 @@ struct Variant {
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_message(options.scene.clone());
-    let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
+    let mut bench = Bench::new(&gpu, &options.scene, &options.rig.knobs(), SamplerKnobs::default())?;
     // Chains of any length: the study shows where the knob should limit them.
     let knobs = CompositorKnobs { max_reprojections: u32::MAX, ..CompositorKnobs::default() };
     bench.compositor = GpuCompositor::with_knobs(Arc::clone(&gpu), knobs)?;
@@ -204,7 +181,7 @@ fn with_depth(outputs: Outputs) -> Outputs {
 impl Study<'_> {
     /// Renders the samples for the cameras that are not held yet.
     fn hold(&mut self, bench: &mut Bench, cameras: &[Camera]) -> Result<()> {
-        let ids = bench.all_ids(cameras, self.options.samples);
+        let ids = bench.all_ids(cameras, self.options.rig.samples(4));
         let missing: Vec<SampleId> = ids.into_iter().filter(|id| self.held.insert(*id)).collect();
         if !missing.is_empty() {
             bench.hold(&missing)?;
@@ -213,7 +190,7 @@ impl Study<'_> {
     }
 
     fn job(&self, bench: &Bench, camera: &Camera, search: Search, history: Option<Arc<History>>) -> ViewJob {
-        let samples = bench.sample_ids(camera, self.options.samples);
+        let samples = bench.sample_ids(camera, self.options.rig.samples(4));
         let plan = Plan::Warp(Warp { search, samples, steps: search.usual_steps(), ..Warp::default() });
         ViewJob { history, ..bench.job(*camera, self.options.size, with_depth(Outputs::COLOR), plan) }
     }
@@ -323,7 +300,8 @@ impl Study<'_> {
             }))
         });
         let mut report = Report::new(&bench.scene.name, Machine::here(gpu.kind()), rows.collect());
-        let Options { size: [width, height], views, samples, reference_samples, .. } = self.options;
+        let Options { size: [width, height], views, reference_samples, .. } = self.options;
+        let samples = self.options.rig.samples(4);
         report.notes = vec![
             format!(
                 "{views} views of {width}×{height} pixels, in one batch, {samples} samples a view; steps are shares \

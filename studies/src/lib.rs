@@ -5,6 +5,7 @@
 //! readback included. They are medians over rounds in which the alternatives alternate, so that noise affects all of
 //! them alike.
 
+mod arguments;
 pub mod baseline;
 mod bench;
 pub mod bounds;
@@ -13,8 +14,6 @@ pub mod burst;
 pub mod calibration;
 pub mod campaign;
 pub mod capacity;
-pub mod cells;
-pub mod change;
 pub mod cluster;
 pub mod detail;
 pub mod device;
@@ -22,7 +21,6 @@ pub mod effects;
 mod effort;
 pub mod epr;
 pub mod equal_error;
-pub mod hard_cases;
 pub mod history;
 pub mod light;
 pub mod manylods;
@@ -50,5 +48,6 @@ pub mod visibility;
 pub mod walk;
 pub mod warp;
 
+pub use arguments::set_quick;
 pub use effort::Effort;
 pub use report::{Machine, Report};

@@ -9,93 +9,57 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{CellKnobs, GpuSampler, Indirect, PathKnobs, PointKnobs, SamplerKnobs, VplKnobs};
 use argus_scene::metrics::flip_mean;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
-use argus_scene::{
-    Camera, Cancel, LightEffects, Outputs, Plan, Sampler as _, Scene, SceneState, SurfaceLight, ViewJob,
-    Visibility,
-};
+use argus_scene::{Camera, Cancel, LightEffects, Plan, Sampler as _, Scene, SurfaceLight, ViewJob};
+use glam::DVec3;
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, is_quick, or_quick, size};
 use crate::bench::image_of;
 use crate::median::{mean, median};
 use crate::metered::open_metered;
 use crate::radiance::{RadianceError, Reference};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures indirect light by paths, virtual point lights and points: seconds and error against the path-traced reference
+///
+/// The reference takes minutes.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus-lab study light --scene sponza.glb --eye=-11,3,0 --target 0,4,0 --out figures --images pictures")]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("rooms", "terrain:2000"))]
     pub scene: String,
-    /// Camera of the view; `None`: the scene's own cameras, [`MOST_VIEWS`] at most.
-    pub camera: Option<Camera>,
-    /// View size in pixels.
+    /// Position of the viewer in metres [default: the scene's first three cameras]
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "target")]
+    pub eye: Option<DVec3>,
+    /// Point that the viewer looks at
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true, requires = "eye")]
+    pub target: Option<DVec3>,
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("160x120", "32x24"))]
     pub size: [u32; 2],
-    /// Most reflections between light and visible surface, of the reference and of paths.
-    pub bounces: u32,
-    /// Paths a pixel of the reference, at least two.
+    /// Paths a pixel of the reference; its noise falls with their root, and its time is proportional
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("128", "4"))]
     pub paths: u32,
-    /// Measured views of each row; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Methods, with their knobs.
-    pub methods: Vec<Indirect>,
-    /// Folder for the images of all rows.
+    /// Only methods of these names, with commas between: off, paths, cells, vpl, points [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub methods: Vec<String>,
+    /// Folder for the images of all rows
+    #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        let paths = PathKnobs::default();
-        let vpl = VplKnobs::default();
-        Self {
-            scene: "rooms".to_owned(),
-            camera: None,
-            size: [160, 120],
-            bounces: paths.bounces,
-            paths: 128,
-            rounds: 3,
-            methods: vec![
-                Indirect::Off,
-                Indirect::Paths(PathKnobs { level: 6, ..paths }),
-                Indirect::Paths(PathKnobs { level: 7, ..paths }),
-                Indirect::Paths(PathKnobs { level: 8, ..paths }),
-                Indirect::Paths(PathKnobs { level: 7, gather: 16, ..paths }),
-                Indirect::Paths(PathKnobs { level: 8, rays: 16, gather: 64, ..paths }),
-                Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
-                Indirect::Cells(CellKnobs::default()),
-                Indirect::Cells(CellKnobs { rays: 256, ..CellKnobs::default() }),
-                Indirect::Vpl(vpl),
-                Indirect::Vpl(VplKnobs { bounces: 4, ..vpl }),
-                Indirect::Vpl(VplKnobs { bounces: 4, samples: 64, ..vpl }),
-                Indirect::Points(PointKnobs::default()),
-            ],
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:2000".to_owned(),
-            size: [32, 24],
-            paths: 4,
-            rounds: 1,
-            methods: vec![
-                Indirect::Off,
-                Indirect::Paths(PathKnobs { level: 5, ..PathKnobs::default() }),
-                Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
-                Indirect::Vpl(VplKnobs { vpls: 256, ..VplKnobs::default() }),
-                Indirect::Points(PointKnobs { levels: 5, ..PointKnobs::default() }),
-            ],
-            ..Self::default()
-        }
-    }
 }
 
 /// Most views that are rendered.
@@ -125,13 +89,14 @@ struct Subject {
 /// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    progress.set_length(options.methods.len() as u64);
+    let methods = options.methods();
+    progress.set_length(methods.len() as u64);
     progress.set_message("tracing the reference");
     let subject = Subject::new(options, gpu)?;
     let truths: Vec<RgbImage> = subject.references.iter().map(Reference::display).collect();
     options.save("reference", &truths)?;
     let mut found = Vec::new();
-    for (number, &method) in options.methods.iter().enumerate() {
+    for (number, &method) in methods.iter().enumerate() {
         progress.set_message(method.to_string());
         found.push(subject.found(options, number, method, &truths)?);
         progress.inc(1);
@@ -146,7 +111,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
              out.",
             subject.views.len(),
             options.paths,
-            options.bounces,
+            PathKnobs::default().bounces,
             mean(subject.references.iter().map(Reference::noise)),
         ),
         "before_s: the first view, compilation of programs included, less a later one. VPLs and points do not reflect the \
@@ -180,7 +145,45 @@ fn at_equal_time(found: &[Found]) -> Vec<String> {
     of_paths.map(note).collect()
 }
 
+/// All methods of the usual or of the short form, with their knobs.
+fn methods(quick: bool) -> Vec<Indirect> {
+    let (paths, vpl) = (PathKnobs::default(), VplKnobs::default());
+    if quick {
+        return vec![
+            Indirect::Off,
+            Indirect::Paths(PathKnobs { level: 5, ..paths }),
+            Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
+            Indirect::Vpl(VplKnobs { vpls: 256, ..vpl }),
+            Indirect::Points(PointKnobs { levels: 5, ..PointKnobs::default() }),
+        ];
+    }
+    vec![
+        Indirect::Off,
+        Indirect::Paths(PathKnobs { level: 6, ..paths }),
+        Indirect::Paths(PathKnobs { level: 7, ..paths }),
+        Indirect::Paths(PathKnobs { level: 8, ..paths }),
+        Indirect::Paths(PathKnobs { level: 7, gather: 16, ..paths }),
+        Indirect::Paths(PathKnobs { level: 8, rays: 16, gather: 64, ..paths }),
+        Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
+        Indirect::Cells(CellKnobs::default()),
+        Indirect::Cells(CellKnobs { rays: 256, ..CellKnobs::default() }),
+        Indirect::Vpl(vpl),
+        Indirect::Vpl(VplKnobs { bounces: 4, ..vpl }),
+        Indirect::Vpl(VplKnobs { bounces: 4, samples: 64, ..vpl }),
+        Indirect::Points(PointKnobs::default()),
+    ]
+}
+
 impl Options {
+    /// The methods that are asked for.
+    fn methods(&self) -> Vec<Indirect> {
+        let is_named = |method: &Indirect| {
+            self.methods.is_empty()
+                || self.methods.iter().any(|name| method.to_string().starts_with(name.as_str()))
+        };
+        methods(is_quick()).into_iter().filter(is_named).collect()
+    }
+
     fn save(&self, name: &str, images: &[RgbImage]) -> Result<()> {
         let Some(folder) = &self.images else { return Ok(()) };
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
@@ -195,7 +198,9 @@ impl Subject {
     fn new(options: &Options, gpu: Arc<Gpu>) -> Result<Self> {
         let scene = open_metered(&options.scene)?;
         let own = scene.cameras.iter().map(|named| named.camera);
-        let mut cameras: Vec<Camera> = options.camera.map_or_else(|| own.collect(), |camera| vec![camera]);
+        let look = |(eye, target)| Camera { fov_deg: 60.0, ..Camera::look_at(eye, target) };
+        let camera = options.eye.zip(options.target).map(look);
+        let mut cameras: Vec<Camera> = camera.map_or_else(|| own.collect(), |camera| vec![camera]);
         if cameras.is_empty() {
             cameras.push(scene.default_camera());
         }
@@ -203,12 +208,13 @@ impl Subject {
         let light = DirectLight { effects: LightEffects::ALL, rays: 16 };
         let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(light);
         // The halves share the paths.
-        let paths = Paths { paths: (options.paths / 2).max(1), bounces: options.bounces };
+        let paths = Paths { paths: (options.paths / 2).max(1), bounces: PathKnobs::default().bounces };
         let reference = |camera: &Camera| {
             Reference::render(&tracer, &scene.lighting, camera, options.size, 1, Some(paths))
         };
         let references = cameras.iter().map(reference).collect();
-        let views = cameras.iter().map(|camera| job(*camera, options.size)).collect();
+        let views =
+            cameras.iter().map(|camera| ViewJob::new(*camera, options.size, Plan::direct(1))).collect();
         Ok(Self { gpu, scene, views, references })
     }
 
@@ -284,21 +290,6 @@ impl Subject {
     }
 }
 
-fn job(camera: Camera, [width, height]: [u32; 2]) -> ViewJob {
-    ViewJob {
-        camera,
-        width,
-        height,
-        outputs: Outputs::COLOR,
-        plan: Plan::direct(1),
-        state: SceneState::default(),
-        time_secs: 0.0,
-        visibility: Visibility::default(),
-        reflections: None,
-        history: None,
-    }
-}
-
 /// A view by the best light of a method.
 fn lit_by(job: &ViewJob, method: Indirect) -> ViewJob {
     let light = match method {
@@ -335,10 +326,10 @@ mod tests {
 
     #[test]
     fn all_methods_have_knobs_in_range_and_differ() {
-        for options in [Options::default(), Options::quick()] {
-            for (index, method) in options.methods.iter().enumerate() {
+        for methods in [methods(false), methods(true)] {
+            for (index, method) in methods.iter().enumerate() {
                 assert_eq!(method.validate(), Ok(()));
-                assert!(!options.methods[..index].contains(method));
+                assert!(!methods[..index].contains(method));
             }
         }
     }

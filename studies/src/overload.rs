@@ -14,56 +14,40 @@ use argus_scene::PlanRequest;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-use crate::{Effort, Machine, Report, report};
+use crate::arguments::{count, is_quick, or_quick, positive, size};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures a cluster under more load than it can carry: which views it still answers, how late, and what happens
+/// to the rest
+///
+/// Loads are multiples of the cluster's measured capacity.
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "400x300")]
     pub size: [u32; 2],
-    /// Worker processes.
+    /// Number of worker processes
+    #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
     pub workers: usize,
-    /// Views of the burst that estimates capacity.
+    /// Views of the burst that estimates capacity
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("600", "100"))]
     pub views: u32,
-    /// Loads, as factors of the measured capacity.
+    /// Loads, as factors of the measured capacity
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("0.5,0.9,1,1.5,2,4", "0.5,2"))]
     pub factors: Vec<f64>,
-    /// Seconds of each load.
+    /// Seconds of each load
+    #[arg(long, value_name = "T", value_parser = positive, default_value = or_quick("15", "3"))]
     pub seconds: f64,
-    /// Longest time a view may wait in the service's queue, in seconds (`limits.wait_secs`).
+    /// Seconds that a view may wait in the queue before the service rejects it
+    #[arg(long = "wait", value_name = "SECONDS", value_parser = positive, default_value = "1")]
     pub wait_secs: f64,
-    /// Whether rows pass or fail. Throughput and latency of a few seconds are noise.
+    /// Whether rows pass or fail; over a few seconds, figures are noise.
+    #[arg(skip = !is_quick())]
     pub judged: bool,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            size: [400, 300],
-            workers: 2,
-            views: 600,
-            factors: vec![0.5, 0.9, 1.0, 1.5, 2.0, 4.0],
-            seconds: 15.0,
-            wait_secs: 1.0,
-            judged: true,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            size: [400, 300],
-            views: 100,
-            factors: vec![0.5, 2.0],
-            seconds: 3.0,
-            judged: false,
-            ..Self::default()
-        }
-    }
 }
 
 /// Clients that share the load.

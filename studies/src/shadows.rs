@@ -3,10 +3,12 @@
 //! Every row renders the same views and one sample with other effects or another number of rays, and is judged against the
 //! reference with the same effects. The row without effects is the price that the others are to be compared with.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
 use argus_sampler::{GpuSampler, LightKnobs, SamplerKnobs};
@@ -16,67 +18,49 @@ use argus_scene::{
     Camera, Cancel, Frame, LightEffects, Outputs, Plan, RigKind, RigKnobs, SampleJob, Sampler as _, Scene,
     Stage, Visibility,
 };
+use glam::DVec3;
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, is_quick, or_quick, size};
 use crate::bench::{Bench, compare, image_of};
 use crate::epr::{ShadowScene, ShadowedView};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures direct light by rays: what shadows, the blocked sky and emitters cost a view and a sample, and their error
+/// against the reference
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:5000"))]
     pub scene: String,
-    /// The view; the scene's own viewpoints where it is `None`.
-    pub camera: Option<Camera>,
-    /// View size in pixels.
+    /// Viewpoint x,y,z; without it the scene's own viewpoints
+    #[arg(long, value_name = "X,Y,Z", requires = "target", value_parser = args::point, allow_hyphen_values = true)]
+    pub eye: Option<DVec3>,
+    /// Point that the view looks at
+    #[arg(long, value_name = "X,Y,Z", requires = "eye", value_parser = args::point, allow_hyphen_values = true)]
+    pub target: Option<DVec3>,
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "64x48"))]
     pub size: [u32; 2],
-    /// The rig of the sample.
-    pub rig: RigKnobs,
-    /// Samples a pixel of views and reference.
+    /// Samples a pixel of views and reference
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = "4")]
     pub samples_per_pixel: u32,
-    /// Numbers of rays to sky and emitters.
+    /// Numbers of rays of a texel to the sky and to emitters
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("1,2,4,8", "4"))]
     pub rays: Vec<u32>,
-    /// Rays of the reference to each light; ten times as many go to the sky and to emitters.
+    /// Rays of the reference to each light; ten times as many go to the sky and to emitters
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("32", "8"))]
     pub truth_rays: u32,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Folder for the images of all rows.
-    pub images: Option<std::path::PathBuf>,
-}
-
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            camera: None,
-            size: [200, 150],
-            rig: RigKnobs { kind: Some(RigKind::Cell), ..RigKnobs::default() },
-            samples_per_pixel: 4,
-            rays: vec![1, 2, 4, 8],
-            truth_rays: 32,
-            rounds: 3,
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:5000".to_owned(),
-            size: [64, 48],
-            rig: RigKnobs { kind: Some(RigKind::Cell), face: Some(64), ..RigKnobs::default() },
-            rays: vec![4],
-            truth_rays: 8,
-            rounds: 1,
-            ..Self::default()
-        }
-    }
+    /// Folder for images of all views, rows and references
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
 }
 
 /// A row: its name, effects and rays.
@@ -103,8 +87,11 @@ const WRONG: u8 = 16;
 /// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    let bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
-    let mut views = options.camera.map_or_else(|| bench.suggested(), |camera| vec![camera]);
+    let face = is_quick().then_some(64);
+    let rig = RigKnobs { kind: Some(RigKind::Cell), face, ..RigKnobs::default() };
+    let bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
+    let camera = options.eye.zip(options.target).map(|(eye, target)| Camera::look_at(eye, target));
+    let mut views = camera.map_or_else(|| bench.suggested(), |camera| vec![camera]);
     views.truncate(MOST_VIEWS);
     if let Some(folder) = &options.images {
         std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;

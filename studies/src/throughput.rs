@@ -1,115 +1,65 @@
 //! Throughput: warped views per second of one scene.
 //!
-//! Three rates are measured: the passes alone by the device's clock; whole calls of the compositor, with frames read
-//! back to the host; and answers over gRPC of a service on this machine.
+//! Two rates are measured: the passes alone by the device's clock, and whole calls of the compositor, with frames read
+//! back to the host. `argus-lab study burst` measures answers over gRPC.
 
-use std::path::Path;
-
-use anyhow::{Result, bail};
-use argus_client::Answer;
-use argus_client::load::{IN_FLIGHT, burst, path_views, patient};
+use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_local::{LocalCluster, connect};
 use argus_sampler::SamplerKnobs;
-use argus_scene::{Outputs, Plan, PlanRequest, RigKnobs, Search, Warp};
+use argus_scene::{Outputs, Plan, RigKnobs, Search, Warp};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, compare, device_ms};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures warped views per second of one scene: on the device and read back
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// View sizes in pixels.
+    /// Sizes of views in pixels, with commas between, each measured by itself
+    #[arg(long = "size", value_name = "WxH", value_delimiter = ',', value_parser = size, default_value = or_quick("128x128,200x150", "64x64"))]
     pub sizes: Vec<[u32; 2]>,
-    /// Views in a batch of the compositor.
+    /// Number of views in a batch; larger batches are faster and use more memory
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("256", "8"))]
     pub batch: usize,
-    /// Samples used for each warped view.
+    /// Samples that a view is warped from
+    #[arg(long, value_name = "N", value_parser = count, default_value = "4")]
     pub samples: usize,
-    /// Views requested from the service at once, per round.
-    pub delivered: u32,
-    /// Worker processes of the service; 0: the service is not measured.
-    pub workers: usize,
-    /// Measured rounds; each rate is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("5", "1"))]
     pub rounds: usize,
-    /// Views of a batch whose error is measured.
+    /// Views of a batch whose error is measured
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("8", "2"))]
     pub judged: usize,
-    /// Reference samples per pixel: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = "16")]
     pub reference_samples: u32,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            sizes: vec![[128, 128], [200, 150]],
-            batch: 256,
-            samples: 4,
-            delivered: 4096,
-            workers: 2,
-            rounds: 5,
-            judged: 8,
-            reference_samples: 16,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            sizes: vec![[64, 64]],
-            batch: 8,
-            delivered: 32,
-            rounds: 1,
-            judged: 2,
-            ..Self::default()
-        }
-    }
-}
-
-/// Runs the study with services of the program `argus`; `progress` counts sizes.
+/// Runs the study; `progress` counts sizes.
 ///
 /// # Errors
-/// A scene that cannot be opened, no GPU, a view that fails or is not answered.
-pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
-    progress.set_length(2 * options.sizes.len() as u64);
-    let local = {
-        let (options, progress) = (options.clone(), progress.clone());
-        tokio::task::spawn_blocking(move || local(&options, &progress)).await??
-    };
-    let mut report = local;
-    for (row, &size) in report.rows.iter_mut().zip(&options.sizes) {
-        let rate = if options.workers > 0 { Some(delivered(argus, options, size).await?) } else { None };
-        row.insert("delivered_views_per_sec".to_owned(), json!(rate));
-        progress.inc(1);
-    }
-    Ok(report)
-}
-
-/// The rows without the service.
-fn local(options: &Options, progress: &ProgressBar) -> Result<Report> {
+/// A scene that cannot be opened, no GPU, or a view that fails.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let mut bench = Bench::new(&gpu, &options.scene, &RigKnobs::default(), SamplerKnobs::default())?;
+    progress.set_length(options.sizes.len() as u64);
     let mut rows = Vec::new();
     for &size in &options.sizes {
         rows.push(row(&mut bench, options, size)?);
         progress.inc(1);
     }
     let mut report = Report::new(options.scene.clone(), Machine::here(gpu.kind()), rows);
+    let Options { batch, samples, judged, reference_samples, .. } = options;
     report.notes = vec![format!(
-        "{} views of a walk in a batch, {} samples each, splat search; FLIP of {} of them against {} rays a pixel. Delivered: \
-        {} views requested at once, {IN_FLIGHT} in flight, from {} worker processes, losslessly packed.",
-        options.batch,
-        options.samples,
-        options.judged,
-        options.reference_samples,
-        options.delivered,
-        options.workers
+        "{batch} views of a walk in a batch, {samples} samples each, splat search; FLIP of {judged} of them against \
+         {reference_samples} rays a pixel."
     )];
     report.note_longest_pass(&gpu);
     Ok(report)
@@ -148,32 +98,9 @@ fn row(bench: &mut Bench, options: &Options, size: [u32; 2]) -> Result<Map<Strin
         "program": program,
         "device_views_per_sec": finite(median(&on_device)),
         "read_back_views_per_sec": finite(median(&read_back)),
-        "delivered_views_per_sec": null,
         "flip": finite(mean(errors)),
         "unresolved_fraction": finite(unresolved),
     })))
-}
-
-/// Views per second of a service whose samples are rendered.
-async fn delivered(argus: &Path, options: &Options, size: [u32; 2]) -> Result<f64> {
-    let arguments = ["--samplers-composite=true", "--visibility=auto"].map(str::to_owned);
-    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &arguments)?;
-    let client = connect(&cluster, options.workers).await?;
-    let plan = PlanRequest::from_samples();
-    let mut rates = Vec::new();
-    // The first round waits for the samples.
-    for round in 0..=options.rounds {
-        let views = path_views(client.description(), options.delivered, size, plan);
-        let outcome = burst(&client, views, IN_FLIGHT, &patient(), |_, _: Answer| ()).await;
-        if let Some(error) = outcome.first_error {
-            bail!("{} of {} views were not answered: {error}", outcome.failed, outcome.views);
-        }
-        if round > 0 {
-            rates.push(outcome.views_per_sec);
-        }
-    }
-    cluster.stop()?;
-    Ok(median(&rates))
 }
 
 fn finite(figure: f64) -> Option<f64> {

@@ -11,56 +11,39 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::GpuSampler;
+use argus_sampler::SamplerKnobs;
 use argus_scene::{
-    Camera, Cancel, Indirect, Outputs, PixelJob, Plan, RenderError, Rig, RigKnobs, SampleId, SampleJob,
-    SampleSetInfo, Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob, Visibility,
-    path,
+    Camera, Cancel, Outputs, PixelJob, Plan, RenderError, RigKnobs, SampleId, SampleJob, Sampler as _,
+    SceneState, Visibility, path,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
+use crate::bench::Bench;
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report};
+use crate::{Machine, Report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures the cost of each visibility backend, for whole views, single pixels and samples, and how far the backends
+/// agree
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scenes, as [`argus_scene::open`] takes them.
+    /// Scenes with commas between, each measured by itself: a file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long = "scene", value_name = "S", value_delimiter = ',', default_value = or_quick("terrain:500000,terrain:2000000", "terrain:20000"))]
     pub scenes: Vec<String>,
-    /// View sizes in pixels.
+    /// Sizes of views in pixels, with commas between, each measured by itself
+    #[arg(long = "size", value_name = "WxH", value_delimiter = ',', value_parser = size, default_value = or_quick("200x150,640x480", "96x72"))]
     pub sizes: Vec<[u32; 2]>,
-    /// Samples per pixel: square numbers.
+    /// Samples a pixel: square numbers
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("1,4", "1"))]
     pub sub_samples: Vec<u32>,
-    /// Viewpoints over which times are averaged.
+    /// Viewpoints over which times are averaged
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub views: usize,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-}
-
-impl Default for Options {
-    /// The README's figures; takes a minute for each scene.
-    fn default() -> Self {
-        Self {
-            scenes: ["terrain:500000", "terrain:2000000"].map(str::to_owned).to_vec(),
-            sizes: vec![[200, 150], [640, 480]],
-            sub_samples: vec![1, 4],
-            views: 3,
-            rounds: 3,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scenes: vec!["terrain:20000".to_owned()],
-            sizes: vec![[96, 72]],
-            sub_samples: vec![1],
-            views: 1,
-            rounds: 1,
-        }
-    }
 }
 
 /// The compared backends, where the device has them. A row names the cheapest.
@@ -76,21 +59,16 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut rows = Vec::new();
     for spec in &options.scenes {
         progress.set_message(spec.clone());
-        let scene = Arc::new(argus_scene::open(spec)?);
-        let mut bench = Bench::new(&gpu, &scene)?;
-        let backends = bench.backends.clone();
+        let mut subject = Subject::new(&gpu, spec)?;
+        let backends = subject.backends.clone();
         let sample_ms = backends
             .into_iter()
-            .map(|backend| bench.sample_ms(backend, options.rounds))
+            .map(|backend| subject.sample_ms(backend, options.rounds))
             .collect::<Result<Vec<_>>>()?;
-        let suggested: Vec<Camera> = match scene.cameras.as_slice() {
-            [] => vec![scene.default_camera()],
-            cameras => cameras.iter().map(|named| named.camera).collect(),
-        };
-        let cameras = path::viewpoints(&suggested, options.views);
+        let cameras = path::viewpoints(&subject.bench.suggested(), options.views);
         for &size in &options.sizes {
             for &samples in &options.sub_samples {
-                rows.push(bench.row(spec, &cameras, size, samples, &sample_ms, options.rounds)?);
+                rows.push(subject.row(spec, &cameras, size, samples, &sample_ms, options.rounds)?);
                 progress.inc(1);
             }
         }
@@ -101,55 +79,37 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 }
 
 /// One scene, and the device's visibility backends.
-struct Bench {
-    scene: Arc<Scene>,
+struct Subject {
+    bench: Bench,
     backends: Vec<Visibility>,
-    sampler: GpuSampler,
     build_ms: f64,
 }
 
-impl Bench {
-    fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>) -> Result<Self> {
-        let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(scene))?;
+impl Subject {
+    fn new(gpu: &Arc<Gpu>, spec: &str) -> Result<Self> {
+        let mut bench = Bench::new(gpu, spec, &RigKnobs::default(), SamplerKnobs::default())?;
+        let camera = bench.scene.default_camera();
         // Built first, before other work of the sampler.
         let begin = Instant::now();
-        sampler.identify(&scene.default_camera(), [8, 8], 1, Visibility::Cpu)?;
+        bench.sampler.identify(&camera, [8, 8], 1, Visibility::Cpu)?;
         let build_ms = ms(begin.elapsed());
-        let has = |backend: &Visibility| match sampler.identify(&scene.default_camera(), [8, 8], 1, *backend)
-        {
+        let mut has = |backend: &Visibility| match bench.sampler.identify(&camera, [8, 8], 1, *backend) {
             Ok(_) => Ok(Some(*backend)),
             Err(RenderError::Invalid(_)) => Ok(None),
             Err(error) => Err(error),
         };
-        let backends = BACKENDS.iter().map(has).collect::<Result<Vec<_>, RenderError>>()?;
-        let backends = backends.into_iter().flatten().collect();
-        Ok(Self { scene: Arc::clone(scene), backends, sampler, build_ms })
+        let backends = BACKENDS.iter().map(&mut has).collect::<Result<Vec<_>, RenderError>>()?;
+        Ok(Self { backends: backends.into_iter().flatten().collect(), bench, build_ms })
     }
 
     /// Median milliseconds of one sample in the middle of the scene's rig.
     fn sample_ms(&mut self, backend: Visibility, rounds: usize) -> Result<f64> {
-        let scene = &self.scene;
-        let rig = Rig::for_scene(scene, &RigKnobs::default())?;
-        let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
-        let index = rig.nearest(&camera, 1).first().copied().unwrap_or(0);
-        let info = SampleSetInfo {
-            scene: scene.hash,
-            bounds: scene.bounds(),
-            extent: scene.extent(),
-            rig,
-            version: Version::of_epoch(0, 0),
-            epoch_secs: 0.0,
-            lighting: scene.lighting.clone(),
-            visibility: backend,
-            sampling: Sampling::default(),
-            sub_samples: Specification::USUAL_SUB_SAMPLES,
-            effects: argus_scene::LightEffects::NONE,
-            indirect: Indirect::Off,
-            reflections: None,
-        };
+        let camera = self.bench.suggested()[0];
+        let index = self.bench.info.rig.nearest(&camera, 1).first().copied().unwrap_or(0);
+        self.bench.set_visibility(backend);
         let ids = vec![SampleId { version: 0, camera: index }];
-        let job = SampleJob::new(Arc::new(info), ids, false);
-        let sampler = &mut self.sampler;
+        let job = SampleJob::new(Arc::clone(&self.bench.info), ids, false);
+        let sampler = &mut self.bench.sampler;
         timed(rounds, || {
             sampler.render_samples(&job, &Cancel::new()).into_iter().collect::<Result<Vec<_>, _>>()
         })
@@ -172,7 +132,7 @@ impl Bench {
         for camera in cameras {
             let mut found = Vec::new();
             for (i, &backend) in backends.iter().enumerate() {
-                let sampler = &mut self.sampler;
+                let sampler = &mut self.bench.sampler;
                 let mut times = Vec::new();
                 let mut ids = Vec::new();
                 // The first round is not counted: the driver compiles.
@@ -185,26 +145,9 @@ impl Bench {
                 }
                 see[i].push(median(&times));
                 found.push(ids);
-                let job = ViewJob {
-                    camera: *camera,
-                    width: size[0],
-                    height: size[1],
-                    outputs: Outputs::COLOR,
-                    plan: Plan::direct(samples),
-                    state: SceneState::default(),
-                    time_secs: 0.0,
-                    visibility: backend,
-                    reflections: None,
-                    history: None,
-                };
-                let sampler = &mut self.sampler;
-                let cancel = Cancel::new();
-                direct[i].push(timed(rounds, || {
-                    sampler
-                        .render_views(std::slice::from_ref(&job), &cancel)
-                        .into_iter()
-                        .collect::<Result<Vec<_>, _>>()
-                })?);
+                self.bench.set_visibility(backend);
+                let job = self.bench.job(*camera, size, Outputs::COLOR, Plan::direct(samples));
+                direct[i].push(timed(rounds, || self.bench.time(std::slice::from_ref(&job)))?);
             }
             for (ids, differing) in found.iter().zip(&mut differing) {
                 let apart = found[0].iter().zip(ids).filter(|(a, b)| a != b).count();
@@ -212,7 +155,7 @@ impl Bench {
             }
             for (percent, times) in [(1, &mut few), (5, &mut some)] {
                 let job = pixels(camera, size, samples, percent);
-                let sampler = &mut self.sampler;
+                let sampler = &mut self.bench.sampler;
                 let cancel = Cancel::new();
                 times.push(timed(rounds, || {
                     sampler

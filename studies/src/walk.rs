@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result};
+use argus::args;
 use argus_client::load::patient;
 use argus_client::{Answer, Client};
 use argus_local::{LocalCluster, connect};
@@ -15,60 +16,38 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Value, json};
 
+use crate::arguments::{count, or_quick, positive, size};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report};
+use crate::{Machine, Report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures laps through a scene: pixels that no sample saw, and how they vanish as samples are placed where views have
+/// holes
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:50000", "terrain:20000"))]
     pub scene: String,
-    /// Viewpoints of a lap.
+    /// Number of viewpoints in a lap
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("48", "8"))]
     pub views: usize,
-    /// Laps. Between two laps the cluster may place samples.
+    /// Number of laps
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("6", "2"))]
     pub laps: usize,
-    /// Longest pause between two laps in seconds; shorter once all wanted samples are placed.
+    /// Longest pause between two laps in seconds, for samples to be placed
+    #[arg(long = "pause", value_name = "SECONDS", value_parser = positive, default_value = or_quick("60", "3"))]
     pub pause_secs: f64,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "96x72"))]
     pub size: [u32; 2],
-    /// Views of a lap whose FLIP is measured.
+    /// Views of a lap whose FLIP is measured
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "1"))]
     pub judged: usize,
-    /// Worker processes.
+    /// Number of worker processes
+    #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
     pub workers: usize,
-    /// Further arguments of `argus serve`, such as the rig's.
-    pub serve: Vec<String>,
-    /// The requested plan.
-    pub plan: PlanRequest,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: "terrain:50000".to_owned(),
-            views: 48,
-            laps: 6,
-            pause_secs: 60.0,
-            size: [200, 150],
-            judged: 4,
-            workers: 2,
-            serve: Vec::new(),
-            plan: PlanRequest::from_samples(),
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            views: 8,
-            laps: 2,
-            pause_secs: 3.0,
-            size: [96, 72],
-            judged: 1,
-            ..Self::default()
-        }
-    }
+    #[command(flatten)]
+    rig: args::PassedOn<args::Rig>,
 }
 
 /// Samples a side of a reference's pixel.
@@ -80,7 +59,7 @@ const REFERENCE_SIDE: u32 = 4;
 /// A cluster that does not start, or a view that is not answered.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(options.laps as u64);
-    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
+    let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.rig.arguments)?;
     let client = connect(&cluster, options.workers).await?;
     let device = client.status().await?.workers.first().map(|w| w.device.clone()).unwrap_or_default();
     let cameras = walk(&client.description().bounds, options.views);
@@ -96,7 +75,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         let (mut unresolved, mut flips, mut direct_flips) = (Vec::new(), Vec::new(), Vec::new());
         let (mut view_ms, mut samples_ms) = (Vec::new(), Vec::new());
         for (i, camera) in cameras.iter().enumerate() {
-            let answer = look(&client, options, *camera, options.plan).await?;
+            let answer = look(&client, options, *camera, PlanRequest::from_samples()).await?;
             unresolved.push(answer.frame.unresolved_fraction);
             let stage = |of: fn(&str) -> bool| {
                 answer.frame.stages.iter().filter(|s| of(&s.name)).map(|s| s.ms).sum::<f64>()

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
+use argus::args;
 use argus_compositor::BareFetch;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Mark, Plot, Series, pareto_front};
@@ -18,78 +19,75 @@ use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigKno
 use indicatif::ProgressBar;
 use serde_json::json;
 
+use crate::arguments::{count, is_quick, or_quick, positive, size};
 use crate::bench::{Bench, FrameErrors, Truth, WRONG_SURFACE};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures accuracy against time: every search × its steps × samples × supersampling, over a walk that reveals hidden
+/// surfaces
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "96x72"))]
     pub size: [u32; 2],
-    /// Views of the walk.
+    /// Number of views in the walk
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("12", "3"))]
     pub views: usize,
-    /// How sample cameras are placed.
-    pub rig: RigKnobs,
-    /// Numbers of samples used for each warped view.
-    pub samples: Vec<usize>,
-    /// Sub-pixels a side.
+    #[command(flatten)]
+    rig: args::Rig,
+    /// Sub-pixels a side
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "1,2")]
     pub supersampling: Vec<u32>,
-    /// Searches to measure.
+    /// Searches to measure; leaves out the rows with other sample resolutions [default: all]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = args::search())]
     pub searches: Vec<Search>,
-    /// Steps to measure for each search that takes them.
-    pub steps: fn(Search) -> &'static [u32],
-    /// Further sample resolutions for the default search, as factors of the rig's.
-    pub resolutions: Vec<f64>,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Target milliseconds of a setting in a round; slow settings are timed over fewer views.
+    /// Milliseconds of a setting in a round; slow settings are timed over fewer views
+    #[arg(long, value_name = "MS", value_parser = positive, default_value = or_quick("600", "200"))]
     pub round_ms: f64,
-    /// Reference samples per pixel: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = "16")]
     pub reference_samples: u32,
 }
 
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            size: [200, 150],
-            views: 12,
-            rig: RigKnobs::default(),
-            samples: vec![1, 2, 4, 8],
-            supersampling: vec![1, 2],
-            searches: Search::ALL.to_vec(),
-            steps: |search| match search {
-                Search::Linear => &[16, 64, 200],
-                Search::FixedPoint => &[2, 4, 8],
-                Search::Seeded => &[2, 4],
-                Search::Splat | Search::Pyramid => &[],
-            },
-            resolutions: vec![0.5, 1.5, 2.0, 4.0],
-            rounds: 3,
-            round_ms: 600.0,
-            reference_samples: 16,
+impl Options {
+    /// Numbers of samples that views are warped from.
+    fn samples(&self) -> Vec<usize> {
+        match self.rig.samples {
+            Some(samples) => vec![samples as usize],
+            None if is_quick() => vec![2],
+            None => vec![1, 2, 4, 8],
         }
+    }
+
+    fn most_samples(&self) -> usize {
+        self.samples().into_iter().max().unwrap_or(1)
+    }
+
+    fn searches(&self) -> Vec<Search> {
+        if self.searches.is_empty() { Search::ALL.to_vec() } else { self.searches.clone() }
+    }
+
+    /// Further sample resolutions for the default search, as factors of the rig's.
+    fn resolutions(&self) -> &'static [f64] {
+        if self.searches.is_empty() && !is_quick() { &[0.5, 1.5, 2.0, 4.0] } else { &[] }
     }
 }
 
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            size: [96, 72],
-            views: 3,
-            samples: vec![2],
-            supersampling: vec![1, 2],
-            steps: |search| if search.takes_steps() { &[8] } else { &[] },
-            resolutions: Vec::new(),
-            rounds: 1,
-            round_ms: 200.0,
-            ..Self::default()
-        }
+/// Steps to measure for a search that takes them.
+fn steps(search: Search) -> &'static [u32] {
+    match search {
+        Search::Splat | Search::Pyramid => &[],
+        _ if is_quick() => &[8],
+        Search::Linear => &[16, 64, 200],
+        Search::Seeded => &[2, 4],
     }
 }
 
@@ -207,22 +205,22 @@ impl Measured {
 /// Runs the study; `progress` counts settings × rounds.
 ///
 /// # Errors
-/// A scene that cannot be opened, no GPU, or a render that fails. A search that the compositor does not have is left out.
+/// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_message(options.scene.clone());
-    let mut bench = Bench::new(&gpu, &options.scene, &options.rig, SamplerKnobs::default())?;
+    let mut bench = Bench::new(&gpu, &options.scene, &options.rig.knobs(), SamplerKnobs::default())?;
     let mut study = Study::new(&bench, options);
     let directs = [1, 4, 16].map(|samples_per_pixel| Setting::Direct { samples_per_pixel });
     let settings: Vec<Setting> = directs.into_iter().chain(study.grid(&bench)).collect();
-    let rigs = options.resolutions.iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
+    let rigs = options.resolutions().iter().map(|&factor| finer(&bench.info.rig, factor)).collect::<Vec<_>>();
     let few = |samples| {
         let setting =
             move |&side: &u32| Setting::Warp { search: Search::default(), steps: None, samples, side };
         options.supersampling.iter().map(setting)
     };
     let few: Vec<Setting> = few(2).chain(few(4)).collect();
-    let most = options.samples.iter().copied().max().unwrap_or(1);
+    let most = options.most_samples();
     let nearest =
         |setting: &&Setting| matches!(setting, Setting::Warp { samples, side: 1, .. } if *samples == most);
     let nearest: Vec<Setting> =
@@ -239,7 +237,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     }
     if !nearest.is_empty() {
         bench.ignore_sight();
-        bench.replace_rig(&options.rig, &study.held)?;
+        bench.replace_rig(&options.rig.knobs(), &study.held)?;
         study.measure(&mut bench, &nearest, progress)?;
     }
     Ok(study.report(&bench, &gpu, fetch_ms))
@@ -274,7 +272,7 @@ struct Study<'a> {
     truths: Vec<Truth>,
     measured: Vec<Measured>,
     held: Vec<argus_scene::SampleId>,
-    /// Searches and samples that the compositor refused, with its reason.
+    /// Samples that the compositor refused, with its reason.
     refused: BTreeMap<String, String>,
     /// Median milliseconds to select the samples of a view.
     choosing_ms: f64,
@@ -289,7 +287,7 @@ impl<'a> Study<'a> {
         let truths = cameras.iter().map(truth).collect();
         Self {
             options,
-            choosing_ms: choosing_ms(bench, &cameras, options.samples.iter().copied().max().unwrap_or(1)),
+            choosing_ms: choosing_ms(bench, &cameras, options.most_samples()),
             cameras,
             truths,
             measured: Vec::new(),
@@ -301,11 +299,12 @@ impl<'a> Study<'a> {
     /// Every search × its steps × samples × supersampling, without duplicates where the rig has fewer samples.
     fn grid(&self, bench: &Bench) -> Vec<Setting> {
         let most = self.cameras.iter().map(|camera| bench.sample_ids(camera, usize::MAX).len()).max();
-        let mut counts: Vec<usize> = self.options.samples.iter().map(|&n| n.min(most.unwrap_or(n))).collect();
+        let mut counts: Vec<usize> =
+            self.options.samples().iter().map(|&n| n.min(most.unwrap_or(n))).collect();
         counts.dedup();
         let mut settings = Vec::new();
-        for &search in &self.options.searches {
-            let steps = (self.options.steps)(search);
+        for search in self.options.searches() {
+            let steps = steps(search);
             let steps: Vec<Option<u32>> =
                 if steps.is_empty() { vec![None] } else { steps.iter().copied().map(Some).collect() };
             for steps in steps {
@@ -328,20 +327,14 @@ impl<'a> Study<'a> {
     /// Judges each setting in a first round, then times all in turns. Returns the median milliseconds of a view with
     /// one fetch per pixel.
     fn measure(&mut self, bench: &mut Bench, settings: &[Setting], progress: &ProgressBar) -> Result<f64> {
-        let most = self.options.samples.iter().copied().max().unwrap_or(1);
+        let most = self.options.most_samples();
         self.held = bench.all_ids(&self.cameras, most);
         bench.hold(&self.held)?;
         let first = self.measured.len();
         for &setting in settings {
             progress.inc(1);
             progress.set_message(setting.label());
-            if self.refused.contains_key(setting.search()) {
-                continue;
-            }
-            match self.judge(bench, setting) {
-                Ok(measured) => self.measured.push(measured),
-                Err(error) => self.leave_out(setting, error)?,
-            }
+            self.measured.push(self.judge(bench, setting).with_context(|| setting.label())?);
         }
         let mut bare_fetch = BareFetch::default();
         self.one_fetch(bench, &mut bare_fetch)?;
@@ -382,17 +375,6 @@ impl<'a> Study<'a> {
             judged,
             timed,
         })
-    }
-
-    /// Leaves out a search that the compositor does not have, with its reason. Returns any other error.
-    fn leave_out(&mut self, setting: Setting, error: anyhow::Error) -> Result<()> {
-        match error.downcast_ref::<RenderError>() {
-            Some(RenderError::Invalid(invalid)) if invalid.field == "plan.search" => {
-                self.refused.insert(setting.search().to_owned(), invalid.reason.clone());
-                Ok(())
-            }
-            _ => Err(error).with_context(|| setting.label()),
-        }
     }
 
     /// Leaves out samples that exceed the compositor's memory, with the reason. Returns any other error.
@@ -458,7 +440,7 @@ impl<'a> Study<'a> {
             WRONG_SURFACE * 100.0
         )];
         notes.push(format!("One fetch a pixel: {fetch_ms:.3} ms a view."));
-        let most = self.options.samples.iter().copied().max().unwrap_or(1);
+        let most = self.options.most_samples();
         let whole =
             |m: &&Measured| matches!(m.setting, Setting::Warp { samples, side: 1, .. } if samples == most);
         for m in self.measured.iter().filter(whole).filter(|m| m.by_sight == self.measured[0].by_sight) {
@@ -468,7 +450,7 @@ impl<'a> Study<'a> {
             "A coordinator selects a view's samples in {:.3} ms on one core.",
             self.choosing_ms
         ));
-        notes.extend(self.refused.iter().map(|(search, reason)| format!("Left out: {search} ({reason}).")));
+        notes.extend(self.refused.iter().map(|(samples, reason)| format!("Left out: {samples} ({reason}).")));
         notes
     }
 
@@ -512,32 +494,4 @@ fn texels(rig: &Rig) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use argus_scene::{SceneState, Visibility};
-    use glam::DVec3;
-
-    use super::*;
-
-    #[test]
-    fn timed_views_are_spread_over_the_walk() {
-        let job = |i: u32| ViewJob {
-            camera: Camera::look_at(DVec3::ZERO, DVec3::X),
-            width: i,
-            height: 1,
-            outputs: Outputs::COLOR,
-            plan: Plan::direct(1),
-            state: SceneState::default(),
-            time_secs: 0.0,
-            visibility: Visibility::default(),
-            reflections: None,
-            history: None,
-        };
-        let taken = |count| -> Vec<u32> {
-            every((0..12).map(job).collect(), count).iter().map(|j| j.width).collect()
-        };
-        assert_eq!(taken(3), [3, 7, 11]);
-        assert_eq!(taken(12).len(), 12);
-        assert_eq!(taken(99).len(), 12);
-        assert!(every(Vec::new(), 3).is_empty());
-    }
-}
+mod tests;

@@ -60,10 +60,7 @@ impl Batch {
     ) -> Result<Self, InvalidField> {
         let v1::RenderBatchRequest { batch_id, cameras, width, height, outputs, plan, encoding } = request;
         checked_view_id("batch_id", &batch_id)?;
-        if !(1..=MOST_CAMERAS).contains(&cameras.len()) {
-            let reason = format!("must be 1 to {MOST_CAMERAS}, not {}", cameras.len());
-            return Err(InvalidField::new("cameras", reason));
-        }
+        InvalidField::within("cameras", cameras.len(), 1..=MOST_CAMERAS)?;
         let plan = PlanRequest::try_from(plan.unwrap_or_default())?;
         let (is_open, plan) = (plan.leaves_way_open(), fixed(plan));
         let view = v1::View { camera: None, width, height, outputs, plan: Some((&plan).into()), pin: None };

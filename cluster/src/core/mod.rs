@@ -50,28 +50,15 @@ mod scenarios;
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{
-        Bounds, Indirect, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, Version,
-        Visibility,
-    };
+    use argus_scene::{Bounds, Rig, SampleSetInfo, SceneHash};
     use glam::DVec3;
 
     pub(super) fn set_info() -> SampleSetInfo {
         let bounds = Bounds { min: DVec3::splat(-10.0), max: DVec3::splat(10.0) };
-        SampleSetInfo {
-            scene: SceneHash([1; 32]),
+        SampleSetInfo::plain(
+            SceneHash([1; 32]),
             bounds,
-            extent: bounds,
-            rig: Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
-            version: Version::of_epoch(0, 0),
-            epoch_secs: 0.0,
-            lighting: Lighting::default(),
-            visibility: Visibility::default(),
-            sampling: Sampling::default(),
-            sub_samples: Specification::USUAL_SUB_SAMPLES,
-            effects: argus_scene::LightEffects::NONE,
-            indirect: Indirect::Off,
-            reflections: None,
-        }
+            Rig::TileCorners { bounds, tiles: [2, 2], height: 1.0, size: [40, 30] },
+        )
     }
 }

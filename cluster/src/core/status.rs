@@ -1,7 +1,7 @@
 //! A snapshot of the core's decisions and of their inputs: the answer to the RPC `Status`.
 
 use argus_proto::PROTOCOL_VERSION;
-use argus_proto::convert::wire_light_level;
+use argus_proto::convert::WireEnum as _;
 use argus_proto::v1::{self, Counters, StatusResponse, WorkerStatus};
 
 use super::event::Role;
@@ -22,12 +22,12 @@ pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> StatusR
     let predicted = workers.predicted_tick_secs(load, processes, workers.split());
     let alone = load.sampling_secs + load.compositing_secs;
     let set = samples.set();
-    let visibility = workers.visibility_is_settled().then(|| v1::Visibility::from(set.visibility));
+    let visibility = workers.visibility_is_settled().then(|| set.visibility.number());
     StatusResponse {
         protocol_version: PROTOCOL_VERSION,
         version: set.version.number,
         epoch: set.version.state.epoch,
-        light: wire_light_level(set.version.state.light).into(),
+        light: set.version.state.light.number(),
         processes,
         samplers: count(Role::samples),
         compositors: count(Role::composites),
@@ -41,7 +41,7 @@ pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> StatusR
         ray_ms: costs.ray_secs * 1e3,
         tick_predicted_ms: if predicted.is_finite() { predicted } else { alone } * 1e3,
         tick_measured_ms: measured.tick_secs() * 1e3,
-        visibility: visibility.unwrap_or(v1::Visibility::Unspecified) as i32,
+        visibility: visibility.unwrap_or_default(),
         refinements: Some(samples.placement().counts()),
         workers: workers.iter().map(worker_status).collect(),
         error_factor: samples.error_factor(),

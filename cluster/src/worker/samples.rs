@@ -92,10 +92,7 @@ fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInf
     }
     let specification = specification_hash(&request.specification_hash, "specification_hash")?;
     check_specification(&info, specification)?;
-    if !(1..=MAX_CAMERAS).contains(&request.cameras.len()) {
-        let reason = format!("must be 1 to {MAX_CAMERAS}, not {}", request.cameras.len());
-        return Err(InvalidField::new("cameras", reason).into());
-    }
+    InvalidField::within("cameras", request.cameras.len(), 1..=MAX_CAMERAS)?;
     for camera in &request.cameras {
         info.camera(*camera)?;
     }

@@ -88,7 +88,7 @@ async fn samples_and_pixels_of_another_specification_are_not_served() {
     let trace = v1::TraceRequest {
         scene_hash: scene_hash_bytes(frame.provenance.scene),
         epoch: frame.provenance.state.epoch,
-        light: argus_proto::convert::wire_light_level(frame.provenance.state.light).into(),
+        light: argus_proto::convert::WireEnum::number(frame.provenance.state.light),
         camera: Some((&view(1).camera).into()),
         width: 8,
         height: 8,

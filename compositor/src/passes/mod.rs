@@ -3,15 +3,10 @@
 pub(crate) mod bounds;
 pub(crate) mod build_pyramid;
 pub(crate) mod fill;
-pub(crate) mod fixed_point;
 pub(crate) mod highlight;
-pub(crate) mod linear;
 pub(crate) mod mend;
 pub(crate) mod mips;
-pub(crate) mod pyramid;
 pub(crate) mod reproject;
 pub(crate) mod resolve;
-pub(crate) mod seeded;
 pub(crate) mod sky_mask;
 pub(crate) mod splat;
-pub(crate) mod warp;

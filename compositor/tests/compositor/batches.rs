@@ -316,5 +316,5 @@ fn the_pass_plan_says_which_passes_run_and_why() {
     assert!(!on(false, Search::Linear).contains(&"splat samples"));
     assert!(on(false, Search::Seeded).contains(&"splat samples"));
     assert!(on(false, Search::Pyramid).contains(&"make pyramid"));
-    assert!(!on(false, Search::FixedPoint).contains(&"make pyramid"));
+    assert!(!on(false, Search::Linear).contains(&"make pyramid"));
 }

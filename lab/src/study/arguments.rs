@@ -61,38 +61,6 @@ impl Size {
     }
 }
 
-/// Sizes of views, each measured separately.
-#[derive(clap::Args)]
-pub(super) struct Sizes {
-    /// Size of a view in pixels; may be given more than once
-    #[arg(long = "size", value_name = "WxH", value_parser = args::size)]
-    sizes: Vec<[u32; 2]>,
-}
-
-impl Sizes {
-    pub(super) fn replace(self, default: &mut Vec<[u32; 2]>) {
-        if !self.sizes.is_empty() {
-            *default = self.sizes;
-        }
-    }
-}
-
-/// Worker processes of a cluster on this machine.
-#[derive(clap::Args)]
-pub(super) struct Workers {
-    /// Number of worker processes [default: 2]
-    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
-    workers: Option<u16>,
-}
-
-impl Workers {
-    pub(super) fn replace(self, default: &mut usize) {
-        if let Some(workers) = self.workers {
-            *default = usize::from(workers);
-        }
-    }
-}
-
 /// Runs a study that waits for the GPU on a blocking thread, away from I/O.
 pub(super) async fn blocking<O: Send + 'static>(
     options: O,

@@ -1,45 +1,28 @@
 //! `argus-lab study`: the experiments behind the figures, with a file for each study's arguments.
 
 mod arguments;
-mod baseline;
-mod bounds;
-mod break_even;
-mod burst;
 mod campaign;
-mod capacity;
-mod cells;
-mod change;
-mod cluster;
-mod detail;
 mod device;
-mod effects;
 mod epr;
-mod equal_error;
-mod hard_cases;
-mod history;
-mod light;
 mod manylods;
 mod megaviews;
 mod omni_maps;
-mod overload;
 mod particles;
 mod radiosity;
 mod rays;
 mod reflections;
 mod scenes;
-mod service;
-mod shadows;
-mod soak;
-mod throughput;
-mod visibility;
-mod walk;
-mod warp;
 
 use std::path::PathBuf;
 
 use argus::output;
-use argus_studies::Report;
+use argus_studies::{
+    Report, baseline, bounds, break_even, burst, capacity, cluster, detail, effects, equal_error, history,
+    light, overload, service, shadows, soak, throughput, visibility, walk, warp,
+};
 use indicatif::{ProgressBar, ProgressStyle};
+
+use self::arguments::blocking;
 
 /// Measures on this machine what approximations cost and how large their errors are.
 ///
@@ -66,48 +49,44 @@ pub(crate) struct Args {
 
 #[derive(clap::Subcommand)]
 enum Study {
-    Baseline(baseline::Baseline),
-    Burst(burst::Burst),
-    Warp(warp::Warp),
-    Bounds(bounds::Bounds),
-    Walk(walk::Walk),
-    Visibility(visibility::Visibility),
-    Cells(cells::Cells),
-    Cluster(cluster::Cluster),
-    Change(change::Change),
-    Soak(soak::Soak),
-    Capacity(capacity::Capacity),
-    BreakEven(break_even::BreakEven),
-    HardCases(hard_cases::HardCases),
-    History(history::History),
+    Baseline(baseline::Options),
+    Burst(burst::Options),
+    Warp(warp::Options),
+    Bounds(bounds::Options),
+    Walk(walk::Options),
+    Visibility(visibility::Options),
+    Cluster(cluster::Options),
+    Soak(soak::Options),
+    Capacity(capacity::Options),
+    BreakEven(break_even::Options),
+    History(history::Options),
     #[command(name = "megaviews")]
     MegaViews(megaviews::MegaViews),
     #[command(name = "manylods")]
     ManyLods(manylods::ManyLods),
     OmniMaps(omni_maps::OmniMaps),
     Particles(particles::Particles),
-    Light(light::Light),
+    Light(light::Options),
     Radiosity(radiosity::Radiosity),
     Rays(rays::RayStudy),
     Reflections(reflections::ReflectionStudy),
-    Overload(overload::Overload),
+    Overload(overload::Options),
     Scenes(scenes::Scenes),
-    Service(service::Service),
-    Shadows(shadows::ShadowStudy),
-    Detail(detail::DetailStudy),
+    Service(service::Options),
+    Shadows(shadows::Options),
+    Detail(detail::Options),
     Device(device::Device),
-    Effects(effects::EffectStudy),
+    Effects(effects::Options),
     Epr(epr::EprStudy),
-    EqualError(equal_error::EqualError),
-    Throughput(throughput::Throughput),
+    EqualError(equal_error::Options),
+    Throughput(throughput::Options),
     Campaign(campaign::Campaign),
 }
 
 /// Length of a study, and the form of its output.
 #[derive(clap::Args)]
 struct Form {
-    /// Run a few seconds only, to see that everything works; the figures are noise. No effect on `change` and
-    /// `hard-cases`
+    /// Run a few seconds only, to see that everything works; the figures are noise.
     #[arg(long, global = true)]
     quick: bool,
     /// Print one JSON object: scene, machine, rows (one object per table row)
@@ -123,39 +102,40 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {
         progress.set_style(style);
     }
+    let program = std::env::current_exe()?;
     let (name, report) = match study {
-        Study::Baseline(study) => ("baseline", study.run(form.quick, &progress).await?),
-        Study::Burst(study) => ("burst", study.run(form.quick, &progress).await?),
-        Study::Warp(study) => ("warp", study.run(form.quick, &progress).await?),
-        Study::Bounds(study) => ("bounds", study.run(form.quick, &progress).await?),
-        Study::Walk(study) => ("walk", study.run(form.quick, &progress).await?),
-        Study::Visibility(study) => ("visibility", study.run(form.quick, &progress).await?),
-        Study::Cells(study) => ("cells", study.run(form.quick, &progress).await?),
-        Study::Cluster(study) => ("cluster", study.run(form.quick, &progress).await?),
-        Study::Change(study) => ("change", study.run(&progress).await?),
-        Study::Capacity(study) => ("capacity", study.run(form.quick, &progress).await?),
-        Study::Soak(study) => ("soak", study.run(form.quick, &progress).await?),
-        Study::History(study) => ("history", study.run(form.quick, &progress).await?),
-        Study::BreakEven(study) => ("break-even", study.run(form.quick, &progress).await?),
+        Study::Baseline(options) => ("baseline", blocking(options, &progress, baseline::run).await?),
+        Study::Burst(options) => ("burst", burst::run(&program, &options, &progress).await?),
+        Study::Warp(options) => ("warp", blocking(options, &progress, warp::run).await?),
+        Study::Bounds(options) => ("bounds", blocking(options, &progress, bounds::run).await?),
+        Study::Walk(options) => ("walk", walk::run(&program, &options, &progress).await?),
+        Study::Visibility(options) => ("visibility", blocking(options, &progress, visibility::run).await?),
+        Study::Cluster(options) => ("cluster", cluster::run(&program, &options, &progress).await?),
+        Study::Capacity(options) => ("capacity", capacity::run(&program, &options, &progress).await?),
+        Study::Soak(options) => ("soak", soak::run(&program, &options, &progress).await?),
+        Study::History(options) => ("history", blocking(options, &progress, history::run).await?),
+        Study::BreakEven(options) => ("break-even", blocking(options, &progress, break_even::run).await?),
         Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
         Study::ManyLods(study) => ("manylods", study.run(form.quick, &progress).await?),
         Study::OmniMaps(study) => ("omni-maps", study.run(form.quick, &progress).await?),
         Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
-        Study::Light(study) => ("light", study.run(form.quick, &progress).await?),
+        Study::Light(options) => ("light", blocking(options, &progress, light::run).await?),
         Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
         Study::Rays(study) => ("rays", study.run(form.quick, &progress).await?),
         Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
-        Study::Overload(study) => ("overload", study.run(form.quick, &progress).await?),
+        Study::Overload(options) => ("overload", overload::run(&program, &options, &progress).await?),
         Study::Scenes(study) => ("scenes", study.run(form.out.clone(), &progress).await?),
-        Study::Service(study) => ("service", study.run(form.quick, &progress).await?),
-        Study::Shadows(study) => ("shadows", study.run(form.quick, &progress).await?),
-        Study::Effects(study) => ("effects", study.run(form.quick, form.out.clone(), &progress).await?),
-        Study::Detail(study) => ("detail", study.run(form.quick, &progress).await?),
+        Study::Service(options) => ("service", service::run(&program, &options, &progress).await?),
+        Study::Shadows(options) => ("shadows", blocking(options, &progress, shadows::run).await?),
+        Study::Effects(options) => {
+            let options = effects::Options { pictures: form.out.clone(), ..options };
+            ("effects", blocking(options, &progress, effects::run).await?)
+        }
+        Study::Detail(options) => ("detail", blocking(options, &progress, detail::run).await?),
         Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
         Study::Epr(study) => ("epr", study.run(form.quick, form.out.clone(), &progress).await?),
-        Study::EqualError(study) => ("equal-error", study.run(form.quick, &progress).await?),
-        Study::Throughput(study) => ("throughput", study.run(form.quick, &progress).await?),
-        Study::HardCases(study) => ("hard-cases", study.run(&progress).await?),
+        Study::EqualError(options) => ("equal-error", blocking(options, &progress, equal_error::run).await?),
+        Study::Throughput(options) => ("throughput", blocking(options, &progress, throughput::run).await?),
         // A campaign writes its own folder.
         Study::Campaign(campaign) => return campaign.run(&form, &progress).await,
     };

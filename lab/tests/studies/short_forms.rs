@@ -50,19 +50,6 @@ fn the_warp_study_has_every_search_its_figures_and_its_plot() {
 }
 
 #[test]
-fn the_cells_study_compares_the_sample_camera_with_the_worst_position_between_samples() {
-    let study = json(&["study", "cells", "--quick", "--json"]);
-    for pair in rows(&study).chunks(2) {
-        let [at, away] = pair else { panic!("two places for each spacing: {study:#}") };
-        assert_eq!(number(at, "distance_m"), 0.0);
-        assert!(number(away, "distance_m") > 0.0);
-        assert!(number(at, "flip") <= number(away, "flip") + 0.01, "{at:#} {away:#}");
-    }
-    let spacing = |row: &Value| number(row, "spacing_m");
-    assert!(spacing(&rows(&study)[0]) < spacing(rows(&study).last().unwrap()));
-}
-
-#[test]
 fn the_history_study_has_both_starts_and_shows_where_the_previous_frame_helps() {
     let study = json(&["study", "history", "--quick", "--json"]);
     let of = |seed: &str| rows(&study).iter().filter(|row| row["seed"] == seed).collect::<Vec<_>>();

@@ -6,7 +6,7 @@ use bytes::Bytes;
 use super::{Gather, pieces};
 use crate::WireError;
 use crate::codec::{self, Layout};
-use crate::convert::{duration_ms, known, required};
+use crate::convert::{WireEnum, duration_ms, known, required};
 use crate::v1::{self, Encoding};
 
 /// Metadata of a frame.
@@ -44,7 +44,7 @@ pub fn frame_chunks(
         let encoding = if small.is_some() { Encoding::Zstd } else { Encoding::Raw };
         let bytes = small.unwrap_or_else(|| bytes.clone());
         images.push(v1::ImageHeader {
-            output: v1::Output::from(output) as i32,
+            output: output.number(),
             encoding: encoding as i32,
             packed_bytes: bytes.len() as u64,
         });
@@ -150,19 +150,15 @@ impl FrameAssembler {
 impl Header {
     fn check(header: v1::FrameHeader, limits: &Limits) -> Result<Self, InvalidField> {
         let v1::FrameHeader { width, height, .. } = header;
-        for (field, side) in [("frame.width", width), ("frame.height", height)] {
-            if !(1..=limits.max_side).contains(&side) {
-                let reason = format!("must be 1 to {} pixels, not {side}", limits.max_side);
-                return Err(InvalidField::new(field, reason));
-            }
-        }
+        InvalidField::within("frame.width", width, 1..=limits.max_side)?;
+        InvalidField::within("frame.height", height, 1..=limits.max_side)?;
         if u64::from(width) * u64::from(height) > limits.max_pixels {
             let reason = format!("must be at most {} pixels, not {width} × {height}", limits.max_pixels);
             return Err(InvalidField::new("frame.width", reason));
         }
         let mut images: Vec<(Output, Encoding, usize, usize)> = Vec::new();
         for image in &header.images {
-            let output = known::<v1::Output>(image.output, "images.output")?.try_into()?;
+            let output = Output::from_number(image.output, "images.output")?;
             if images.iter().any(|(other, ..)| *other == output) {
                 return Err(InvalidField::new("images.output", format!("{output:?} occurs twice")));
             }
@@ -185,10 +181,6 @@ impl Header {
         if images.is_empty() {
             return Err(InvalidField::new("frame.images", "must hold at least one image"));
         }
-        if !(0.0..=1.0).contains(&header.unresolved_fraction) {
-            let reason = format!("must lie between 0 and 1, not {}", header.unresolved_fraction);
-            return Err(InvalidField::new("frame.unresolved_fraction", reason));
-        }
         let frame = Frame {
             width,
             height,
@@ -197,7 +189,11 @@ impl Header {
             mask: None,
             source: None,
             confidence: None,
-            unresolved_fraction: header.unresolved_fraction,
+            unresolved_fraction: InvalidField::within(
+                "frame.unresolved_fraction",
+                header.unresolved_fraction,
+                0.0..=1.0,
+            )?,
             served: header.served.unwrap_or_default().into(),
             predicted: header.predicted.map(TryInto::try_into).transpose()?,
             decision: header.decision.map(TryInto::try_into).transpose()?,

@@ -11,8 +11,8 @@ use bytes::{Bytes, BytesMut};
 use super::{Gather, pieces};
 use crate::WireError;
 use crate::convert::{
-    light_level, required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes,
-    wire_light_level,
+    WireEnum, light_level, required, scene_hash, scene_hash_bytes, specification_hash,
+    specification_hash_bytes,
 };
 use crate::v1::{self, trace_chunk};
 
@@ -39,7 +39,7 @@ pub fn trace_requests(job: &PixelJob, frame: TracedFrame) -> Vec<(v1::TraceReque
         scene_hash: scene_hash_bytes(frame.scene),
         specification_hash: specification_hash_bytes(frame.specification),
         epoch: job.state.epoch,
-        light: wire_light_level(job.state.light).into(),
+        light: job.state.light.number(),
         camera: Some((&job.camera).into()),
         width: job.width,
         height: job.height,
@@ -225,7 +225,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::arbitrary;
+    use crate::tests::arbitrary;
 
     const FRAME: TracedFrame =
         TracedFrame { scene: SceneHash([7; 32]), specification: SpecificationHash([8; 32]) };

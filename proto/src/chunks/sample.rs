@@ -11,7 +11,7 @@ use bytes::Bytes;
 use super::{Gather, pieces};
 use crate::WireError;
 use crate::codec::{self, Layout};
-use crate::convert::{hash, known, required, unspecified};
+use crate::convert::{WireEnum, hash, known, required, unspecified};
 use crate::v1::{self, PlaneCodec};
 
 /// Splits a sample into chunks, with packed planes. Cloning chunks is cheap, so a sample for many receivers is packed
@@ -29,8 +29,8 @@ pub fn sample_chunks(sample: &Sample) -> Result<Vec<v1::SampleChunk>, WireError>
         let codec = if small.is_some() { PlaneCodec::DeltaZstd } else { PlaneCodec::Raw };
         let bytes = small.unwrap_or_else(|| raw.clone());
         planes.push(v1::PlaneHeader {
-            kind: wire_kind(plane.kind) as i32,
-            format: wire_format(plane.format) as i32,
+            kind: plane.kind.number(),
+            format: plane.format.number(),
             width: plane.size[0],
             height: plane.size[1],
             codec: codec as i32,
@@ -266,26 +266,9 @@ impl Header {
 
 impl PlaneHeader {
     fn check(wire: v1::PlaneHeader, camera: &SampleCamera) -> Result<Self, InvalidField> {
-        let kind = match known(wire.kind, "planes.kind")? {
-            v1::PlaneKind::Unspecified => return Err(unspecified("planes.kind")),
-            v1::PlaneKind::Radiance => PlaneKind::Radiance,
-            v1::PlaneKind::InverseRange => PlaneKind::InverseRange,
-            v1::PlaneKind::Normal => PlaneKind::Normal,
-            v1::PlaneKind::Specular => PlaneKind::Specular,
-            v1::PlaneKind::Reflector => PlaneKind::Reflector,
-            v1::PlaneKind::ProbeSphere => PlaneKind::ProbeSphere,
-            v1::PlaneKind::LightVisibility => PlaneKind::LightVisibility,
-        };
+        let kind = PlaneKind::from_number(wire.kind, "planes.kind")?;
         let size = Plane::size_of(kind, camera);
-        let format = match known(wire.format, "planes.format")? {
-            v1::PlaneFormat::Unspecified => return Err(unspecified("planes.format")),
-            v1::PlaneFormat::Rgb9e5Ufloat => PlaneFormat::Rgb9e5Ufloat,
-            v1::PlaneFormat::Rgba16Float => PlaneFormat::Rgba16Float,
-            v1::PlaneFormat::R32Float => PlaneFormat::R32Float,
-            v1::PlaneFormat::Rg16Snorm => PlaneFormat::Rg16Snorm,
-            v1::PlaneFormat::Rgba8Unorm => PlaneFormat::Rgba8Unorm,
-            v1::PlaneFormat::R32Uint => PlaneFormat::R32Uint,
-        };
+        let format = PlaneFormat::from_number(wire.format, "planes.format")?;
         if [wire.width, wire.height] != size {
             let reason =
                 format!("must be the camera's {size:?} texels, not {} × {}", wire.width, wire.height);
@@ -307,28 +290,5 @@ impl PlaneHeader {
         }
         let packed = wire.packed_bytes as usize;
         Ok(Self { kind, format, size, codec, packed, raw, hash: hash(&wire.hash, "planes.hash")? })
-    }
-}
-
-fn wire_kind(kind: PlaneKind) -> v1::PlaneKind {
-    match kind {
-        PlaneKind::Radiance => v1::PlaneKind::Radiance,
-        PlaneKind::InverseRange => v1::PlaneKind::InverseRange,
-        PlaneKind::Normal => v1::PlaneKind::Normal,
-        PlaneKind::Specular => v1::PlaneKind::Specular,
-        PlaneKind::Reflector => v1::PlaneKind::Reflector,
-        PlaneKind::ProbeSphere => v1::PlaneKind::ProbeSphere,
-        PlaneKind::LightVisibility => v1::PlaneKind::LightVisibility,
-    }
-}
-
-fn wire_format(format: PlaneFormat) -> v1::PlaneFormat {
-    match format {
-        PlaneFormat::Rgb9e5Ufloat => v1::PlaneFormat::Rgb9e5Ufloat,
-        PlaneFormat::Rgba16Float => v1::PlaneFormat::Rgba16Float,
-        PlaneFormat::R32Float => v1::PlaneFormat::R32Float,
-        PlaneFormat::Rg16Snorm => v1::PlaneFormat::Rg16Snorm,
-        PlaneFormat::Rgba8Unorm => v1::PlaneFormat::Rgba8Unorm,
-        PlaneFormat::R32Uint => v1::PlaneFormat::R32Uint,
     }
 }

@@ -3,7 +3,7 @@ use bytes::Bytes;
 use proptest::prelude::*;
 
 use super::*;
-use crate::arbitrary;
+use crate::tests::arbitrary;
 use crate::v1::{self, Encoding, frame_chunk, sample_chunk, scene_chunk};
 
 fn assemble(chunks: Vec<v1::FrameChunk>) -> Result<Option<(Frame, FrameMeta)>, WireError> {

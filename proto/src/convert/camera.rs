@@ -111,34 +111,28 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
     fn try_from(wire: v1::SampleCamera) -> Result<Self, InvalidField> {
         use v1::omni_camera::Layout;
         use v1::sample_camera::Kind;
-        let within = |field, value: u32, least: u32, most: u32| {
-            if (least..=most).contains(&value) {
-                Ok(value)
-            } else {
-                Err(InvalidField::new(field, format!("must be {least} to {most} texels, not {value}")))
-            }
-        };
+        let within = InvalidField::within::<u32>;
         match required(wire.kind, "sample.camera")? {
             Kind::Perspective(p) => Ok(Self::Perspective {
                 camera: required(p.camera, "sample.camera.perspective.camera")?.try_into()?,
-                width: within("sample.camera.perspective.width", p.width, 1, 8192)?,
-                height: within("sample.camera.perspective.height", p.height, 1, 8192)?,
+                width: within("sample.camera.perspective.width", p.width, 1..=8192)?,
+                height: within("sample.camera.perspective.height", p.height, 1..=8192)?,
             }),
             Kind::Omni(o) => Ok(Self::Omni {
                 center: point(o.center, "sample.camera.omni.center")?,
                 layout: match required(o.layout, "sample.camera.omni.layout")? {
-                    Layout::CubeFace(face) => {
-                        OmniLayout::CubeFaces { face: within("sample.camera.omni.cube_face", face, 8, 2048)? }
-                    }
+                    Layout::CubeFace(face) => OmniLayout::CubeFaces {
+                        face: within("sample.camera.omni.cube_face", face, 8..=2048)?,
+                    },
                     Layout::ParaboloidSide(side) => OmniLayout::DualParaboloid {
-                        side: within("sample.camera.omni.paraboloid_side", side, 1, 4096)?,
+                        side: within("sample.camera.omni.paraboloid_side", side, 1..=4096)?,
                     },
                     Layout::ReflectionProbes(v1::ReflectionProbesLayout { side, count }) => {
                         let knobs = Reflections { side, ..Reflections::default() };
                         knobs.validate()?;
                         OmniLayout::ReflectionProbes {
                             side,
-                            count: within("sample.camera.omni.reflection_probes.count", count, 1, 1024)?,
+                            count: within("sample.camera.omni.reflection_probes.count", count, 1..=1024)?,
                         }
                     }
                 },

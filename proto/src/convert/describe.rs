@@ -5,9 +5,9 @@ use argus_scene::{
     Bounds, Effect, EffectPlan, InvalidField, LightLevel, Limits, PlanRequest, Rig, SceneHash,
 };
 
-use super::effects::{effect_plan, effect_rows};
-use super::scene::{epoch_secs, light_level, wire_light_level};
-use super::{known, required, scene_hash, scene_hash_bytes};
+use super::enums::{WireEnum, light_level};
+use super::scene::epoch_secs;
+use super::{required, scene_hash, scene_hash_bytes};
 use crate::{PROTOCOL_VERSION, v1};
 
 /// The answer to `Describe`: the served scene, its limits and defaults.
@@ -51,14 +51,14 @@ impl From<&Description> for v1::DescribeResponse {
             }),
             bounds: Some(description.bounds.into()),
             triangles: description.triangles,
-            effects: description.effects.iter().map(|effect| v1::Effect::from(*effect) as i32).collect(),
-            effect_plan: effect_rows(&description.effect_plan),
+            effects: description.effects.iter().map(|effect| effect.number()).collect(),
+            effect_plan: description.effect_plan.rows.iter().map(Into::into).collect(),
             cameras: description.cameras.iter().map(Into::into).collect(),
             limits: Some(description.limits.into()),
             rig: Some((&description.rig).into()),
             defaults: Some((&description.defaults).into()),
             epoch_secs: description.epoch_secs,
-            first_light: wire_light_level(description.first_light).into(),
+            first_light: description.first_light.number(),
             light: description.light.clone(),
         }
     }
@@ -69,7 +69,7 @@ impl TryFrom<v1::DescribeResponse> for Description {
 
     fn try_from(wire: v1::DescribeResponse) -> Result<Self, InvalidField> {
         let scene = required(wire.scene, "scene")?;
-        let effect = |number| known::<v1::Effect>(number, "effects").and_then(Effect::try_from);
+        let effect = |number| Effect::from_number(number, "effects");
         let cameras: Vec<NamedCamera> =
             wire.cameras.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?;
         if cameras.is_empty() {
@@ -81,7 +81,9 @@ impl TryFrom<v1::DescribeResponse> for Description {
             bounds: required(wire.bounds, "bounds")?.try_into()?,
             triangles: wire.triangles,
             effects: wire.effects.into_iter().map(effect).collect::<Result<_, _>>()?,
-            effect_plan: effect_plan(wire.effect_plan)?,
+            effect_plan: EffectPlan {
+                rows: wire.effect_plan.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
+            },
             cameras,
             limits: required(wire.limits, "limits")?.try_into()?,
             rig: required(wire.rig, "rig")?.try_into()?,

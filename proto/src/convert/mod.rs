@@ -7,11 +7,12 @@
 mod camera;
 mod describe;
 mod effects;
+mod enums;
 mod scene;
 mod view;
 
 pub use describe::Description;
-pub use scene::{light_level, visibility, wire_light_level};
+pub use enums::{WireEnum, light_level};
 pub use view::face_masks;
 
 use argus_scene::{InvalidField, SceneHash, SpecificationHash};

@@ -1,47 +1,15 @@
 //! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
-    Bounds, CellKnobs, Effect, Indirect, InvalidField, Light, LightEffects, LightLevel, Lighting, MapSource,
-    MegaViews, PathKnobs, PointKnobs, ProbeEye, ProbeSource, ReflectionProbeSet, Reflections, Rig, SampleId,
-    SampleSetInfo, Sampling, SceneState, Sky, Specification, Stage, Version, Visibility, VplKnobs,
+    Bounds, CellKnobs, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, ProbeEye,
+    ProbeSource, ReflectionProbeSet, Reflections, Rig, SampleSetInfo, Sampling, SceneState, Sky,
+    Specification, Stage, Version, Visibility, VplKnobs,
 };
 use glam::DVec3;
 
-use super::{duration_ms, finite, known, point, required, rgb, scene_hash, scene_hash_bytes, unspecified};
+use super::enums::{WireEnum, light_level};
+use super::{duration_ms, finite, point, required, rgb, scene_hash, scene_hash_bytes};
 use crate::v1;
-
-impl From<Effect> for v1::Effect {
-    fn from(effect: Effect) -> Self {
-        match effect {
-            Effect::AlphaCutout => Self::AlphaCutout,
-            Effect::Emission => Self::Emission,
-            Effect::Specular => Self::Specular,
-            Effect::Transmission => Self::Transmission,
-            Effect::NormalMap => Self::NormalMap,
-            Effect::PunctualLights => Self::PunctualLights,
-            Effect::Sky => Self::Sky,
-            Effect::Animation => Self::Animation,
-        }
-    }
-}
-
-impl TryFrom<v1::Effect> for Effect {
-    type Error = InvalidField;
-
-    fn try_from(wire: v1::Effect) -> Result<Self, InvalidField> {
-        Ok(match wire {
-            v1::Effect::Unspecified => return Err(unspecified("effects")),
-            v1::Effect::AlphaCutout => Self::AlphaCutout,
-            v1::Effect::Emission => Self::Emission,
-            v1::Effect::Specular => Self::Specular,
-            v1::Effect::Transmission => Self::Transmission,
-            v1::Effect::NormalMap => Self::NormalMap,
-            v1::Effect::PunctualLights => Self::PunctualLights,
-            v1::Effect::Sky => Self::Sky,
-            v1::Effect::Animation => Self::Animation,
-        })
-    }
-}
 
 impl From<&Light> for v1::Light {
     fn from(light: &Light) -> Self {
@@ -85,13 +53,17 @@ impl TryFrom<v1::Light> for Light {
             Kind::Directional(light) => Self::Directional {
                 direction: unit(light.direction, "lights.directional.direction")?,
                 irradiance: rgb(light.irradiance, "lights.directional.irradiance")?,
-                angular_radius: extent(light.angular_radius, 1.57, "lights.directional.angular_radius")?,
+                angular_radius: InvalidField::within(
+                    "lights.directional.angular_radius",
+                    light.angular_radius,
+                    0.0..=1.57,
+                )?,
             },
             Kind::Point(light) => Self::Point {
                 position: point(light.position, "lights.point.position")?,
                 intensity: rgb(light.intensity, "lights.point.intensity")?,
                 range: cut_off(light.range, "lights.point.range")?,
-                radius: extent(light.radius, f64::MAX, "lights.point.radius")?,
+                radius: InvalidField::within("lights.point.radius", light.radius, 0.0..=f64::MAX)?,
             },
             Kind::Spot(light) => {
                 let (inner_cone, outer_cone) = (light.inner_cone, light.outer_cone);
@@ -107,7 +79,7 @@ impl TryFrom<v1::Light> for Light {
                     range: cut_off(light.range, "lights.spot.range")?,
                     inner_cone,
                     outer_cone,
-                    radius: extent(light.radius, f64::MAX, "lights.spot.radius")?,
+                    radius: InvalidField::within("lights.spot.radius", light.radius, 0.0..=f64::MAX)?,
                 }
             }
         })
@@ -124,21 +96,8 @@ fn unit(value: Option<v1::Vec3>, field: &'static str) -> Result<DVec3, InvalidFi
     }
 }
 
-/// A light's radius, 0 to `most`.
-fn extent(radius: f64, most: f64, field: &'static str) -> Result<f64, InvalidField> {
-    match (0.0..=most).contains(&radius) {
-        true => Ok(radius),
-        false => Err(InvalidField::new(field, format!("must be 0 to {most}, not {radius}"))),
-    }
-}
-
 fn cut_off(range: Option<f64>, field: &'static str) -> Result<Option<f64>, InvalidField> {
-    match range {
-        Some(range) if !(range > 0.0 && range.is_finite()) => {
-            Err(InvalidField::new(field, format!("must be above 0 and finite, not {range}")))
-        }
-        range => Ok(range),
-    }
+    range.map(|range| InvalidField::positive(field, range)).transpose()
 }
 
 impl From<&Lighting> for v1::Lighting {
@@ -163,10 +122,6 @@ impl TryFrom<v1::Lighting> for Lighting {
 
     fn try_from(wire: v1::Lighting) -> Result<Self, InvalidField> {
         let sky = required(wire.sky, "lighting.sky")?;
-        if !(wire.exposure > 0.0 && wire.exposure.is_finite()) {
-            let reason = format!("must be above 0 and finite, not {}", wire.exposure);
-            return Err(InvalidField::new("lighting.exposure", reason));
-        }
         Ok(Self {
             lights: wire.lights.into_iter().map(TryInto::try_into).collect::<Result<_, _>>()?,
             sky: Sky {
@@ -176,7 +131,7 @@ impl TryFrom<v1::Lighting> for Lighting {
                 map: None,
                 reach: None,
             },
-            exposure: wire.exposure,
+            exposure: InvalidField::positive("lighting.exposure", wire.exposure)?,
         })
     }
 }
@@ -275,7 +230,7 @@ impl TryFrom<v1::SampleSetInfo> for SampleSetInfo {
 impl From<&Specification> for v1::Specification {
     fn from(specification: &Specification) -> Self {
         Self {
-            visibility: v1::Visibility::from(specification.visibility) as i32,
+            visibility: specification.visibility.number(),
             sampling: sampling_to_wire(specification.sampling),
             sub_samples: specification.sub_samples,
             light_effects: specification.effects.bits(),
@@ -292,7 +247,7 @@ impl TryFrom<v1::Specification> for Specification {
     /// The specification, validated.
     fn try_from(wire: v1::Specification) -> Result<Self, InvalidField> {
         let specification = Self {
-            visibility: visibility(wire.visibility, "specification.visibility")?,
+            visibility: Visibility::from_number(wire.visibility, "specification.visibility")?,
             sampling: sampling(wire.sampling),
             sub_samples: wire.sub_samples,
             effects: LightEffects::from_bits(wire.light_effects)?,
@@ -347,31 +302,6 @@ impl TryFrom<v1::ReflectionProbes> for ReflectionProbeSet {
     }
 }
 
-impl From<MapSource> for v1::VplMaps {
-    fn from(source: MapSource) -> Self {
-        match source {
-            MapSource::Unshadowed => Self::Unshadowed,
-            MapSource::Exact => Self::Exact,
-            MapSource::Imperfect => Self::Imperfect,
-            MapSource::MegaViews => Self::MegaViews,
-            MapSource::ManyLods => Self::ManyLods,
-        }
-    }
-}
-
-/// The source of the shadow maps of virtual point lights.
-fn map_source(number: i32) -> Result<MapSource, InvalidField> {
-    let field = "specification.indirect.maps";
-    Ok(match known(number, field)? {
-        v1::VplMaps::Unspecified => return Err(unspecified(field)),
-        v1::VplMaps::Unshadowed => MapSource::Unshadowed,
-        v1::VplMaps::Exact => MapSource::Exact,
-        v1::VplMaps::Imperfect => MapSource::Imperfect,
-        v1::VplMaps::MegaViews => MapSource::MegaViews,
-        v1::VplMaps::ManyLods => MapSource::ManyLods,
-    })
-}
-
 fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
     Some(match indirect {
         Indirect::Off => return None,
@@ -380,7 +310,7 @@ fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
             particles: knobs.particles,
             bounces: knobs.bounces,
             map_side: knobs.map_side,
-            maps: v1::VplMaps::from(knobs.maps) as i32,
+            maps: knobs.maps.number(),
             points: knobs.points,
             levels: knobs.levels,
             samples: knobs.samples,
@@ -393,13 +323,10 @@ fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
             bias: knobs.bias,
             seed: knobs.seed,
         }),
-        Indirect::Points(PointKnobs { levels, map_side, block, bounces, sharing }) => {
-            let points = v1::PointIndirect { levels, map_side, block, bounces, sharing };
-            v1::specification::Indirect::Points(points)
-        }
-        Indirect::Paths(paths) => v1::specification::Indirect::Paths(wire_paths(paths)),
+        Indirect::Points(points) => v1::specification::Indirect::Points(points.into()),
+        Indirect::Paths(paths) => v1::specification::Indirect::Paths(paths.into()),
         Indirect::Cells(CellKnobs { paths, pixels, rays }) => {
-            let paths = Some(wire_paths(paths));
+            let paths = Some(paths.into());
             v1::specification::Indirect::Cells(v1::CellIndirect { paths, pixels, rays })
         }
     })
@@ -413,7 +340,7 @@ fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, Inval
             particles: wire.particles,
             bounces: wire.bounces,
             map_side: wire.map_side,
-            maps: map_source(wire.maps)?,
+            maps: MapSource::from_number(wire.maps, "specification.indirect.maps")?,
             points: wire.points,
             levels: wire.levels,
             samples: wire.samples,
@@ -426,96 +353,35 @@ fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, Inval
             bias: wire.bias,
             seed: wire.seed,
         }),
-        Some(v1::specification::Indirect::Points(wire)) => {
-            let v1::PointIndirect { levels, map_side, block, bounces, sharing } = wire;
-            Indirect::Points(PointKnobs { levels, map_side, block, bounces, sharing })
-        }
-        Some(v1::specification::Indirect::Paths(wire)) => Indirect::Paths(paths(wire)),
-        Some(v1::specification::Indirect::Cells(v1::CellIndirect { paths: wire, pixels, rays })) => {
-            let paths = paths(required(wire, "indirect.paths")?);
+        Some(v1::specification::Indirect::Points(points)) => Indirect::Points(points.into()),
+        Some(v1::specification::Indirect::Paths(paths)) => Indirect::Paths(paths.into()),
+        Some(v1::specification::Indirect::Cells(v1::CellIndirect { paths, pixels, rays })) => {
+            let paths = required(paths, "indirect.paths")?.into();
             Indirect::Cells(CellKnobs { paths, pixels, rays })
         }
     })
 }
 
-fn wire_paths(PathKnobs { level, rays, bounces, gather }: PathKnobs) -> v1::PathIndirect {
-    v1::PathIndirect { level, rays, bounces, gather }
-}
-
-fn paths(v1::PathIndirect { level, rays, bounces, gather }: v1::PathIndirect) -> PathKnobs {
-    PathKnobs { level, rays, bounces, gather }
-}
-
 fn sampling_to_wire(sampling: Sampling) -> Option<v1::specification::Sampling> {
-    let Sampling::MegaViews(MegaViews { map_side, levels, block }) = sampling else { return None };
-    Some(v1::specification::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block }))
+    let Sampling::MegaViews(maps) = sampling else { return None };
+    Some(v1::specification::Sampling::MegaViews(maps.into()))
 }
 
 fn sampling(wire: Option<v1::specification::Sampling>) -> Sampling {
     match wire {
         None => Sampling::Triangles,
-        Some(v1::specification::Sampling::MegaViews(v1::MegaViewsSampling { map_side, levels, block })) => {
-            Sampling::MegaViews(MegaViews { map_side, levels, block })
-        }
+        Some(v1::specification::Sampling::MegaViews(maps)) => Sampling::MegaViews(maps.into()),
     }
 }
 
-impl From<Visibility> for v1::Visibility {
-    fn from(visibility: Visibility) -> Self {
-        match visibility {
-            Visibility::Raster => Self::Raster,
-            Visibility::Trace => Self::Trace,
-            Visibility::Cpu => Self::Cpu,
-        }
-    }
-}
-
-/// A visibility backend.
-///
-/// # Errors
-/// [`InvalidField`] of `field` if the number is unknown or unspecified.
-pub fn visibility(number: i32, field: &'static str) -> Result<Visibility, InvalidField> {
-    match v1::Visibility::try_from(number) {
-        Ok(v1::Visibility::Raster) => Ok(Visibility::Raster),
-        Ok(v1::Visibility::Trace) => Ok(Visibility::Trace),
-        Ok(v1::Visibility::Cpu) => Ok(Visibility::Cpu),
-        _ => Err(InvalidField::new(field, format!("{number} is not a known visibility backend"))),
-    }
-}
-
-/// Seconds of an epoch, 0 to 86400. Written so that NaN is refused.
+/// Seconds of an epoch.
 pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidField> {
-    match (0.0..=86400.0).contains(&secs) {
-        true => Ok(secs),
-        false => Err(InvalidField::new(field, format!("must be 0 to 86400, not {secs}"))),
-    }
-}
-
-/// A level of light as a wire enum.
-pub fn wire_light_level(level: LightLevel) -> v1::LightLevel {
-    match level {
-        LightLevel::Direct => v1::LightLevel::Direct,
-        LightLevel::Coarse => v1::LightLevel::Coarse,
-        LightLevel::Full => v1::LightLevel::Full,
-    }
-}
-
-/// A level of light from a wire enum's number; unspecified is the best one.
-///
-/// # Errors
-/// [`InvalidField`] of `field` if the number is unknown.
-pub fn light_level(number: i32, field: &'static str) -> Result<LightLevel, InvalidField> {
-    match v1::LightLevel::try_from(number) {
-        Ok(v1::LightLevel::Direct) => Ok(LightLevel::Direct),
-        Ok(v1::LightLevel::Coarse) => Ok(LightLevel::Coarse),
-        Ok(v1::LightLevel::Full | v1::LightLevel::Unspecified) => Ok(LightLevel::Full),
-        Err(_) => Err(InvalidField::new(field, format!("{number} is not a known level of light"))),
-    }
+    InvalidField::within(field, secs, 0.0..=86400.0)
 }
 
 impl From<SceneState> for v1::SceneState {
     fn from(state: SceneState) -> Self {
-        Self { epoch: state.epoch, light: wire_light_level(state.light).into() }
+        Self { epoch: state.epoch, light: state.light.number() }
     }
 }
 
@@ -539,18 +405,6 @@ impl TryFrom<v1::Version> for Version {
     fn try_from(wire: v1::Version) -> Result<Self, InvalidField> {
         let state = wire.state.map(SceneState::try_from).transpose()?.unwrap_or_default();
         Ok(Self { number: wire.number, state })
-    }
-}
-
-impl From<SampleId> for v1::SampleId {
-    fn from(id: SampleId) -> Self {
-        Self { version: id.version, camera: id.camera }
-    }
-}
-
-impl From<v1::SampleId> for SampleId {
-    fn from(wire: v1::SampleId) -> Self {
-        Self { version: wire.version, camera: wire.camera }
     }
 }
 

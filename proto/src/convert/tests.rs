@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use prost::Message;
 
 use super::*;
-use crate::arbitrary;
+use crate::tests::arbitrary;
 
 /// Converts to the wire type and its bytes, and back, as between two processes.
 fn across<W: Message + Default>(wire: W) -> W {
@@ -36,7 +36,7 @@ proptest! {
         prop_assert_eq!(Lighting::try_from(across(v1::Lighting::from(&lighting))).unwrap(), lighting);
         prop_assert_eq!(SampleSetInfo::try_from(across(v1::SampleSetInfo::from(&info))).unwrap(), info);
         prop_assert_eq!(SampleId::from(across(v1::SampleId::from(id))), id);
-        prop_assert_eq!(Output::try_from(v1::Output::from(output)).unwrap(), output);
+        prop_assert_eq!(Output::from_number(output.number(), "outputs").unwrap(), output);
     }
 
     #[test]
@@ -157,7 +157,7 @@ fn an_invalid_pinned_plan_is_rejected_with_a_field_below_pin() {
     assert_eq!(field(|p| p.faces = vec![64]), "plan.warp.faces");
     assert_eq!(field(|p| p.faces = vec![1, 1]), "plan.warp.faces");
     assert_eq!(field(|p| p.search = 0), "plan.warp.search");
-    assert_eq!(field(|p| p.search = 9), "plan.search");
+    assert_eq!(field(|p| p.search = 9), "plan.warp.search");
 }
 
 #[test]
@@ -233,6 +233,6 @@ fn lights_and_rigs_with_non_finite_values_are_rejected() {
     assert_eq!(Bounds::try_from(half).unwrap_err().field, "bounds.max");
     let none = v1::Limits::from(Limits { max_side: 0, max_pixels: 1 });
     assert_eq!(Limits::try_from(none).unwrap_err().field, "limits");
-    assert!(Effect::try_from(v1::Effect::Unspecified).is_err());
-    assert_eq!(v1::Search::from(Search::Linear), v1::Search::Linear);
+    assert!(Effect::from_number(0, "effects").is_err());
+    assert_eq!(Search::Linear.number(), v1::Search::Linear as i32);
 }

@@ -3,14 +3,13 @@
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
     CellKnobs, Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan,
-    PlanRequest, Prediction, Preset, Provenance, SampleId, SceneState, Search, Served, Specification,
-    SurfaceLight, View, Warp,
+    PlanRequest, Prediction, Provenance, SampleId, SceneState, Search, Specification, SurfaceLight, View,
+    Warp,
 };
 
-use super::scene::{light_level, wire_light_level};
+use super::enums::{WireEnum, light_level};
 use super::{
-    duration_ms, known, required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes,
-    unspecified,
+    duration_ms, required, scene_hash, scene_hash_bytes, specification_hash, specification_hash_bytes,
 };
 use crate::v1;
 
@@ -19,119 +18,15 @@ const MAX_PLAN_SAMPLES: usize = 8;
 /// Greatest number of sub-pixels of a pixel: a regular grid of 16 × 16.
 const MAX_SAMPLES_PER_PIXEL: u32 = 256;
 
-impl From<Output> for v1::Output {
-    fn from(output: Output) -> Self {
-        match output {
-            Output::Color => Self::Color,
-            Output::Range => Self::Range,
-            Output::Mask => Self::Mask,
-            Output::Source => Self::Source,
-            Output::Confidence => Self::Confidence,
-        }
-    }
-}
-
-impl TryFrom<v1::Output> for Output {
-    type Error = InvalidField;
-
-    fn try_from(wire: v1::Output) -> Result<Self, InvalidField> {
-        match wire {
-            v1::Output::Unspecified => Err(unspecified("outputs")),
-            v1::Output::Color => Ok(Self::Color),
-            v1::Output::Range => Ok(Self::Range),
-            v1::Output::Mask => Ok(Self::Mask),
-            v1::Output::Source => Ok(Self::Source),
-            v1::Output::Confidence => Ok(Self::Confidence),
-        }
-    }
-}
-
 /// A set of outputs for the wire.
 pub(crate) fn wire_outputs(outputs: Outputs) -> Vec<i32> {
     let present = Output::ALL.into_iter().filter(|&output| outputs.has(output));
-    present.map(|output| v1::Output::from(output) as i32).collect()
+    present.map(WireEnum::number).collect()
 }
 
 fn outputs(wire: &[i32]) -> Result<Outputs, InvalidField> {
-    wire.iter().try_fold(Outputs::default(), |set, number| {
-        Ok(set.with(known::<v1::Output>(*number, "outputs")?.try_into()?))
-    })
-}
-
-impl From<Search> for v1::Search {
-    fn from(search: Search) -> Self {
-        match search {
-            Search::Splat => Self::Splat,
-            Search::Linear => Self::Linear,
-            Search::FixedPoint => Self::FixedPoint,
-            Search::Seeded => Self::Seeded,
-            Search::Pyramid => Self::Pyramid,
-        }
-    }
-}
-
-/// The search with this number; `None` if the client left it open.
-fn search(number: i32) -> Result<Option<Search>, InvalidField> {
-    Ok(match known(number, "plan.search")? {
-        v1::Search::Unspecified => None,
-        v1::Search::Splat => Some(Search::Splat),
-        v1::Search::Linear => Some(Search::Linear),
-        v1::Search::FixedPoint => Some(Search::FixedPoint),
-        v1::Search::Seeded => Some(Search::Seeded),
-        v1::Search::Pyramid => Some(Search::Pyramid),
-    })
-}
-
-impl From<Holes> for v1::Holes {
-    fn from(holes: Holes) -> Self {
-        match holes {
-            Holes::Mark => Self::Mark,
-            Holes::Trace => Self::Trace,
-        }
-    }
-}
-
-/// The treatment of holes with this number; `None` if the client left it open.
-fn holes(number: i32, field: &'static str) -> Result<Option<Holes>, InvalidField> {
-    Ok(match known(number, field)? {
-        v1::Holes::Unspecified => None,
-        v1::Holes::Mark => Some(Holes::Mark),
-        v1::Holes::Trace => Some(Holes::Trace),
-    })
-}
-
-impl From<Preset> for v1::Preset {
-    fn from(preset: Preset) -> Self {
-        match preset {
-            Preset::Interactive => Self::Interactive,
-            Preset::Balanced => Self::Balanced,
-            Preset::Exact => Self::Exact,
-        }
-    }
-}
-
-/// The preset with this number; `None` if the client left it open.
-fn preset(number: i32) -> Result<Option<Preset>, InvalidField> {
-    Ok(match known(number, "plan.preset")? {
-        v1::Preset::Unspecified => None,
-        v1::Preset::Interactive => Some(Preset::Interactive),
-        v1::Preset::Balanced => Some(Preset::Balanced),
-        v1::Preset::Exact => Some(Preset::Exact),
-    })
-}
-
-impl From<Served> for v1::Served {
-    fn from(served: Served) -> Self {
-        let Served { warped, other_sample, traced, unresolved } = served;
-        Self { warped, other_sample, traced, unresolved }
-    }
-}
-
-impl From<v1::Served> for Served {
-    fn from(wire: v1::Served) -> Self {
-        let v1::Served { warped, other_sample, traced, unresolved } = wire;
-        Self { warped, other_sample, traced, unresolved }
-    }
+    wire.iter()
+        .try_fold(Outputs::default(), |set, number| Ok(set.with(Output::from_number(*number, "outputs")?)))
 }
 
 impl From<Prediction> for v1::Prediction {
@@ -144,12 +39,8 @@ impl TryFrom<v1::Prediction> for Prediction {
     type Error = InvalidField;
 
     fn try_from(wire: v1::Prediction) -> Result<Self, InvalidField> {
-        // Written so that NaN is refused.
-        if !(wire.error >= 0.0 && wire.error <= 1.0) {
-            let reason = format!("must lie between 0 and 1, not {}", wire.error);
-            return Err(InvalidField::new("predicted.error", reason));
-        }
-        Ok(Self { error: wire.error, ms: duration_ms(wire.ms, "predicted.ms")? })
+        let error = InvalidField::within("predicted.error", wire.error, 0.0..=1.0)?;
+        Ok(Self { error, ms: duration_ms(wire.ms, "predicted.ms")? })
     }
 }
 
@@ -169,16 +60,11 @@ impl TryFrom<v1::Decision> for Decision {
             || InvalidField::new("decision.reason", format!("{} is not a known value", wire.reason));
         let at = usize::try_from(wire.reason).ok().and_then(|number| number.checked_sub(1));
         let reason = at.and_then(|at| Reason::ALL.get(at).copied()).ok_or_else(unknown)?;
-        // Written so that NaN is refused.
-        if !(wire.excess.abs() <= 1.0) {
-            let reason = format!("must lie between -1 and 1, not {}", wire.excess);
-            return Err(InvalidField::new("decision.excess", reason));
-        }
         Ok(Self {
             reason,
             wait_ms: duration_ms(wire.wait_ms, "decision.wait_ms")?,
             render_ms: duration_ms(wire.render_ms, "decision.render_ms")?,
-            excess: wire.excess,
+            excess: InvalidField::within("decision.excess", wire.excess, -1.0..=1.0)?,
         })
     }
 }
@@ -187,17 +73,27 @@ impl From<&PlanRequest> for v1::PlanRequest {
     fn from(plan: &PlanRequest) -> Self {
         Self {
             direct: plan.direct,
-            detail: plan.detail.map(wire_detail),
-            search: plan.search.map(|search| v1::Search::from(search) as i32),
+            detail: plan.detail.map(WireEnum::number),
+            search: plan.search.map(WireEnum::number),
             steps: plan.steps,
             supersampling: plan.supersampling,
             samples: plan.samples,
-            holes: plan.holes.map(|holes| v1::Holes::from(holes) as i32),
-            preset: plan.preset.map(|preset| v1::Preset::from(preset) as i32),
+            holes: plan.holes.map(WireEnum::number),
+            preset: plan.preset.map(WireEnum::number),
             max_error: plan.max_error,
             deadline_ms: plan.deadline_ms,
         }
     }
+}
+
+/// A choice that the client may leave open, by absence or as unspecified.
+fn open<E: WireEnum>(number: Option<i32>, field: &'static str) -> Result<Option<E>, InvalidField> {
+    Ok(number.map(|number| E::open(number, field)).transpose()?.flatten())
+}
+
+/// A detail from the wire; unspecified is full.
+fn detail(number: i32, field: &'static str) -> Result<Detail, InvalidField> {
+    Ok(Detail::open(number, field)?.unwrap_or(Detail::Full))
 }
 
 impl TryFrom<v1::PlanRequest> for PlanRequest {
@@ -207,42 +103,15 @@ impl TryFrom<v1::PlanRequest> for PlanRequest {
         Ok(Self {
             direct: wire.direct,
             detail: wire.detail.map(|number| detail(number, "plan.detail")).transpose()?,
-            search: wire.search.map(search).transpose()?.flatten(),
+            search: open(wire.search, "plan.search")?,
             steps: wire.steps,
             supersampling: wire.supersampling,
             samples: wire.samples,
-            holes: wire.holes.map(|number| holes(number, "plan.holes")).transpose()?.flatten(),
-            preset: wire.preset.map(preset).transpose()?.flatten(),
+            holes: open(wire.holes, "plan.holes")?,
+            preset: open(wire.preset, "plan.preset")?,
             max_error: wire.max_error,
             deadline_ms: wire.deadline_ms,
         })
-    }
-}
-
-/// A detail's number on the wire.
-fn wire_detail(detail: Detail) -> i32 {
-    match detail {
-        Detail::Full => v1::Detail::Unspecified,
-        Detail::FewRays => v1::Detail::FewRays,
-        Detail::Half => v1::Detail::Half,
-        Detail::HalfFewRays => v1::Detail::HalfFewRays,
-        Detail::Quarter => v1::Detail::Quarter,
-    }
-    .into()
-}
-
-/// The detail of a number from the wire.
-///
-/// # Errors
-/// [`InvalidField`] of `field` for an unknown number.
-fn detail(number: i32, field: &'static str) -> Result<Detail, InvalidField> {
-    match v1::Detail::try_from(number) {
-        Ok(v1::Detail::Unspecified) => Ok(Detail::Full),
-        Ok(v1::Detail::FewRays) => Ok(Detail::FewRays),
-        Ok(v1::Detail::Half) => Ok(Detail::Half),
-        Ok(v1::Detail::HalfFewRays) => Ok(Detail::HalfFewRays),
-        Ok(v1::Detail::Quarter) => Ok(Detail::Quarter),
-        Err(_) => Err(InvalidField::new(field, format!("{number} is not a known value"))),
     }
 }
 
@@ -315,15 +184,15 @@ impl From<&Plan> for v1::Plan {
         let kind = match plan {
             Plan::Direct { samples_per_pixel, detail, light } => Kind::Direct(v1::DirectPlan {
                 samples_per_pixel: *samples_per_pixel,
-                detail: wire_detail(*detail),
+                detail: detail.number(),
                 light: wire_surface_light(*light),
             }),
             Plan::Warp(warp) => Kind::Warp(v1::WarpPlan {
-                search: v1::Search::from(warp.search) as i32,
+                search: warp.search.number(),
                 steps: warp.steps,
                 supersampling: warp.supersampling,
                 samples: warp.samples.iter().map(|id| (*id).into()).collect(),
-                holes: v1::Holes::from(warp.holes) as i32,
+                holes: warp.holes.number(),
                 faces: face_bits(&warp.samples, &warp.faces),
                 frames: warp.frames.iter().map(Into::into).collect(),
             }),
@@ -337,17 +206,11 @@ impl TryFrom<v1::Plan> for Plan {
 
     fn try_from(wire: v1::Plan) -> Result<Self, InvalidField> {
         use v1::plan::Kind;
-        let within = |field, value: u32, least: u32, most: u32| {
-            if (least..=most).contains(&value) {
-                Ok(value)
-            } else {
-                Err(InvalidField::new(field, format!("must be {least} to {most}, not {value}")))
-            }
-        };
+        let within = InvalidField::within::<u32>;
         Ok(match required(wire.kind, "plan.kind")? {
             Kind::Direct(plan) => {
                 let field = "plan.direct.samples_per_pixel";
-                let samples_per_pixel = within(field, plan.samples_per_pixel, 1, MAX_SAMPLES_PER_PIXEL)?;
+                let samples_per_pixel = within(field, plan.samples_per_pixel, 1..=MAX_SAMPLES_PER_PIXEL)?;
                 if samples_per_pixel.isqrt().pow(2) != samples_per_pixel {
                     let reason = format!("must be a square number, not {samples_per_pixel}");
                     return Err(InvalidField::new(field, reason));
@@ -371,17 +234,17 @@ impl TryFrom<v1::Plan> for Plan {
                     };
                     return Err(InvalidField::new("plan.warp.samples", reason));
                 }
-                let search = search(plan.search)?.ok_or_else(|| unspecified("plan.warp.search"))?;
+                let search = Search::from_number(plan.search, "plan.warp.search")?;
                 // Some searches take no steps. Their number is ignored.
                 let least = u32::from(search.takes_steps());
                 let cameras: Vec<u64> = plan.samples.iter().map(|id| id.camera).collect();
                 Self::Warp(Warp {
                     search,
-                    steps: within("plan.warp.steps", plan.steps, least, 4096)?,
-                    supersampling: within("plan.warp.supersampling", plan.supersampling, 1, 8)?,
+                    steps: within("plan.warp.steps", plan.steps, least..=4096)?,
+                    supersampling: within("plan.warp.supersampling", plan.supersampling, 1..=8)?,
                     samples: plan.samples.into_iter().map(Into::into).collect(),
                     faces: face_masks(&cameras, &plan.faces, "plan.warp.faces")?,
-                    holes: holes(plan.holes, "plan.warp.holes")?.unwrap_or_default(),
+                    holes: Holes::open(plan.holes, "plan.warp.holes")?.unwrap_or_default(),
                     frames,
                 })
             }
@@ -414,7 +277,7 @@ impl From<&Provenance> for v1::Provenance {
         Self {
             scene_hash: scene_hash_bytes(provenance.scene),
             epoch: provenance.state.epoch,
-            light: wire_light_level(provenance.state.light).into(),
+            light: provenance.state.light.number(),
             plan: Some((&provenance.plan).into()),
             specification: provenance.specification.as_ref().map(Into::into),
             specification_hash: provenance

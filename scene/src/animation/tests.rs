@@ -3,8 +3,7 @@
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 
 use super::*;
-use crate::scene::RigKind;
-use crate::{Bounds, Instance, Material, Mesh, SceneHash};
+use crate::{Bounds, Instance, Mesh};
 
 fn channel(times_secs: &[f32], track: Track, interpolation: Interpolation) -> Channel {
     Channel { node: 0, times_secs: times_secs.to_vec(), track, interpolation }
@@ -43,18 +42,11 @@ fn scene(nodes: Vec<Node>, animations: Vec<Animation>) -> Scene {
     };
     let place = |node| Instance { mesh: 0, node: Some(node), world_from_mesh: DAffine3::IDENTITY };
     Scene {
-        name: String::new(),
-        hash: SceneHash([0; 32]),
         meshes: vec![mesh],
         instances: (0..nodes.len() as u32).map(place).collect(),
-        materials: vec![Material::default()],
-        textures: Vec::new(),
         nodes,
         animations,
-        lighting: Lighting::default(),
-        cameras: Vec::new(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

@@ -47,10 +47,7 @@ impl CellKnobs {
     /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
         self.paths.validate()?;
-        if !(1..=64).contains(&self.pixels) {
-            let reason = format!("must be 1 to 64, not {}", self.pixels);
-            return Err(InvalidField::new("indirect.pixels", reason));
-        }
+        InvalidField::within("indirect.pixels", self.pixels, 1..=64)?;
         if !Self::RAYS.contains(&self.rays) {
             let reason = format!("must be 16, 64 or 256, not {}", self.rays);
             return Err(InvalidField::new("indirect.cell_rays", reason));

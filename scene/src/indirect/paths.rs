@@ -53,14 +53,10 @@ impl PathKnobs {
     /// # Errors
     /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
-            let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
-            if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
-        };
-        within("indirect.level", self.level, 1..=10)?;
-        within("indirect.rays", self.rays, 1..=256)?;
-        within("indirect.bounces", self.bounces, 1..=16)?;
-        within("indirect.gather", self.gather, 1..=256)
+        InvalidField::within("indirect.level", self.level, 1..=10)?;
+        InvalidField::within("indirect.rays", self.rays, 1..=256)?;
+        InvalidField::within("indirect.bounces", self.bounces, 1..=16)?;
+        InvalidField::within("indirect.gather", self.gather, 1..=256).map(drop)
     }
 }
 

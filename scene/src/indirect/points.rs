@@ -46,14 +46,10 @@ impl PointKnobs {
     /// # Errors
     /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
-            let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
-            if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
-        };
-        within("indirect.levels", self.levels, 1..=10)?;
-        within("indirect.map_side", self.map_side, 8..=256)?;
-        within("indirect.block", self.block, 1..=16)?;
-        within("indirect.bounces", self.bounces, 1..=4)
+        InvalidField::within("indirect.levels", self.levels, 1..=10)?;
+        InvalidField::within("indirect.map_side", self.map_side, 8..=256)?;
+        InvalidField::within("indirect.block", self.block, 1..=16)?;
+        InvalidField::within("indirect.bounces", self.bounces, 1..=4).map(drop)
     }
 }
 

@@ -157,10 +157,7 @@ impl VplKnobs {
     /// # Errors
     /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        let within = |field, value: u32, range: std::ops::RangeInclusive<u32>| {
-            let reason = || format!("must be {} to {}, not {value}", range.start(), range.end());
-            if range.contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
-        };
+        let within = InvalidField::within::<u32>;
         within("indirect.vpls", self.vpls, u32::from(self.particles == 0)..=1 << 20)?;
         within("indirect.particles", self.particles, 0..=1 << 20)?;
         within("indirect.bounces", self.bounces, 1..=4)?;
@@ -175,14 +172,9 @@ impl VplKnobs {
             let reason = format!("must be a power of two, not {}", self.map_side);
             return Err(InvalidField::new("indirect.map_side", reason));
         }
-        let share = |field, value: f64, most: f64| {
-            // NaN fails.
-            let reason = || format!("must be 0 to {most}, not {value}");
-            if (0.0..=most).contains(&value) { Ok(()) } else { Err(InvalidField::new(field, reason())) }
-        };
-        share("indirect.cutoff", self.cutoff, 1.0)?;
-        share("indirect.clamp", self.clamp, 1.0)?;
-        share("indirect.bias", self.bias, 64.0)
+        InvalidField::within("indirect.cutoff", self.cutoff, 0.0..=1.0)?;
+        InvalidField::within("indirect.clamp", self.clamp, 0.0..=1.0)?;
+        InvalidField::within("indirect.bias", self.bias, 0.0..=64.0).map(drop)
     }
 }
 

@@ -167,8 +167,7 @@ fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
         animations: parts.animations,
         lighting,
         cameras: parts.cameras,
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     };
     // The file's transforms are those at rest, which may not be any moment of an animation.
     scene.begin();

@@ -6,7 +6,6 @@ use glam::{DAffine3, DVec3, Vec2, Vec4};
 
 use super::*;
 use crate::material::{AlphaMode, Filter, Wrap};
-use crate::scene::{RigKind, SceneHash};
 use crate::{Light, Lighting, Sky, Texture, TextureRef};
 
 /// A unit square in the plane z = 0 that faces +z.
@@ -31,17 +30,11 @@ fn scene(materials: Vec<Material>, textures: Vec<Texture>) -> Scene {
     };
     Scene {
         name: "squares".to_owned(),
-        hash: SceneHash([0; 32]),
         instances: (0..meshes.len() as u32).map(instance).collect(),
         meshes,
         materials,
         textures,
-        nodes: Vec::new(),
-        animations: Vec::new(),
-        lighting: Lighting::default(),
-        cameras: Vec::new(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

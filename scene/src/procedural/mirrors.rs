@@ -8,7 +8,7 @@ use glam::{DAffine3, DVec3, Vec3, Vec4};
 use super::noise::Random;
 use super::shapes::{ball, quad};
 use crate::animation::{Animation, Channel, Interpolation, Node, Parts, Rest, Track};
-use crate::scene::{Instance, NamedCamera, RigKind};
+use crate::scene::{Instance, NamedCamera};
 use crate::{Camera, Light, Lighting, Material, Mesh, Scene, SceneHash, Sky};
 
 /// Allowed numbers of balls of [`mirrors`].
@@ -85,13 +85,11 @@ pub fn mirrors(balls: u32) -> Scene {
         meshes,
         instances,
         materials: materials(),
-        textures: Vec::new(),
         nodes,
         animations: vec![Animation { name: "rise and sink".to_owned(), channels }],
         lighting: lighting(),
         cameras: cameras(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

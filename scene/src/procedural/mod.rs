@@ -20,7 +20,7 @@ use std::ops::RangeInclusive;
 use glam::{DAffine3, DVec3, Vec4};
 
 use crate::scene::{Instance, NamedCamera, RigKind};
-use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash, TextureRef};
+use crate::{Camera, Material, Mesh, Scene, SceneHash, TextureRef};
 pub use balls::{BALLS, with_balls};
 pub use mirrors::{DEFAULT_MIRRORS, MIRRORS, mirrors};
 use noise::Random;
@@ -71,12 +71,9 @@ pub fn terrain(triangles: u64) -> Scene {
         instances,
         materials: materials(),
         textures: vec![textures::ground(), textures::bark()],
-        nodes: Vec::new(),
-        animations: Vec::new(),
-        lighting: Lighting::default(),
         cameras: cameras(),
         rig: RigKind::TileCorners,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

@@ -8,8 +8,8 @@ use std::ops::RangeInclusive;
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::shapes::{cuboid, quad};
-use crate::scene::{Instance, NamedCamera, RigKind};
-use crate::{Camera, Lighting, Material, Mesh, Scene, SceneHash};
+use crate::scene::{Instance, NamedCamera};
+use crate::{Camera, Material, Mesh, Scene, SceneHash};
 
 /// Allowed thickness of the walls of [`rooms`], millimetres.
 pub const ROOMS_WALL_MM: RangeInclusive<u32> = 1..=500;
@@ -42,13 +42,8 @@ pub fn rooms(wall_mm: u32) -> Scene {
         meshes,
         instances,
         materials: materials(),
-        textures: Vec::new(),
-        nodes: Vec::new(),
-        animations: Vec::new(),
-        lighting: Lighting::default(),
         cameras: cameras(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

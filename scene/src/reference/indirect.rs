@@ -178,7 +178,7 @@ mod tests {
     use glam::{DAffine3, Vec4};
 
     use super::*;
-    use crate::{Instance, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky};
+    use crate::{Instance, Lighting, Material, Mesh, Scene, Sky};
 
     /// A ball of triangles with its front inside: `rings` × 2·`rings` patches.
     fn hollow_ball(rings: u32) -> Mesh {
@@ -204,8 +204,6 @@ mod tests {
 
     fn scene(mesh: Mesh, material: Material, lights: Vec<Light>, offset: DVec3) -> Arc<Scene> {
         Arc::new(Scene {
-            name: String::new(),
-            hash: SceneHash([0; 32]),
             meshes: vec![mesh],
             instances: vec![Instance {
                 mesh: 0,
@@ -213,13 +211,8 @@ mod tests {
                 world_from_mesh: DAffine3::from_translation(offset),
             }],
             materials: vec![material],
-            textures: Vec::new(),
-            nodes: Vec::new(),
-            animations: Vec::new(),
             lighting: Lighting { lights, sky: Sky::BLACK, exposure: 1.0 },
-            cameras: Vec::new(),
-            rig: RigKind::Cell,
-            warnings: Vec::new(),
+            ..Scene::default()
         })
     }
 

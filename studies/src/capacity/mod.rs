@@ -20,48 +20,35 @@ use tokio::sync::watch;
 use tokio::task::{AbortHandle, JoinSet};
 
 use self::peer::PeerState;
+use crate::arguments::{count, or_quick, seconds, size};
 use crate::processes::{cpu_secs, most_open_files, open_files, resident_bytes};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// How many simulated peers there are, and how long each phase lasts.
-#[derive(Debug, Clone)]
+/// Measures the load that one coordinator carries, with simulated sessions and workers over real gRPC: CPU time, memory,
+/// relayed frames, and the time until a lost worker's views have another worker
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Sessions open at the same time.
+    /// Number of sessions open at the same time
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("10000", "50"))]
     pub sessions: usize,
-    /// Connections to the coordinator that the sessions share. `None`: one for each session, within this process's
-    /// limit of open files.
+    /// Number of connections to the coordinator that sessions share [default: one each, within the limit of open files]
+    #[arg(long, value_name = "N", value_parser = count)]
     pub connections: Option<usize>,
-    /// Simulated workers.
+    /// Number of simulated workers
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("1000", "20"))]
     pub workers: usize,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = "200x150")]
     pub size: [u32; 2],
-    /// Interval between two camera moves of a session.
+    /// Seconds between two camera moves of a session
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = or_quick("20", "0.5"))]
     pub camera_every: Duration,
-    /// Duration of each phase in which CPU time is measured.
+    /// Seconds of each phase in which CPU time is measured
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = or_quick("15", "1"))]
     pub phase: Duration,
-    /// Workers lost one after another, for each kind of loss.
+    /// Workers lost one after another, for each kind of loss
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("10", "1"))]
     pub losses: usize,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            sessions: 10_000,
-            connections: None,
-            workers: 1000,
-            size: [200, 150],
-            camera_every: Duration::from_secs(20),
-            phase: Duration::from_secs(15),
-            losses: 10,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        let (camera_every, phase) = (Duration::from_millis(500), Duration::from_secs(1));
-        Self { sessions: 50, workers: 20, camera_every, phase, losses: 1, ..Self::default() }
-    }
 }
 
 /// The smallest scene: nothing is rendered.

@@ -10,10 +10,10 @@
 mod measure;
 mod row;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use argus_client::load::patient;
 use argus_cluster::core::balance::{self, Split};
 use argus_local::{LocalCluster, connect};
@@ -24,9 +24,10 @@ use indicatif::ProgressBar;
 
 use self::measure::{Measured, Run, measure};
 use self::row::{Beside, Row};
+use crate::arguments::{count, is_quick, or_quick, positive, seconds, size};
 use crate::simulate::efficiency::{self, Case, load_of};
 use crate::simulate::{Machines, Parameters, trouble};
-use crate::{Effort, Machine, Report};
+use crate::{Machine, Report};
 
 /// How views are answered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,65 +55,115 @@ impl Method {
     }
 }
 
-/// What the study measures or simulates.
-#[derive(Debug, Clone)]
+/// Measures or simulates the cluster paper's figures: the time of a tick against views and against processes
+///
+/// Real clusters are separate processes on this machine. Each tick renders the samples anew, as in the paper.
+/// Variants let samplers also compose in their spare time, keep the scene still, or render all views directly. With
+/// --simulate the real coordinator core drives any number of simulated workers.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus-lab study cluster --out figures
+  argus-lab study cluster --simulate --out figures
+  argus-lab study cluster --simulate --processes 64 --sample-ms 9 --view-ms 1 --link-gbit 1")]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// Processes for time against views. Efficiency is measured with 1 to this many.
-    pub processes: u32,
-    /// Numbers of views per tick. The largest is used for efficiency against processes.
+    /// Number of processes: real clusters of 1 to P [default: 3], or one simulated cluster of P [default: 2 to 4096]
+    #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..=8192))]
+    processes: Option<u32>,
+    /// Views per tick of real clusters. The largest number is used for efficiency against processes
+    #[arg(long, value_name = "N", value_delimiter = ',', default_value = or_quick("10,50,100,290,500,1000", "24"))]
     pub views: Vec<u32>,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "96x72"))]
     pub size: [u32; 2],
-    /// Smallest number of measured ticks.
+    /// Smallest number of measured ticks
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "2"))]
     pub ticks: usize,
-    /// Smallest number of measured views; small ticks are repeated to reach it.
+    /// Smallest number of measured views; small ticks are repeated to reach it
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("1500", "200"))]
     pub measured_views: usize,
-    /// Time without role changes before measuring starts.
+    /// Seconds without role changes before measuring starts
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = or_quick("5", "0.5"))]
     pub settle: Duration,
-    /// Simulate with these costs instead of measuring.
-    pub simulate: Option<Parameters>,
-    /// Numbers of simulated processes.
-    pub simulated: Vec<u32>,
-    /// Simulated views of each case with a trouble.
+    /// Simulated views of each case with a trouble
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64), default_value = or_quick("200000", "2000"))]
     pub troubled_views: u64,
+    /// Simulate the cluster instead of measuring real processes
+    #[arg(long)]
+    pub simulate: bool,
+    #[command(flatten)]
+    costs: Costs,
     /// Whether the agreement of simulation and measurement is judged. Very short ticks are noise.
+    #[arg(skip = !is_quick())]
     pub judged: bool,
 }
 
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            processes: 3,
-            views: vec![10, 50, 100, 290, 500, 1000],
-            size: [200, 150],
-            ticks: 3,
-            measured_views: 1500,
-            settle: Duration::from_secs(5),
-            simulate: None,
-            simulated: vec![2, 5, 6, 7, 8, 9, 10, 11, 64, 256, 1024, 4096],
-            troubled_views: 200_000,
-            judged: true,
+/// Costs of work in a simulation.
+#[derive(Debug, Clone, clap::Args)]
+#[command(next_help_heading = "Costs of a simulation")]
+pub struct Costs {
+    /// JSON file of costs, as this study prints them after a real run [default: round numbers of that order]
+    #[arg(long, value_name = "FILE")]
+    costs: Option<PathBuf>,
+    /// g: milliseconds for a sample
+    #[arg(long, value_name = "MS", value_parser = positive)]
+    sample_ms: Option<f64>,
+    /// c: milliseconds for a view from samples
+    #[arg(long, value_name = "MS", value_parser = positive)]
+    view_ms: Option<f64>,
+    /// Milliseconds for a view from the triangles
+    #[arg(long, value_name = "MS", value_parser = positive)]
+    direct_ms: Option<f64>,
+    /// Speed of each machine's network link
+    #[arg(long, value_name = "GBIT/S", value_parser = positive)]
+    link_gbit: Option<f64>,
+    /// One-way latency between two machines
+    #[arg(long, value_name = "MS", value_parser = positive)]
+    latency_ms: Option<f64>,
+}
+
+impl Costs {
+    fn parameters(&self) -> anyhow::Result<Parameters> {
+        let mut parameters = match &self.costs {
+            None => Parameters::default(),
+            Some(path) => {
+                let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+                serde_json::from_slice(&text)
+                    .with_context(|| format!("{} is not a JSON file of costs", path.display()))?
+            }
+        };
+        let Parameters { sample_ms, view_ms, direct_ms, latency_ms, .. } = &mut parameters;
+        for (given, cost) in [
+            (self.sample_ms, sample_ms),
+            (self.view_ms, view_ms),
+            (self.direct_ms, direct_ms),
+            (self.latency_ms, latency_ms),
+        ] {
+            *cost = given.unwrap_or(*cost);
         }
+        if let Some(gbit) = self.link_gbit {
+            parameters.link_bytes_per_sec = gbit * 1.25e8;
+        }
+        Ok(parameters)
     }
 }
 
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            processes: 2,
-            views: vec![24],
-            size: [96, 72],
-            ticks: 2,
-            measured_views: 200,
-            settle: Duration::from_millis(500),
-            simulated: vec![2, 11],
-            troubled_views: 2_000,
-            judged: false,
-            ..Self::default()
+impl Options {
+    /// Processes for time against views. Efficiency is measured with 1 to this many.
+    fn processes(&self) -> u32 {
+        self.processes.unwrap_or(if is_quick() { 2 } else { 3 })
+    }
+
+    /// Numbers of simulated processes.
+    fn simulated(&self) -> Vec<u32> {
+        match self.processes {
+            Some(processes) => vec![processes.max(2)],
+            None if is_quick() => vec![2, 11],
+            None => vec![2, 5, 6, 7, 8, 9, 10, 11, 64, 256, 1024, 4096],
         }
     }
 }
@@ -142,18 +193,19 @@ const MANY_VIEWS: u64 = 100_000;
 /// # Errors
 /// A cluster that does not start, or a view that is not answered.
 pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
-    match options.simulate.clone() {
-        Some(parameters) => simulated(options, parameters, progress).await,
-        None => measured(argus, options, progress).await,
+    match options.simulate {
+        true => simulated(options, options.costs.parameters()?, progress).await,
+        false => measured(argus, options, progress).await,
     }
 }
 
 async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Result<Report> {
     let most = options.views.iter().copied().max().unwrap_or(1);
     let mut cases: Vec<(usize, u32, Method)> = Vec::new();
-    let p = options.processes.max(2) as usize;
+    let p = options.processes().max(2) as usize;
     cases.extend(options.views.iter().flat_map(|v| Method::ALL.map(|method| (p, *v, method))));
-    cases.extend((1..=options.processes as usize).flat_map(|q| Method::ALL.map(|method| (q, most, method))));
+    cases
+        .extend((1..=options.processes() as usize).flat_map(|q| Method::ALL.map(|method| (q, most, method))));
     let mut unique: Vec<(usize, u32, Method)> = Vec::new();
     for case in cases {
         // One process cannot have samplers beside compositors.
@@ -206,11 +258,11 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
         report.machine.driver_threads = "1".to_owned();
     }
     let cores = report.machine.cores;
-    if options.processes as usize + 2 > cores {
+    if options.processes() as usize + 2 > cores {
         report.notes.push(format!(
             "{} workers, the coordinator and the client share {cores} cores: the measured and the simulated processes have \
              less than one core each.",
-            options.processes
+            options.processes()
         ));
     }
     report.notes.extend(row::notes_of_measured(&rows, p as u32, most));
@@ -254,7 +306,7 @@ async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
 fn parameters_of(runs: &[(usize, u32, Method, Measured)], options: &Options) -> Parameters {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get() as u32);
     let most = options.views.iter().copied().max().unwrap_or(1);
-    let p = options.processes.max(2) as usize;
+    let p = options.processes().max(2) as usize;
     let of = |method| runs.iter().find(|run| (run.0, run.1, run.2) == (p, most, method)).map(|run| &run.3);
     let mut parameters =
         Parameters { machines: Machines::Shared { cores }, latency_ms: 0.1, ..Parameters::default() };
@@ -354,7 +406,7 @@ fn ticks(simulated: &[u32]) -> Vec<Tick> {
 fn troubles(options: &Options) -> Vec<trouble::Case> {
     let mut cases = Vec::new();
     let sizes = [(2, 10), (11, 1000), (64, 10_000), (256, 100_000), (1024, 1_000_000), (4096, 1_000_000)];
-    for (processes, clients) in sizes.into_iter().filter(|(p, _)| options.simulated.contains(p)) {
+    for (processes, clients) in sizes.into_iter().filter(|(p, _)| options.simulated().contains(p)) {
         for trouble in trouble::Trouble::ALL {
             cases.push(trouble::Case { processes, clients, trouble, views: options.troubled_views });
         }
@@ -363,7 +415,7 @@ fn troubles(options: &Options) -> Vec<trouble::Case> {
 }
 
 async fn simulated(options: &Options, parameters: Parameters, progress: &ProgressBar) -> Result<Report> {
-    let (ticks, troubles) = (ticks(&options.simulated), troubles(options));
+    let (ticks, troubles) = (ticks(&options.simulated()), troubles(options));
     progress.set_length((ticks.len() + troubles.len()) as u64);
     let mut rows = Vec::new();
     for Tick { processes, views, method, relayed, cores } in ticks {

@@ -15,8 +15,7 @@ pub struct FragmentProgram {
 }
 
 /// All programs with fragment entry points.
-pub const FRAGMENTS: [FragmentProgram; 8] = [
-    search("compositor/fixed_point"),
+pub const FRAGMENTS: [FragmentProgram; 7] = [
     search("compositor/linear"),
     search("compositor/pyramid"),
     search("compositor/seeded"),

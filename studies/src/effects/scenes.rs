@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use argus_scene::procedural::{cuboid, quad};
 use argus_scene::scene::{Instance, NamedCamera};
-use argus_scene::{Camera, Light, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky};
+use argus_scene::{Camera, Light, Lighting, Material, Mesh, Scene, SceneHash, Sky};
 use glam::{DAffine3, DVec3, Vec3};
 
 /// `matt`, `room`, or a scene as [`argus_scene::open`] takes it.
@@ -88,13 +88,9 @@ fn scene(
         instances: (0..meshes.len() as u32).map(place).collect(),
         meshes,
         materials,
-        textures: Vec::new(),
-        nodes: Vec::new(),
-        animations: Vec::new(),
         lighting,
         cameras,
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

@@ -19,13 +19,13 @@ use crate::median::mean;
 
 /// What is rendered by Mitsuba.
 #[derive(Debug, Clone)]
-pub struct Mitsuba {
+pub(super) struct Mitsuba {
     /// The script: `scripts/mitsuba`.
-    pub script: PathBuf,
+    pub(super) script: PathBuf,
     /// Numbers of paths a pixel that are timed.
-    pub paths: Vec<u32>,
+    pub(super) paths: Vec<u32>,
     /// Paths a pixel of the converged images.
-    pub converged: u32,
+    pub(super) converged: u32,
 }
 
 /// A measured number of paths.

@@ -30,88 +30,76 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-pub use self::mitsuba::Mitsuba;
+use self::mitsuba::Mitsuba;
 use self::rivals::Rival;
+use crate::arguments::{count, or_quick, positive, size};
 use crate::bench::{Bench, image_of};
 use crate::break_even::break_even;
 use crate::median::{mean, median};
 use crate::metered::open_metered;
 use crate::radiance::{RadianceError, Reference};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures what a view with all light costs from samples, directly, by paths without a cache and by Mitsuba, at equal error
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus-lab study equal-error --scene sponza.glb --mitsuba scripts/mitsuba --out figures")]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = "rooms")]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "48x36"))]
     pub size: [u32; 2],
-    /// Views, along a walk from the scene's viewpoints.
+    /// Number of views, along a walk from the scene's viewpoints
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub views: usize,
-    /// Samples that a view is warped from.
+    /// Samples that a view is warped from
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub samples: usize,
-    /// Resolutions of samples: texels along a cube's edge, and sub-samples of a texel.
-    pub resolutions: Vec<[u32; 2]>,
-    /// Distances in metres of direct frames that serve as samples, to the left and right of a view.
+    /// Distances in metres of direct frames that serve as samples, to the left and right of a view
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("0.05,0.2,0.8", "0.1"))]
     pub frames_aside: Vec<f64>,
-    /// Samples a pixel of these frames.
-    pub frame_samples: u32,
-    /// Samples a pixel of direct views.
+    /// Resolutions of samples: texels along a cube's edge x sub-samples of a texel
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = size, default_value = or_quick("512x4,256x4,256x1,128x1,64x1", "64x1"))]
+    pub resolutions: Vec<[u32; 2]>,
+    /// Settings of the tracer without cache: samples a pixel x paths of each
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = size, default_value = or_quick("1x1,1x4,4x4,4x16,16x16", "1x1,1x4"))]
+    pub tracer: Vec<[u32; 2]>,
+    /// Samples a pixel of direct views
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("1,4,16", "1,4"))]
     pub direct: Vec<u32>,
-    /// Samples a pixel of the tracer without cache, and paths of each.
-    pub paths: Vec<[u32; 2]>,
-    /// Seconds of a view beyond which slower settings of the tracer are left out.
+    /// Seconds of a view beyond which slower settings of the tracer are left out
+    #[arg(long, value_name = "SECONDS", value_parser = positive, default_value = "20")]
     pub patience_secs: f64,
-    /// Mitsuba, if it is to be measured.
-    pub mitsuba: Option<Mitsuba>,
-    /// Samples a pixel of the reference.
+    /// Measure Mitsuba 3, too, by this script: `scripts/mitsuba`, which installs it
+    #[arg(long, value_name = "SCRIPT")]
+    pub mitsuba: Option<PathBuf>,
+    /// Paths a pixel of Mitsuba's converged images, against which its noise is judged
+    #[arg(long, value_name = "N", default_value = "512", requires = "mitsuba", value_parser = clap::value_parser!(u32).range(2..=65536))]
+    pub mitsuba_converged: u32,
+    /// Samples a pixel of the reference
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("16", "4"))]
     pub truth_samples: u32,
-    /// Paths of each.
+    /// Paths of the reference for each of these samples; its time is proportional
+    #[arg(long = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("8", "4"))]
     pub truth_paths: u32,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Folder for all images.
+    /// Folder for all images
+    #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
 }
 
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "rooms".to_owned(),
-            size: [200, 150],
-            views: 4,
-            samples: 4,
-            resolutions: vec![[512, 4], [256, 4], [256, 1], [128, 1], [64, 1]],
-            frames_aside: vec![0.05, 0.2, 0.8],
-            frame_samples: 1,
-            direct: vec![1, 4, 16],
-            paths: vec![[1, 1], [1, 4], [4, 4], [4, 16], [16, 16]],
-            patience_secs: 20.0,
-            mitsuba: None,
-            truth_samples: 16,
-            truth_paths: 8,
-            rounds: 3,
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            size: [48, 36],
-            views: 2,
-            samples: 2,
-            resolutions: vec![[64, 1]],
-            frames_aside: vec![0.1],
-            direct: vec![1, 4],
-            paths: vec![[1, 1], [1, 4]],
-            truth_samples: 4,
-            truth_paths: 4,
-            rounds: 1,
-            ..Self::default()
-        }
+impl Options {
+    /// Mitsuba, if it is to be measured.
+    fn mitsuba(&self) -> Option<Mitsuba> {
+        let (script, converged) = (self.mitsuba.clone()?, self.mitsuba_converged);
+        let paths = [1, 4, 16, 64, 256].into_iter().filter(|paths| *paths < converged).collect();
+        Some(Mitsuba { script, paths, converged })
     }
 }
 
@@ -162,7 +150,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let settings = options.resolutions.len()
         + options.frames_aside.len()
         + options.direct.len()
-        + options.paths.len()
+        + options.tracer.len()
         + 1;
     progress.set_length(settings as u64);
     progress.set_message("tracing the reference");
@@ -186,7 +174,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         progress.inc(1);
     }
     rivals.push(subject.paths(progress)?);
-    rivals.extend(options.mitsuba.as_ref().map(|mitsuba| subject.mitsuba(mitsuba, progress)).transpose()?);
+    rivals.extend(options.mitsuba().map(|mitsuba| subject.mitsuba(&mitsuba, progress)).transpose()?);
     Ok(subject.report(&found, &rivals, &base))
 }
 

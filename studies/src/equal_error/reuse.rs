@@ -26,7 +26,7 @@ impl Subject<'_> {
             let right = (view.target - view.eye).cross(view.up).normalize_or_zero();
             let cameras = [-1.0, 1.0].map(|side| moved(bench, view, right * (side * aside)));
             let outputs = Outputs { range: true, ..Outputs::COLOR };
-            let plan = || Plan::direct(self.options.frame_samples);
+            let plan = || Plan::direct(1);
             let jobs: Vec<ViewJob> =
                 cameras.iter().map(|camera| bench.job(*camera, size, outputs, plan())).collect();
             let (_, frames) = bench.time(&jobs)?;

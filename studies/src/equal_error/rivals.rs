@@ -84,7 +84,7 @@ impl Subject<'_> {
         let tracer = Tracer::new(self.scene.clone()).with_direct_light(DirectLight { effects, rays: 1 });
         let exposure = self.scene.lighting.exposure;
         let mut settings: Vec<Setting> = Vec::new();
-        for &[samples, paths] in &self.options.paths {
+        for &[samples, paths] in &self.options.tracer {
             let name = format!("{samples} a pixel, {paths} paths each");
             progress.set_message(format!("paths without a cache, {name}"));
             progress.inc(1);

@@ -24,12 +24,6 @@ const SHEETS: &[Exception] = &[
         why: "from behind, a sheet is the end of a solid and not its beginning",
     },
     Exception {
-        search: Search::FixedPoint,
-        wrong: 0.65,
-        unresolved: 0.1,
-        why: "where it does not settle, its tail is the linear search, which sees no sheet from behind",
-    },
-    Exception {
         search: Search::Seeded,
         wrong: 0.4,
         unresolved: 0.1,

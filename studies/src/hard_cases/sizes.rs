@@ -12,21 +12,12 @@ use super::oracle::Truth;
 use super::stage::{Exception, Limits, Pose, Stages, compose_one, differing};
 use super::{Row, world};
 
-/// Past an edge the iteration may settle on either side, and a narrow image has many edges.
-const THIN: &[Exception] = &[Exception {
-    search: Search::FixedPoint,
-    wrong: 0.05,
-    unresolved: 0.65,
-    why: "the surface that the iteration settles on depends on where it starts",
-}];
-
 pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     let usual = Camera::look_at(DVec3::new(-9.0, 9.0, -13.0), DVec3::new(0.0, 0.5, 0.0));
     let limits = Limits::new(0.035, 0.65)
         .because(
             "a texel of the samples is as wide as six pixels and more here: rims are as wide, and the coarsest are marked",
-        )
-        .but(THIN);
+        );
     let flat = Camera { fov_deg: 0.2, ..usual };
     // A pixel that shows the whole scene has the colour of its footprint, not of its central ray.
     let one = Limits::ranges(0.0, 0.0).but(&[Exception {

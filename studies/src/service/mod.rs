@@ -37,80 +37,77 @@ use self::mode::Phase;
 use self::row::{Measured, plot, row};
 use self::truth::{Judged, Truths};
 use self::watch::Samples;
+use crate::arguments::{count, or_quick, positive, size};
 use crate::median::mean;
-use crate::{Effort, Machine, Report};
+use crate::{Machine, Report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures the service from its users' side: time to the first view, latency and error under an open load, cold and
+/// warm; by default, and with direct or warped views forced
+///
+/// Each mode has a new cluster. Cold: clients send as soon as there is an address. Warm: the same walk again, after a warm-up
+/// walk and time to settle. Each view's due time is fixed beforehand, and its latency counts from then; a view without a frame
+/// after 30 s has failed and counts with that time. 24 views of each phase are compared with direct views of 16 samples a
+/// pixel. The planner's predictions are compared with the frames: time_predicted is the share of frames within 30% or 5 ms,
+/// error_bounded the share of frames from samples whose error is at most the predicted one, planning_us the coordinator's
+/// microseconds a view. Takes two or three minutes a run, more if views are late.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus-lab study service --scene sponza.glb --out figures
+  argus-lab study service --scene sponza.glb --size 640x480 --rate 10 --walk jumps --runs 5
+  argus-lab study service --scene sponza.glb --overload --regret-views 100
+  argus-lab study service --scene room.glb -- --rig cell --cell 0.5")]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("320x240", "96x72"))]
     pub size: [u32; 2],
-    /// Clients, each on its own path.
+    /// Number of clients at the same time, each on its own path
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("4", "2"))]
     pub clients: u32,
-    /// Views per second of each client.
+    /// Views per second of each client
+    #[arg(long, value_name = "R", value_parser = positive, default_value = "5")]
     pub rate: f64,
-    /// How the clients' cameras move.
+    /// How clients move: smoothly, from the recommended viewpoints through the scene or down to it (steady); to another
+    /// place each second (jumps); not at all (stand)
+    #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true, default_value = "steady")]
     pub walk: Walk,
-    /// Seconds of each phase.
+    /// Seconds of each phase
+    #[arg(long, value_name = "T", value_parser = positive, default_value = or_quick("10", "2"))]
     pub seconds: f64,
-    /// Worker processes.
+    /// Number of worker processes
+    #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
     pub workers: usize,
-    /// Repetitions; each row is their median.
+    /// Number of repetitions; rows are their medians, and `spread` holds the minima and maxima
+    #[arg(long, value_name = "N", value_parser = count, default_value = "1")]
     pub runs: usize,
-    /// Views per phase whose error is measured.
+    /// Views per phase whose error is measured
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64), default_value = or_quick("24", "4"))]
     pub judged: u64,
-    /// Longest time in seconds for the service to settle, before the warm-up and again before the warm phase.
+    /// Longest time in seconds for the service to settle, before the warm-up and again before the warm phase
+    #[arg(long, value_name = "SECONDS", value_parser = positive, default_value = or_quick("15", "3"))]
     pub settle_secs: f64,
-    /// Whether each cluster starts with empty cache folders, like a machine that never ran Argus. Otherwise a start
-    /// that is not measured fills them first.
+    /// Start each cluster with empty caches, like a machine that never ran Argus. Drivers then compile every program
+    /// anew, which takes the software driver seconds. Otherwise a start that is not measured fills them first
+    #[arg(long)]
     pub empty_caches: bool,
-    /// Views rendered one at a time with every method, to measure the planner's regret; 0: none.
+    /// Number of views to render one at a time with every method, to measure the planner's regret: the time by
+    /// default over that of the best method within the error bound, minus 1. Takes up to 90 s; 0 skips it
+    #[arg(long, value_name = "N", default_value = or_quick("24", "4"))]
     pub regret_views: u32,
-    /// The ways of requesting views that are measured; empty: all.
+    /// A way of requesting views; may be given more than once [default: all]
+    #[arg(long = "mode", value_name = "MODE", value_enum)]
     pub modes: Vec<Mode>,
-    /// Whether to measure loads beyond the capacity of direct views too, on further clusters.
+    /// Also measure two and four times the capacity for direct views, in every mode: `share_of_peak` is the rate of
+    /// answered views over that of the best forced method that is as good. Takes two or three minutes more a run
+    #[arg(long)]
     pub overload: bool,
-    /// Further arguments of `argus serve`, such as the rig's.
+    /// Further arguments of `argus serve`
+    #[arg(last = true, value_name = "ARGUMENT")]
     pub serve: Vec<String>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            size: [320, 240],
-            clients: 4,
-            rate: 5.0,
-            walk: Walk::Steady,
-            seconds: 10.0,
-            workers: 2,
-            runs: 1,
-            judged: 24,
-            settle_secs: 15.0,
-            empty_caches: false,
-            regret_views: 24,
-            modes: Vec::new(),
-            overload: false,
-            serve: Vec::new(),
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            size: [96, 72],
-            clients: 2,
-            seconds: 2.0,
-            judged: 4,
-            settle_secs: 3.0,
-            regret_views: 4,
-            ..Self::default()
-        }
-    }
 }
 
 /// A view without a frame after this time has failed.

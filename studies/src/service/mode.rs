@@ -3,7 +3,7 @@
 use argus_scene::{PlanRequest, Search};
 
 /// How views are requested.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Mode {
     /// The service chooses the plan.
     Default,

@@ -10,7 +10,7 @@ use argus_scene::{Bounds, Camera};
 use glam::{DQuat, DVec3};
 
 /// How clients move. All walks but [`Walk::Jumps`] start at the scene's recommended viewpoints in turn.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Walk {
     /// A smooth walk. Inside the bounds a client wanders by several per cent of the scene's size and turns its head.
     /// Outside it swings about its target, comes down into the bounds, and goes back.

@@ -165,11 +165,13 @@ impl Clients {
     }
 
     /// Sets a constant share of direct views.
+    #[cfg(test)]
     pub(super) fn some_direct(self, share: f64) -> Self {
         self.some_direct_at(move |_| share)
     }
 
     /// Sets a share of direct views that depends on the time in seconds.
+    #[cfg(test)]
     pub(super) fn some_direct_at(self, share: impl Fn(f64) -> f64 + 'static) -> Self {
         Self { direct: Box::new(share), ..self }
     }

@@ -2,10 +2,9 @@
 //! workers, machines, links and clients.
 //!
 //! [`Parameters`] gives the costs. Roles, waits and the time of a tick follow from the simulation. `host` models a
-//! machine's cores and link, `worker` a worker process, `world` the events, `load` the clients. `efficiency`,
-//! `trouble` and `change` are the experiments.
+//! machine's cores and link, `worker` a worker process, `world` the events, `load` the clients. `efficiency`
+//! and `trouble` are the experiments.
 
-pub mod change;
 pub mod efficiency;
 mod host;
 mod load;
@@ -14,11 +13,12 @@ pub mod trouble;
 mod worker;
 mod world;
 
+#[cfg(test)]
+mod tests;
+
 use std::time::Duration;
 
-use argus_scene::{
-    Bounds, Indirect, Lighting, Rig, SampleSetInfo, Sampling, SceneHash, Specification, Version, Visibility,
-};
+use argus_scene::{Bounds, Rig, SampleSetInfo, SceneHash};
 use glam::DVec3;
 
 pub use parameters::{Machines, Parameters};
@@ -42,18 +42,7 @@ fn set_info(moves: bool, cell: Option<f64>) -> SampleSetInfo {
         None => Rig::TileCorners { bounds, tiles: [1, 1], height: 1.0, size: [400, 300] },
     };
     SampleSetInfo {
-        scene: SceneHash([1; 32]),
-        bounds,
-        extent: bounds,
-        rig,
-        version: Version::of_epoch(0, 0),
         epoch_secs: if moves { 1e-3 } else { 0.0 },
-        lighting: Lighting::default(),
-        visibility: Visibility::default(),
-        sampling: Sampling::default(),
-        sub_samples: Specification::USUAL_SUB_SAMPLES,
-        effects: argus_scene::LightEffects::NONE,
-        indirect: Indirect::Off,
-        reflections: None,
+        ..SampleSetInfo::plain(SceneHash([1; 32]), bounds, rig)
     }
 }

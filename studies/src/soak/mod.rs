@@ -25,62 +25,52 @@ use tokio_util::sync::CancellationToken;
 
 use self::chaos::Chaos;
 use self::session::SessionStats;
+use crate::arguments::{count, is_quick, or_quick, positive, seconds, size};
 use crate::processes::resident_bytes;
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study runs, and for how long.
-#[derive(Debug, Clone)]
+/// Runs many sessions for a long time: lost frames, latencies, memory over time; with --chaos, workers are killed and
+/// paused meanwhile, and frames are compared byte by byte with pinned repeats
+///
+/// The study starts and ends its own cluster on this machine.
+#[derive(Debug, Clone, clap::Args)]
 pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// Sessions open at the same time.
+    /// Number of sessions at the same time
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("1000", "20"))]
     pub sessions: u32,
-    /// Cameras per second of all sessions together. `None`: [`LOAD`] or [`CHAOS_LOAD`] of the machine's
-    /// measured capacity.
+    /// Cameras per second of all sessions together [default: 0.6 of the machine's measured capacity, 0.2 with --chaos; with
+    /// --quick 20]
+    #[arg(long, value_name = "N", value_parser = positive)]
     pub rate: Option<f64>,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "96x72"))]
     pub size: [u32; 2],
-    /// Worker processes.
+    /// Number of worker processes
+    #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
     pub workers: usize,
-    /// Whether sessions fetch frames from the workers rather than through the coordinator.
+    /// Let sessions fetch their frames from the workers, instead of relaying them through the coordinator
+    #[arg(long)]
     pub redirect: bool,
-    /// Duration of the measurement.
-    pub duration: Duration,
-    /// Random seed of the disturbances and the interval between them; `None`: no chaos.
-    pub chaos: Option<(u64, Duration)>,
+    /// Duration in minutes
+    #[arg(long, value_name = "M", value_parser = positive, default_value = or_quick("10", "0.0667"))]
+    pub minutes: f64,
+    /// Kill and pause workers during the run
+    #[arg(long)]
+    pub chaos: bool,
+    /// Random seed of the kills and pauses; the same seed repeats them
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "chaos")]
+    pub seed: u64,
+    /// Seconds between two kills or pauses; delayed while fewer than two workers run
+    #[arg(long, value_name = "SECONDS", default_value = "2.8", value_parser = seconds, requires = "chaos")]
+    pub chaos_every: Duration,
     /// Whether latencies, gaps, memory and the number of disturbances are judged; over a few seconds they are noise.
     /// Lost cameras and wrong frames are always judged.
+    #[arg(skip = !is_quick())]
     pub judged: bool,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            sessions: 1000,
-            rate: None,
-            size: [200, 150],
-            workers: 2,
-            redirect: false,
-            duration: Duration::from_secs(600),
-            chaos: None,
-            judged: true,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            sessions: 20,
-            rate: Some(20.0),
-            size: [96, 72],
-            duration: Duration::from_secs(4),
-            judged: false,
-            ..Self::default()
-        }
-    }
 }
 
 /// The load as a share of measured capacity. Above it, any delay makes queues grow.
@@ -169,7 +159,8 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let connections = ConnectOptions { connections: CONNECTIONS, ..ConnectOptions::default() };
     let client = Client::connect_with(cluster.url(), &connections).await?;
 
-    progress.set_length(options.duration.as_secs().max(1));
+    let duration = Duration::from_secs_f64(options.minutes * 60.0);
+    progress.set_length(duration.as_secs().max(1));
     let begin = Instant::now();
     let stats = Arc::new(Mutex::new(SessionStats::default()));
     let ending = CancellationToken::new();
@@ -181,14 +172,14 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         sessions.spawn(session::run(client.clone(), load, stats.clone(), begin, ending.clone()));
     }
     let checking = tokio::spawn(session::check(first.clone(), stats.clone()));
-    let mut chaos = options.chaos.map(|(seed, every)| Chaos::new(seed, every));
+    let mut chaos = options.chaos.then(|| Chaos::new(options.seed, options.chaos_every));
     let mut memory: BTreeMap<String, Memory> = BTreeMap::new();
-    let pause = (options.duration / 100).clamp(Duration::from_millis(250), Duration::from_secs(5));
+    let pause = (duration / 100).clamp(Duration::from_millis(250), Duration::from_secs(5));
     let mut looked = Instant::now();
-    while begin.elapsed() < options.duration {
+    while begin.elapsed() < duration {
         tokio::time::sleep(Duration::from_millis(50)).await;
         if let Some(chaos) = &mut chaos {
-            chaos.run_due(&first, options.duration.saturating_sub(begin.elapsed())).await;
+            chaos.run_due(&first, duration.saturating_sub(begin.elapsed())).await;
         }
         if looked.elapsed() >= pause {
             looked = Instant::now();
@@ -213,7 +204,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     checking.abort();
     let counters = first.status().await?.counts();
     drop((client, first));
-    cluster.stop().or_else(|error| if options.chaos.is_some() { Ok(()) } else { Err(error) })?;
+    cluster.stop().or_else(|error| if options.chaos { Ok(()) } else { Err(error) })?;
 
     let stats = std::mem::take(&mut *stats.lock());
     let over_time = stats.latencies_ms;
@@ -230,17 +221,17 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         let of = memory.iter().filter(|(name, _)| name.starts_with(of));
         of.filter_map(|(_, memory)| memory.0.last()).map(|(_, bytes)| *bytes as f64 / 1e6).reduce(f64::max)
     };
-    let worker_swing = if options.chaos.is_none() { swing("worker") } else { None };
+    let worker_swing = if !options.chaos { swing("worker") } else { None };
     let most_swing = [swing("coordinator"), worker_swing].into_iter().flatten().reduce(f64::max);
     let p99_per_p50 = p50.zip(p99).map(|(p50, p99)| p99 / p50);
     let disturbances = disturbed.kills + disturbed.pauses;
     let bars = Bars {
         lost: lost == 0,
         wrong: stats.wrong == 0 && (!options.judged || stats.checked > 0),
-        p99: p99_per_p50.filter(|_| options.judged && options.chaos.is_none()).map(|r| r <= MOST_P99_PER_P50),
-        memory: most_swing.filter(|_| options.judged && options.chaos.is_none()).map(|s| s <= MOST_SWING),
-        gap: (options.judged && options.chaos.is_some()).then_some(stats.worst_gap.lasts <= LONGEST_GAP),
-        disturbances: (options.judged && options.chaos.is_some())
+        p99: p99_per_p50.filter(|_| options.judged && !options.chaos).map(|r| r <= MOST_P99_PER_P50),
+        memory: most_swing.filter(|_| options.judged && !options.chaos).map(|s| s <= MOST_SWING),
+        gap: (options.judged && options.chaos).then_some(stats.worst_gap.lasts <= LONGEST_GAP),
+        disturbances: (options.judged && options.chaos)
             .then_some(disturbances as f64 >= DISTURBANCES_PER_SEC * measured_secs),
         redirected: options.redirect.then_some(stats.redirected > 0),
     };
@@ -304,7 +295,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
         100.0 * MOST_SWING,
         LONGEST_GAP.as_secs()
     ));
-    if options.chaos.is_some() {
+    if options.chaos {
         report.notes.push(
             "Workers are killed and restarted, or paused for up to 2 s. The coordinator is not restarted and the network is \
             not cut: both have tests of their own."
@@ -316,7 +307,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
 /// Cameras per second: the given rate, or a share of the measured capacity.
 async fn rate(client: &Client, options: &Options) -> Result<f64> {
-    if let Some(rate) = options.rate {
+    if let Some(rate) = options.rate.or(is_quick().then_some(20.0)) {
         return Ok(rate);
     }
     let views = || path_views(client.description(), TRIAL.0, options.size, PlanRequest::default());
@@ -327,7 +318,7 @@ async fn rate(client: &Client, options: &Options) -> Result<f64> {
         anyhow::ensure!(trial.failed == 0, "a view was not answered: {:?}", trial.first_error);
         rate = trial.views_per_sec;
     }
-    Ok(rate * if options.chaos.is_some() { CHAOS_LOAD } else { LOAD })
+    Ok(rate * if options.chaos { CHAOS_LOAD } else { LOAD })
 }
 
 async fn remember(memory: &mut BTreeMap<String, Memory>, client: &Client, coordinator: u32, secs: f64) {

@@ -9,9 +9,8 @@ use argus_sampler::GpuSampler;
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, FrameSource, Indirect, LightEffects, Outputs, Plan, Rig,
-    RigKnobs, SampleId, Sampler as _, Sampling, Scene, SceneState, Specification, Version, ViewJob,
-    Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, FrameSource, Outputs, Plan, Rig, RigKnobs, SampleId,
+    Sampler as _, Scene, SceneState, Version, ViewJob, Visibility, Warp,
 };
 use glam::DVec3;
 
@@ -51,19 +50,8 @@ impl Stage {
     fn new(scene: Arc<Scene>) -> Self {
         let gpu = Gpu::new(&GpuOptions::default()).unwrap();
         let info = Arc::new(SampleSetInfo {
-            scene: scene.hash,
-            bounds: scene.bounds(),
-            extent: scene.extent(),
-            rig: Rig::for_scene(&scene, &RigKnobs::default()).unwrap(),
             version: Version::of_epoch(SampleId::FRAMES, 0),
-            epoch_secs: 0.0,
-            lighting: scene.lighting.clone(),
-            visibility: Visibility::default(),
-            sampling: Sampling::default(),
-            sub_samples: Specification::USUAL_SUB_SAMPLES,
-            effects: LightEffects::NONE,
-            indirect: Indirect::Off,
-            reflections: None,
+            ..SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, &RigKnobs::default()).unwrap())
         });
         let sampler = GpuSampler::new(Arc::clone(&gpu), Arc::clone(&scene)).unwrap();
         let compositor = GpuCompositor::new(gpu).unwrap();

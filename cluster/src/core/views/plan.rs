@@ -121,10 +121,7 @@ fn check_frames(plan: &Plan, view: &View) -> Result<(), InvalidField> {
 
 /// Checks a pinned plan, which comes from outside, by the rules of [`View::validate`].
 fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
-    let within = |field, n: u32, most: u32| match (1..=most).contains(&n) {
-        true => Ok(()),
-        false => Err(InvalidField::new(field, format!("must be 1 to {most}, not {n}"))),
-    };
+    let within = |field, n: u32, most| InvalidField::within(field, n, 1..=most);
     match plan {
         Plan::Direct { samples_per_pixel: n, .. } => {
             within("pin.plan.direct.samples_per_pixel", *n, 256)?;

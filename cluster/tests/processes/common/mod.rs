@@ -22,8 +22,7 @@ use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::v1::{self};
 use argus_scene::scene::RigKind;
 use argus_scene::{
-    Camera, Frame, Instance, Lighting, Limits, Material, Mesh, Outputs, PlanRequest, Provenance, Scene,
-    SceneHash, View,
+    Camera, Frame, Instance, Limits, Mesh, Outputs, PlanRequest, Provenance, Scene, SceneHash, View,
 };
 use glam::{DAffine3, DVec3, Vec3};
 use tokio::net::TcpListener;
@@ -62,14 +61,8 @@ pub fn scene(name: &str) -> Arc<Scene> {
         hash: SceneHash(hash),
         meshes: vec![mesh],
         instances: vec![Instance { mesh: 0, node: None, world_from_mesh: DAffine3::IDENTITY }],
-        materials: vec![Material::default()],
-        textures: Vec::new(),
-        nodes: Vec::new(),
-        animations: Vec::new(),
-        lighting: Lighting::default(),
-        cameras: Vec::new(),
         rig: RigKind::TileCorners,
-        warnings: Vec::new(),
+        ..Scene::default()
     })
 }
 

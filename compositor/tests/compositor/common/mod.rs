@@ -10,10 +10,9 @@ use argus_scene::reference::Tracer;
 use argus_scene::shading::{Surface, diffuse_radiance, sky_radiance, specular_radiance};
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Bounds, Camera, Cancel, Compositor as _, FaceMask, Frame, Indirect, Light, Lighting, OmniLayout, Outputs,
-    Plan, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId,
-    SampleSet, SampleSetInfo, Sampling, SceneHash, SceneState, Search, Sky, Specification, Version, ViewJob,
-    Visibility, Warp,
+    Bounds, Camera, Cancel, Compositor as _, FaceMask, Frame, Light, Lighting, OmniLayout, Outputs, Plan,
+    Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
+    SampleSetInfo, SceneHash, SceneState, Search, Sky, Version, ViewJob, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -289,19 +288,14 @@ pub(crate) fn sample_set(
     side: u32,
 ) -> SampleSet {
     let info = SampleSetInfo {
-        scene: SceneHash([7; 32]),
-        bounds: subject.bounds(),
-        extent: subject.bounds(),
-        rig: Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
         version: Version::of_epoch(0, 3),
         epoch_secs: 0.1,
         lighting: subject.lighting(),
-        visibility: Visibility::default(),
-        sampling: Sampling::default(),
-        sub_samples: Specification::USUAL_SUB_SAMPLES,
-        effects: argus_scene::LightEffects::NONE,
-        indirect: Indirect::Off,
-        reflections: None,
+        ..SampleSetInfo::plain(
+            SceneHash([7; 32]),
+            subject.bounds(),
+            Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 },
+        )
     };
     let samples = cameras
         .iter()
@@ -329,7 +323,7 @@ pub(crate) const EVERYTHING: Outputs =
     Outputs { color: true, range: true, mask: true, source: true, confidence: false };
 
 /// A view of everything, from all samples of a set, nearest first.
-pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], search: Search) -> ViewJob {
+pub(crate) fn job(set: &SampleSet, camera: Camera, size: [u32; 2], search: Search) -> ViewJob {
     let mut samples: Vec<&Arc<Sample>> = set.samples.iter().collect();
     samples.sort_by(|a, b| {
         let distance = |s: &Sample| s.camera.center().distance(camera.eye);
@@ -338,16 +332,10 @@ pub(crate) fn job(set: &SampleSet, camera: Camera, [width, height]: [u32; 2], se
     let samples = samples.iter().map(|sample| sample.id).collect();
     let plan = Plan::Warp(Warp { search, samples, ..Warp::default() });
     ViewJob {
-        camera,
-        width,
-        height,
         outputs: EVERYTHING,
-        plan,
         state: SceneState::of_epoch(3),
         time_secs: 0.3,
-        visibility: Visibility::default(),
-        reflections: None,
-        history: None,
+        ..ViewJob::new(camera, size, plan)
     }
 }
 

@@ -1,5 +1,6 @@
-//! The conformance suite of reconstruction: every case of `argus-lab study hard-cases`, within its bounds.
+//! The conformance suite of reconstruction: every case within its bounds.
 
+mod cases;
 mod omni;
 mod page;
 mod poses;
@@ -11,14 +12,20 @@ mod surfaces;
 use std::sync::{Arc, OnceLock};
 
 use argus_gpu::{Gpu, GpuOptions};
-use argus_studies::hard_cases::{Outcome, Row, Stages, Theme, claims};
+
+use self::cases::{Outcome, Row, Stages, Theme, claims};
+
+/// Runs the cases of a theme.
+fn rows(theme: Theme) -> Vec<Row> {
+    static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
+    let gpu = GPU.get_or_init(|| Gpu::new(&GpuOptions::default()).expect("these tests need a Vulkan driver"));
+    theme.run(&mut Stages::new(gpu).unwrap()).unwrap()
+}
 
 /// Runs the cases of a theme; fails with all that are out of bounds, and with one that the page lacks.
 #[track_caller]
 fn holds(theme: Theme) -> Vec<Row> {
-    static GPU: OnceLock<Arc<Gpu>> = OnceLock::new();
-    let gpu = GPU.get_or_init(|| Gpu::new(&GpuOptions::default()).expect("these tests need a Vulkan driver"));
-    let rows = theme.run(&mut Stages::new(gpu).unwrap()).unwrap();
+    let rows = rows(theme);
     let failed: Vec<String> =
         rows.iter().filter(|row| row.outcome == Outcome::Failed).map(|row| format!("{row:?}")).collect();
     assert!(

@@ -1,4 +1,4 @@
-use argus_studies::hard_cases::Theme;
+use super::cases::Theme;
 
 #[test]
 fn seams_poles_and_corners_of_omni_samples_are_within_their_bounds() {

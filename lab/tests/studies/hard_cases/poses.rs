@@ -1,4 +1,4 @@
-use argus_studies::hard_cases::Theme;
+use super::cases::Theme;
 
 #[test]
 fn difficult_viewpoints_are_within_their_bounds() {

@@ -1,4 +1,4 @@
-use argus_studies::hard_cases::Theme;
+use super::cases::Theme;
 
 #[test]
 fn scenes_far_from_zero_very_small_or_very_large_are_within_their_bounds() {

@@ -1,4 +1,4 @@
-use argus_studies::hard_cases::Theme;
+use super::cases::Theme;
 
 #[test]
 fn rays_along_borders_and_texel_rows_are_within_their_bounds() {

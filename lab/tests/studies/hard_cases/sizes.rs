@@ -1,4 +1,4 @@
-use argus_studies::hard_cases::Theme;
+use super::cases::Theme;
 
 #[test]
 fn images_of_extreme_shape_and_their_tiles_are_within_their_bounds() {

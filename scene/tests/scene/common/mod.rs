@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_scene::{
-    Instance, Light, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky, Texture, TextureRef,
-};
+use argus_scene::{Instance, Light, Lighting, Material, Mesh, Scene, SceneHash, Sky, Texture, TextureRef};
 use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 
 /// White light from everywhere, no lights: a white surface has radiance 1.
@@ -39,13 +37,8 @@ pub(crate) fn scene(meshes: Vec<Mesh>, materials: Vec<Material>, lighting: Light
         instances: (0..meshes.len() as u32).map(place).collect(),
         meshes,
         materials,
-        textures: Vec::new(),
-        nodes: Vec::new(),
-        animations: Vec::new(),
         lighting,
-        cameras: Vec::new(),
-        rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 
