@@ -112,11 +112,19 @@ pub(crate) struct PlacedObject {
 
 /// A node of the top-level tree, in world space. The fields are those of [`Node`].
 #[derive(Debug, Clone, Copy)]
-struct TopNode {
+pub(crate) struct TopNode {
     min: DVec3,
     max: DVec3,
     count: u32,
     first: u32,
+}
+
+impl TopNode {
+    /// The node relative to an eye: see [`Hierarchy::top_about`].
+    pub(crate) fn about(&self, eye: DVec3) -> Node {
+        let (min, max) = box_about(eye, self.min, self.max);
+        Node { min, max, count: self.count, first: self.first }
+    }
 }
 
 /// The two-level hierarchy that tracers traverse.
@@ -131,7 +139,7 @@ pub(crate) struct Hierarchy {
     /// Edges from the top-level tree's root to its deepest leaf.
     #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
     pub(crate) top_depth: u32,
-    top: Vec<TopNode>,
+    pub(crate) top: Vec<TopNode>,
     /// For each instance, whether it is part of the merged object.
     merged: Vec<bool>,
     merged_object: Option<PlacedObject>,
@@ -182,6 +190,17 @@ impl Hierarchy {
         hierarchy.lasting = hierarchy.lengths();
         hierarchy.pose(scene, placements);
         hierarchy
+    }
+
+    /// The mesh of each object; `None` for the merged one.
+    pub(crate) fn meshes(&self) -> Vec<Option<u32>> {
+        let mut meshes = vec![None; self.objects.len()];
+        for (&mesh, object) in &self.object_of_mesh {
+            if let Some(object) = object {
+                meshes[*object as usize] = Some(mesh);
+            }
+        }
+        meshes
     }
 
     /// Numbers of nodes, triangles and objects.
@@ -260,11 +279,7 @@ impl Hierarchy {
     /// The top-level tree relative to `eye`; empty without visible instances. Boxes are padded by more than the rounding
     /// error of objects seen from there.
     pub(crate) fn top_about(&self, eye: DVec3) -> Vec<Node> {
-        let about = |node: &TopNode| {
-            let (min, max) = box_about(eye, node.min, node.max);
-            Node { min, max, count: node.count, first: node.first }
-        };
-        self.top.iter().map(about).collect()
+        self.top.iter().map(|node| node.about(eye)).collect()
     }
 
     /// Calls `visit` with each placed object whose box a ray hits. `visit` returns the largest distance that is still of

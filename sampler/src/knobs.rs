@@ -14,6 +14,19 @@ pub enum RadianceFormat {
     HalfFloat,
 }
 
+/// What traces the rays of a tile to lights and to the sky. Both have one definition; pixels differ where rays graze an
+/// edge, and in the last digits. Other rays are traced on the CPU.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LightTracer {
+    /// The device, if it is no software driver and is measured to be faster; else the CPU.
+    #[default]
+    Auto,
+    /// The CPU.
+    Cpu,
+    /// The device.
+    Device,
+}
+
 /// Rays of direct light. Samples of one set have the same: the service uses the defaults, studies compare others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LightKnobs {
@@ -23,11 +36,13 @@ pub struct LightKnobs {
     pub emitter_rays: u32,
     /// Whether neighbours on the same surface share what their rays to sky and emitters found.
     pub filter: bool,
+    /// What traces them.
+    pub tracer: LightTracer,
 }
 
 impl Default for LightKnobs {
     fn default() -> Self {
-        Self { sky_rays: 4, emitter_rays: 4, filter: true }
+        Self { sky_rays: 4, emitter_rays: 4, filter: true, tracer: LightTracer::Auto }
     }
 }
 

@@ -42,10 +42,13 @@ mod visibility;
 mod wide;
 
 pub use argus_scene::indirect::{CellKnobs, Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
-pub use knobs::{LightKnobs, RadianceFormat, SamplerKnobs};
+pub use knobs::{LightKnobs, LightTracer, RadianceFormat, SamplerKnobs};
 pub use light::PathReport;
 pub use light_meter::ResolvedLight;
 pub use pass_plan::PassPlan;
-pub use ray_timing::{RayCost, RayKind, RayTracer, RayWork, ray_costs};
+pub use ray_timing::{
+    DeviceRayBatch, DeviceRayTimes, DeviceRays, RayCost, RayKind, RayTracer, RayWork, device_ray_costs,
+    ray_costs,
+};
 pub use sampler::{GpuSampler, PreparedSampler};
 pub use sight::PacketSight;

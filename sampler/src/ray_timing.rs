@@ -1,8 +1,11 @@
-//! Measures the tracers of the CPU on the rays that light needs, for studies.
+//! Measures the tracers of the CPU and of the device on the rays that light needs, for studies.
+
+mod device;
 
 use std::sync::Arc;
 use std::time::Instant;
 
+use argus_gpu::Gpu;
 use argus_scene::light_sampling::{cosine_direction, disc_point};
 use argus_scene::{Camera, Light, RenderError, SampleCamera, Scene};
 use argus_shaders::layout::sampler::Rays;
@@ -16,6 +19,7 @@ use crate::mixed::mixed;
 use crate::packets::{PacketTracer, Ray};
 use crate::resident::placed;
 use crate::tile::tiles;
+pub use device::{DeviceRayBatch, DeviceRayTimes, DeviceRays};
 
 /// Rays that a thread takes at a time.
 const SHARE: usize = 1024;
@@ -43,6 +47,11 @@ impl RayKind {
     /// All kinds.
     pub const ALL: [Self; 5] = [Self::Primary, Self::Sun, Self::Point, Self::Sky, Self::Bounce];
 
+    /// Whether any hit ends its rays.
+    pub fn ends_at_any_hit(self) -> bool {
+        !matches!(self, Self::Primary | Self::Bounce)
+    }
+
     /// Its name in a table.
     pub fn name(self) -> &'static str {
         match self {
@@ -55,7 +64,7 @@ impl RayKind {
     }
 }
 
-/// A tracer of the CPU.
+/// A tracer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RayTracer {
     /// One ray at a time against eight boxes, f32.
@@ -64,11 +73,13 @@ pub enum RayTracer {
     Packets,
     /// One ray at a time through the binary tree, f64.
     Single,
+    /// One ray an invocation of the device, f32.
+    Device,
 }
 
 impl RayTracer {
-    /// All tracers.
-    pub const ALL: [Self; 3] = [Self::Wide, Self::Packets, Self::Single];
+    /// The tracers of the CPU.
+    pub const OF_CPU: [Self; 3] = [Self::Wide, Self::Packets, Self::Single];
 
     /// Its name in a table.
     pub fn name(self) -> &'static str {
@@ -76,6 +87,7 @@ impl RayTracer {
             Self::Wide => "wide",
             Self::Packets => "packets",
             Self::Single => "single",
+            Self::Device => "device",
         }
     }
 
@@ -102,7 +114,7 @@ pub struct RayCost {
     pub kind: RayKind,
     /// The tracer.
     pub tracer: RayTracer,
-    /// Threads.
+    /// Threads of the CPU; 0 for the device.
     pub threads: usize,
     /// Rays of a round.
     pub rays: usize,
@@ -137,7 +149,7 @@ pub fn ray_costs(scene: &Arc<Scene>, work: &RayWork) -> Result<(Vec<RayCost>, f6
         let mut at = 0;
         for pool in &pools {
             for kind in RayKind::ALL {
-                for tracer_kind in RayTracer::ALL.into_iter().filter(|tracer| tracer.traces(kind)) {
+                for tracer_kind in RayTracer::OF_CPU.into_iter().filter(|tracer| tracer.traces(kind)) {
                     let cost = measure(pool, &rays, &tracer, &views, kind, tracer_kind);
                     if round == 0 {
                         costs.push(RayCost { secs: Vec::new(), ..cost });
@@ -150,6 +162,33 @@ pub fn ray_costs(scene: &Arc<Scene>, work: &RayWork) -> Result<(Vec<RayCost>, f6
         }
     }
     Ok((costs, build_ms, rays.bytes()))
+}
+
+/// Traces all kinds of rays on a device.
+///
+/// # Errors
+/// [`RenderError::OutOfMemory`] if the scene is too large for the device; a fault of the device.
+pub fn device_ray_costs(
+    gpu: &Arc<Gpu>,
+    scene: &Arc<Scene>,
+    work: &RayWork,
+) -> Result<Vec<RayCost>, RenderError> {
+    let mut device = DeviceRays::new(gpu, scene)?;
+    let mut costs = Vec::new();
+    for kind in RayKind::ALL {
+        let (mut rays, mut hits, mut secs) = (0, 0.0, vec![0.0; work.rounds]);
+        for camera in &work.cameras {
+            let batch = device.seen(camera, work.size, kind)?;
+            let times = device.trace(&batch, kind.ends_at_any_hit(), work.rounds)?;
+            rays += times.rays;
+            hits += times.hit_fraction * times.rays as f64;
+            let measured = if times.device_secs.is_empty() { &times.secs } else { &times.device_secs };
+            secs.iter_mut().zip(measured).for_each(|(sum, secs)| *sum += secs);
+        }
+        let hit_fraction = hits / rays.max(1) as f64;
+        costs.push(RayCost { kind, tracer: RayTracer::Device, threads: 0, rays, hit_fraction, secs });
+    }
+    Ok(costs)
 }
 
 fn measure(
@@ -168,6 +207,8 @@ fn measure(
             RayTracer::Wide => batch.wide(&rays.about(view.eye), kind),
             RayTracer::Packets => view.packets(tracer, kind),
             RayTracer::Single => batch.single(tracer, view.eye),
+            // Measured by `DeviceRays`.
+            RayTracer::Device => 0,
         });
         secs += begin.elapsed().as_secs_f64();
         count += batch.directions.len();
@@ -203,7 +244,7 @@ impl Batch {
     }
 
     fn wide(&self, about: &LightRaysAbout<'_>, kind: RayKind) -> usize {
-        if matches!(kind, RayKind::Primary | RayKind::Bounce) {
+        if !kind.ends_at_any_hit() {
             return self.count(|origin, direction| about.nearest(origin, direction, self.most).is_some());
         }
         self.count(|origin, direction| about.is_blocked(origin, direction, self.most))
@@ -235,14 +276,14 @@ impl View {
         let eye = camera.eye;
         let primary: Vec<Vec3> = images.iter().flat_map(directions).collect();
         let about = rays.about(eye);
-        let (mut points, mut scattered) = (Vec::new(), Vec::new());
-        for (i, &direction) in (0u64..).zip(&primary) {
-            let Some(hit) = about.nearest(Vec3::ZERO, direction, f32::MAX) else { continue };
+        let seen = |(i, &direction): (usize, &Vec3)| {
+            let hit = about.nearest(Vec3::ZERO, direction, f32::MAX)?;
             let normal = facing_normal(scene, &hit, direction);
             let point = direction * hit.t;
-            points.push(point + normal * about.offset(point, point.length()));
-            scattered.push(by_cosine(normal, i));
-        }
+            Some((point + normal * about.offset(point, point.length()), by_cosine(normal, i as u64)))
+        };
+        let (points, scattered): (Vec<Vec3>, Vec<Vec3>) =
+            primary.par_iter().enumerate().with_min_len(SHARE).filter_map(seen).unzip();
         let light = (light(scene) - eye).as_vec3();
         let ray = |directions: Vec<Vec3>, most| Batch { origins: points.clone(), directions, most };
         let sun = vec![sun(scene); points.len()];

@@ -17,9 +17,9 @@ use std::time::{Duration, Instant};
 use argus_gpu::{Gpu, GpuError, wgpu};
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, Lighting, Outputs, PixelJob, Pixels, Plan, Plane,
-    PlaneData, RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling,
-    Scene, Specification, Stage, ViewJob, Visibility,
+    Camera, Cancel, Detail, FaceMask, Frame, InvalidField, Lighting, Outputs, PixelJob, Pixels, Plan,
+    RenderError, Sample, SampleCamera, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene,
+    Specification, Stage, ViewJob, Visibility,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -34,7 +34,7 @@ use crate::eye::Eye;
 use crate::indirect::IndirectLight;
 use crate::light::DirectLight;
 use crate::pass_plan::{PassPlan, pass_plan};
-use crate::passes::{Blend, PlaneBuffers, ResolveView, TileContext};
+use crate::passes::{Blend, ResolveView, TileContext};
 use crate::pixel_list::pixel_lists;
 use crate::plug::{Methods, SampleMethod};
 use crate::resident::Resident;
@@ -415,7 +415,12 @@ impl GpuSampler {
             indirect.place(&self.scene, &self.resident.instances);
         }
         if let Some(direct) = &mut self.direct {
-            direct.pose(&self.scene, self.visibility.prepare_packets(&self.resident), time_secs)?;
+            direct.pose(
+                &self.gpu,
+                &self.scene,
+                self.visibility.prepare_packets(&self.resident),
+                time_secs,
+            )?;
         }
         if let Some(samples) = &mut self.samples {
             samples.forget_pose();

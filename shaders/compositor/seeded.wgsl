@@ -1,7 +1,7 @@
 // Program of compositor/src/search_pipelines.rs: fixed-point iteration from the depth of the pixel's cell. Where it does not
 // converge, a short linear search.
 
-import package::shared::cells::{Depth, depth_of};
+import package::shared::cells::depth_of;
 import package::shared::fetch::{
     SETTLED, crossing_of_bounds, direction_of, fetch_from, runtime_bound, position_of, view,
 };

@@ -16,7 +16,7 @@ use argus_sampler::SamplerKnobs;
 use argus_scene::{Camera, Frame, History, Output, Outputs, Plan, SampleId, Search, ViewJob, Warp};
 use glam::DQuat;
 use indicatif::ProgressBar;
-use serde_json::{Map, Value, json};
+use serde_json::json;
 
 use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, FrameErrors, Truth, WRONG_SURFACE};
@@ -104,6 +104,16 @@ struct Variant {
     judged: Vec<FrameErrors>,
     used: f64,
     ms: Vec<f64>,
+}
+
+impl Variant {
+    fn view_ms(&self) -> f64 {
+        median(&self.ms)
+    }
+
+    fn flip(&self) -> f64 {
+        mean(self.judged.iter().map(|j| j.image.flip_mean))
+    }
 }
 
 /// Runs the study; `progress` counts variants × rounds.
@@ -282,16 +292,16 @@ impl Study<'_> {
     fn report(&self, bench: &Bench, gpu: &Arc<Gpu>, variants: &[Variant]) -> Report {
         let seeded =
             variants.iter().find(|variant| variant.search == Search::Seeded && variant.motion.is_none());
-        let seeded_ms = seeded.map_or(f64::NAN, |variant| median(&variant.ms));
+        let seeded_ms = seeded.map_or(f64::NAN, Variant::view_ms);
         let rows = variants.iter().map(|variant| {
             let motion = variant.motion.as_ref().map(|(label, _)| label);
             report::row(json!({
                 "search": variant.search.name(),
                 "seed": if motion.is_some() { "history" } else { "samples" },
                 "motion": motion,
-                "view_ms": median(&variant.ms),
-                "per_seeded": median(&variant.ms) / seeded_ms,
-                "flip": mean(variant.judged.iter().map(|j| j.image.flip_mean)),
+                "view_ms": variant.view_ms(),
+                "per_seeded": variant.view_ms() / seeded_ms,
+                "flip": variant.flip(),
                 "psnr_db": mean(variant.judged.iter().map(|j| j.image.psnr_db)),
                 "ssim": mean(variant.judged.iter().map(|j| j.image.ssim)),
                 "unresolved_fraction": mean(variant.judged.iter().map(|j| j.unresolved)),
@@ -310,29 +320,28 @@ impl Study<'_> {
                  their storage.",
                 WRONG_SURFACE * 100.0
             ),
-            verdict(&report.rows),
+            verdict(variants),
         ];
         report
     }
 }
 
-/// For which motions reprojection is faster or better, by the rows.
-fn verdict(rows: &[Map<String, Value>]) -> String {
-    let number =
-        |row: &Map<String, Value>, key: &str| row.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
-    let words = |row: &Map<String, Value>, key: &str| -> String {
-        row.get(key).and_then(Value::as_str).unwrap_or_default().to_owned()
+/// For which motions reprojection is faster or better.
+fn verdict(variants: &[Variant]) -> String {
+    let from_samples = |search| variants.iter().find(|v| v.search == search && v.motion.is_none());
+    let (Some(splat), Some(seeded)) = (from_samples(Search::Splat), from_samples(Search::Seeded)) else {
+        return String::new();
     };
-    let of =
-        |search: &str| rows.iter().find(|r| words(r, "search") == search && words(r, "seed") == "samples");
-    let (Some(splat), Some(seeded)) = (of("splat"), of("seeded")) else { return String::new() };
-    let begun: Vec<_> =
-        rows.iter().filter(|r| words(r, "seed") == "history" && number(r, "used_fraction") > 0.5).collect();
-    let better = |key: &str, than: f64| -> String {
-        let (less, more): (Vec<_>, Vec<_>) = begun.iter().partition(|r| number(r, key) < than);
-        let listed = |rows: &[&&Map<String, Value>]| -> String {
-            rows.iter().map(|r| words(r, "motion")).collect::<Vec<_>>().join("; ")
-        };
+    let begun: Vec<(&str, &Variant)> = variants
+        .iter()
+        .filter(|variant| variant.used > 0.5)
+        .filter_map(|variant| Some((variant.motion.as_ref()?.0.as_str(), variant)))
+        .collect();
+    let better = |figure: fn(&Variant) -> f64, than: &Variant| -> String {
+        let (less, more): (Vec<_>, Vec<_>) =
+            begun.iter().partition(|(_, variant)| figure(variant) < figure(than));
+        let listed =
+            |of: &[(&str, &Variant)]| of.iter().map(|(motion, _)| *motion).collect::<Vec<_>>().join("; ");
         match (less.len(), more.len()) {
             (0, _) => "after none of the motions".to_owned(),
             (_, 0) => "after all motions that it was used after".to_owned(),
@@ -343,12 +352,12 @@ fn verdict(rows: &[Map<String, Value>]) -> String {
     format!(
         "Beginning from history, the seeded search is faster than from samples ({:.2} ms) {}; shows a smaller FLIP \
          ({:.4}) {}; and is faster than the splat ({:.2} ms) {}.",
-        number(seeded, "view_ms"),
-        better("view_ms", number(seeded, "view_ms")),
-        number(seeded, "flip"),
-        better("flip", number(seeded, "flip")),
-        number(splat, "view_ms"),
-        better("view_ms", number(splat, "view_ms")),
+        seeded.view_ms(),
+        better(Variant::view_ms, seeded),
+        seeded.flip(),
+        better(Variant::flip, seeded),
+        splat.view_ms(),
+        better(Variant::view_ms, splat),
     )
 }
 

@@ -1,13 +1,15 @@
-//! Rays: the speed of the CPU's tracers on the rays that light needs.
+//! Rays: the speed of the tracers of the CPU and of the device on the rays that light needs.
 //!
 //! For each scene it traces primary rays, shadow rays to the sun and to a point light, sky rays and bounces from the points
 //! that some views see, on one thread and on all. Tracers: eight-wide trees with one ray at a time (`wide`), packets with a
-//! common origin (`packets`), and f64 single rays through the binary tree (`single`).
+//! common origin (`packets`), f64 single rays through the binary tree (`single`), and one ray an invocation of the device
+//! (`device`), where there is one.
 
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_sampler::{RayCost, RayWork, ray_costs};
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::{RayCost, RayWork, device_ray_costs, ray_costs};
 use argus_scene::{Camera, path};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -49,10 +51,14 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(options.scenes.len() as u64);
     let mut rows = Vec::new();
     let mut notes = vec![
-        "hit_fraction: `packets` and `single` pass through backs of single-sided triangles; `wide` does not. Sun, point and \
-         sky rays end at any hit in `wide`, and at the nearest in the others."
+        "hit_fraction: `packets` and `single` pass through backs of single-sided triangles; `wide` and `device` do not. Sun, \
+         point and sky rays end at any hit in `wide` and `device`, and at the nearest in the others."
             .to_owned(),
+        "Rates of `device` are of the device's clock, where it has one; its threads are 0.".to_owned(),
     ];
+    let gpu = Gpu::new(&GpuOptions::default())
+        .inspect_err(|why| notes.push(format!("`device` has no rows: {why}")))
+        .ok();
     for spec in &options.scenes {
         progress.set_message(spec.clone());
         let scene = Arc::new(argus_scene::open(spec)?);
@@ -67,6 +73,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         };
         let (costs, build_ms, bytes) = ray_costs(&scene, &work)?;
         rows.extend(costs.iter().map(|cost| row(spec, cost)));
+        if let Some(gpu) = &gpu {
+            rows.extend(device_ray_costs(gpu, &scene, &work)?.iter().map(|cost| row(spec, cost)));
+        }
         notes.push(format!(
             "{spec}: {} triangles; the wide trees took {build_ms:.0} ms to build from the binary ones, and {:.1} MiB.",
             scene.triangles(),
@@ -74,7 +83,11 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         ));
         progress.inc(1);
     }
-    let mut report = Report::new(options.scenes.join(" "), Machine::here("not used"), rows);
+    let mut report = Report::new(
+        options.scenes.join(" "),
+        Machine::here(gpu.as_ref().map_or("none", |gpu| gpu.kind())),
+        rows,
+    );
     report.notes = notes;
     Ok(report)
 }

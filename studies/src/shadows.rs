@@ -153,7 +153,7 @@ fn rows_of(scene: &Scene, rays: &[u32]) -> Vec<Row> {
     let emitters = LightEffects { emitters: true, ..none };
     for (effects, name, has) in [(sky, "sky visibility", has_sky), (emitters, "emitters", emits)] {
         for &rays in rays.iter().filter(|_| has) {
-            let knobs = LightKnobs { sky_rays: rays, emitter_rays: rays, filter: true };
+            let knobs = LightKnobs { sky_rays: rays, emitter_rays: rays, ..LightKnobs::default() };
             rows.push((format!("{name}, {rays} rays"), effects, knobs));
         }
         if has {

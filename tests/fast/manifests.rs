@@ -396,6 +396,7 @@ fn the_image_is_built_from_every_crate_of_the_workspace() {
     for member in
         members.iter().map(|member| member.as_str().unwrap()).chain(["src", "scripts", "Cargo.lock"])
     {
-        assert!(sent.lines().any(|line| line == format!("!{member}")), "{member} is not in .dockerignore");
+        let folder = member.split('/').next().unwrap();
+        assert!(sent.lines().any(|line| line == format!("!{folder}")), "{member} is not in .dockerignore");
     }
 }

@@ -6,10 +6,10 @@ use indicatif::ProgressBar;
 
 use super::arguments::{Scenes, Size, blocking};
 
-/// Measures the CPU's tracers in millions of rays a second: primary rays, shadow rays to the sun and to a point light, sky
-/// rays and bounces, on one thread and on all
+/// Measures the tracers in millions of rays a second: primary rays, shadow rays to the sun and to a point light, sky rays
+/// and bounces, on one thread of the CPU, on all, and on the device
 ///
-/// Needs no GPU. Without --scene: terrain:500000; without --size: 400x300.
+/// Without a device its rows are left out. Without --scene: terrain:500000; without --size: 400x300.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example:

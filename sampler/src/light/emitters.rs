@@ -22,6 +22,11 @@ impl Emitters {
         Self(EmittersByPower::new(all))
     }
 
+    /// Whether anything emits.
+    pub(super) fn any(&self) -> bool {
+        !self.0.all().is_empty()
+    }
+
     /// Irradiance / π at each texel; `None` if nothing emits.
     pub(super) fn irradiance_by_pi(
         &self,

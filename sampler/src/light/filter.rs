@@ -9,7 +9,7 @@ use super::texels::Texels;
 
 /// Reaches of the filter's two boxes in texels, whose outermost texels have half weight. The first covers a square of slots,
 /// so that every slot has the same weight. The second takes off the edges that a few bright rays leave.
-const REACHES: [isize; 2] = [SQUARE as isize / 2, SQUARE as isize / 4];
+pub(super) const REACHES: [isize; 2] = [SQUARE as isize / 2, SQUARE as isize / 4];
 
 /// What texels share: a sum of colours, or several.
 pub(super) trait Shared: Copy + Default + Send + Sync + AddAssign + Mul<f32, Output = Self> {}

@@ -14,8 +14,12 @@
 //! 3. [`sky`] and [`emitters`]: irradiance of the sky, and of emitting triangles.
 //! 4. [`paths`]: indirect irradiance, if it is found by paths. Or [`cells`]: that and the sky's, from cells on surfaces.
 //! 5. `passes/add_direct.rs`: adds the light, and the reflection of lights and sky on glossy surfaces of views.
+//!
+//! On a GPU, [`device`] does steps 1 to 3 for images, all but the emitters. Then nothing is read back, unless emitters or
+//! indirect light ask for it.
 
 mod cells;
+pub(crate) mod device;
 mod emitters;
 mod filter;
 mod paths;
@@ -37,10 +41,12 @@ use rayon::prelude::*;
 use crate::LightKnobs;
 use crate::light_rays::{Faces, LightRays, LightRaysAbout};
 use crate::packets::PacketTracer;
-use crate::passes::{AddDirect, TileContext};
+use crate::passes::{AddDirect, SkyFrom, TileContext};
 use crate::resident::{Features, upload};
+use crate::scratch::Guides;
 use crate::timing;
 use cells::{CellLight, Eye};
+use device::{DeviceLight, LitTile};
 use emitters::Emitters;
 use shadows::VisibilityWords;
 use sky::SkyIrradiance;
@@ -54,6 +60,8 @@ pub(crate) use texels::{Texel, texel as texel_of_guides};
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
     tracing: Arc<LightTracing>,
+    /// Traces rays of tiles to lights and to the sky; `None` if the CPU does.
+    device: Option<DeviceLight>,
     /// Texels of an image cast one of so many of their rays.
     ray_divisor: u32,
     features: Features,
@@ -91,7 +99,7 @@ impl DirectLight {
     /// # Errors
     /// [`RenderError::Internal`] for a scene with too many triangles to trace.
     pub(crate) fn new(
-        gpu: &Gpu,
+        gpu: &Arc<Gpu>,
         scene: &Scene,
         features: Features,
         tracer: &PacketTracer,
@@ -99,7 +107,9 @@ impl DirectLight {
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
         let rays = LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?;
-        Ok(Self::with_rays(gpu, scene, features, rays, (effects, knobs), (lighting, time_secs)))
+        let device = device::chosen(gpu, features, tracer, &rays, knobs.tracer)?;
+        let lit = Self::with_rays(gpu, scene, features, rays, (effects, knobs), (lighting, time_secs));
+        Ok(Self { device, ..lit })
     }
 
     /// Direct light that is found by these rays.
@@ -121,7 +131,8 @@ impl DirectLight {
             sky: SkyIrradiance::new(&lighting.sky),
             lighting: lighting.clone(),
         };
-        Self { tracing: Arc::new(tracing), ray_divisor: 1, features, add: AddDirect::new(gpu, features) }
+        let add = AddDirect::new(gpu, features);
+        Self { tracing: Arc::new(tracing), device: None, ray_divisor: 1, features, add }
     }
 
     /// Reads alpha and transmission from another tracer's scene, whose triangles are the same.
@@ -141,7 +152,8 @@ impl DirectLight {
     ) -> Self {
         let mut rays = Arc::unwrap_or_clone(self.tracing).rays;
         rays.share_textures(tracer);
-        let lit = Self::with_rays(gpu, scene, features, rays, settings, at);
+        let device = self.device.map(|device| device.with_features(gpu, features));
+        let lit = Self { device, ..Self::with_rays(gpu, scene, features, rays, settings, at) };
         // Programs that were used are compiled.
         if self.features == features { Self { add: self.add, ..lit } } else { lit }
     }
@@ -152,10 +164,14 @@ impl DirectLight {
     /// Those of [`Self::new`].
     pub(crate) fn pose(
         &mut self,
+        gpu: &Arc<Gpu>,
         scene: &Scene,
         tracer: &PacketTracer,
         time_secs: f64,
     ) -> Result<(), RenderError> {
+        if let Some(device) = &mut self.device {
+            device.pose(gpu, tracer)?;
+        }
         let tracing = Arc::make_mut(&mut self.tracing);
         tracing.emitters = emitters_at(scene, &tracing.emission, tracing.effects, time_secs);
         tracing.rays.pose(tracer).ok_or_else(too_large)
@@ -215,6 +231,54 @@ impl DirectLight {
         stages: &mut Vec<Stage>,
     ) -> Result<(Commands, Option<wgpu::Buffer>), RenderError> {
         let Some(guides) = &context.targets.guides else { return Ok((commands, None)) };
+        let gpu: &Arc<Gpu> = context.gpu;
+        let tracing = self.tracing.as_ref();
+        let tile = match (&self.device, neighbours) {
+            (Some(device), Neighbours::Image(first)) => Some(device.begin(context, guides, first)?),
+            _ => None,
+        };
+        let Some(tile) = tile else {
+            let found =
+                self.on_cpu(commands, (context, guides), neighbours, (paths, uses_cells), None, stages)?;
+            let arriving = upload(gpu, "arriving light", &found.arriving, wgpu::BufferUsages::STORAGE)?;
+            let mut commands = gpu.commands("add direct light");
+            self.add.record(&mut commands, context, guides, &arriving, is_view);
+            return Ok((commands, Some(arriving)));
+        };
+        tile.lights(&mut commands, tracing);
+        let (mut rest, mut has_cells) = (None, false);
+        if paths.is_some() || tracing.emitters.any() {
+            let tile = Some(&tile);
+            let found =
+                self.on_cpu(commands, (context, guides), neighbours, (paths, uses_cells), tile, stages)?;
+            rest = Some(upload(gpu, "light of the CPU", &found.arriving, wgpu::BufferUsages::STORAGE)?);
+            has_cells = found.has_cells;
+            commands = gpu.commands("add direct light");
+        }
+        let sky = match tracing.effects.sky_visibility && !tracing.sky.is_black() {
+            _ if has_cells => SkyFrom::Rest,
+            true => SkyFrom::Rays,
+            false => SkyFrom::Open,
+        };
+        if sky == SkyFrom::Rays {
+            tile.sky(&mut commands, &tracing.lighting.sky, tracing.knobs.divided(self.ray_divisor));
+        }
+        let arriving = tile.sum(&mut commands, tracing, sky, rest.as_ref());
+        self.add.record(&mut commands, context, guides, &arriving, is_view);
+        Ok((commands, Some(arriving)))
+    }
+
+    /// Reads the guides of a tile back, and finds the light that arrives. With `on_device` lights are found there, and the sky
+    /// unless it is looked up in light cells.
+    fn on_cpu(
+        &self,
+        mut commands: Commands,
+        (context, guides): (&TileContext<'_>, &Guides),
+        neighbours: Neighbours,
+        (paths, uses_cells): (Option<&PathLight>, bool),
+        on_device: Option<&LitTile<'_>>,
+        stages: &mut Vec<Stage>,
+    ) -> Result<FoundOnCpu, RenderError> {
         let size = context.tile.sub_samples();
         let bytes = u64::from(size[0]) * u64::from(size[1]) * 16;
         let pending =
@@ -239,7 +303,9 @@ impl DirectLight {
             timing::add_since(&mut traced, "look up light cells", lookup);
         }
         let cells = from_cells.as_deref();
-        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, is_glossy, cells, &mut traced);
+        let parts =
+            Parts { lights: on_device.is_none(), sky: on_device.is_none() || cells.is_some(), is_glossy };
+        let mut arriving = tracing.arriving((&texels, knobs), &about, eye, parts, cells, &mut traced);
         // What no effect alone accounts for.
         let rest = begin.elapsed().as_secs_f64() * 1e3 - traced.iter().map(|stage| stage.ms).sum::<f64>();
         timing::add(stages, vec![Stage::new(SHARED_STAGE, rest.max(0.0))]);
@@ -253,12 +319,24 @@ impl DirectLight {
             });
             timing::add_since(stages, "gather paths", begin);
         }
-        let gpu: &Arc<Gpu> = context.gpu;
-        let arriving = upload(gpu, "arriving light", &arriving, wgpu::BufferUsages::STORAGE)?;
-        let mut commands = gpu.commands("add direct light");
-        self.add.record(&mut commands, context, guides, &arriving, is_view);
-        Ok((commands, Some(arriving)))
+        Ok(FoundOnCpu { arriving, has_cells: from_cells.is_some() })
     }
+}
+
+/// Light of a tile that was found on the CPU.
+struct FoundOnCpu {
+    arriving: Vec<Arriving>,
+    /// Whether the sky and indirect light were looked up in light cells.
+    has_cells: bool,
+}
+
+/// Which parts of the light are found on the CPU.
+#[derive(Clone, Copy)]
+struct Parts {
+    lights: bool,
+    sky: bool,
+    /// Whether surfaces are glossy, which ask for the lights that they see.
+    is_glossy: bool,
 }
 
 impl LightTracing {
@@ -299,21 +377,25 @@ impl LightTracing {
         (texels, knobs): (&Texels, LightKnobs),
         about: &LightRaysAbout<'_>,
         eye: DVec3,
-        is_glossy: bool,
+        parts: Parts,
         cells: Option<&[CellLight]>,
         stages: &mut Vec<Stage>,
     ) -> Vec<Arriving> {
         let effects = self.effects;
         // Only gloss asks which lights are seen.
-        let mut words = is_glossy.then(|| VisibilityWords::new(&self.lighting, texels.all.len()));
+        let mut words = parts.is_glossy.then(|| VisibilityWords::new(&self.lighting, texels.all.len()));
         let add = |index: usize, lit: &[Vec3], shares: &[f32]| {
             if let Some(words) = &mut words {
                 words.add(index, lit, shares);
             }
         };
-        let by_pi = self.of_lights(texels, about, eye, stages, add);
+        let by_pi = match parts.lights {
+            true => self.of_lights(texels, about, eye, stages, add),
+            false => vec![Vec3::ZERO; texels.all.len()],
+        };
         let begin = Instant::now();
-        let sky = match effects.sky_visibility && !self.sky.is_black() && cells.is_none() {
+        let casts = parts.sky && cells.is_none();
+        let sky = match casts && effects.sky_visibility && !self.sky.is_black() {
             true => Some(sky::seen_share(&self.lighting.sky, texels, about, knobs)),
             false => None,
         };
@@ -337,6 +419,7 @@ impl LightTracing {
             };
             // Without rays to the sky, the sky is what shading says: see `shading::sky_ambient`.
             let open = match cells.is_some() || sky.is_some() {
+                _ if !parts.sky => Vec3::ZERO,
                 true => self.sky.by_pi(texel.normal),
                 false => argus_scene::shading::sky_ambient(&self.lighting.sky, texel.normal),
             };

@@ -14,6 +14,7 @@ use super::pattern::{Pattern, above, disc_points};
 use super::texels::{Effort, Texels};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
+use crate::passes::SkyTable;
 
 /// Irradiance of an open sky, as a table over normals.
 #[derive(Clone)]
@@ -78,6 +79,11 @@ impl SkyIrradiance {
     /// Whether no light comes from the sky.
     pub(super) fn is_black(&self) -> bool {
         self.table.is_empty()
+    }
+
+    /// The table, for programs.
+    pub(super) fn table(&self) -> SkyTable<'_> {
+        SkyTable { entries: &self.table, columns: self.columns }
     }
 
     /// Irradiance / π on a surface with a unit normal.

@@ -8,6 +8,7 @@
 //! The traversal is compiled twice, with and without AVX2. Both give the same bits on every machine: multiplications and
 //! additions are never fused.
 
+pub(crate) mod device;
 #[cfg(test)]
 mod tests;
 mod tree;

@@ -10,7 +10,7 @@ use super::*;
 use crate::mixed::mixed;
 use crate::resident;
 
-fn scene(meshes: Vec<Mesh>, places: Vec<(u32, DAffine3)>, materials: Vec<Material>) -> Scene {
+pub(super) fn scene(meshes: Vec<Mesh>, places: Vec<(u32, DAffine3)>, materials: Vec<Material>) -> Scene {
     let instance = |(mesh, world_from_mesh)| Instance { mesh, node: None, world_from_mesh };
     Scene {
         name: String::new(),
@@ -28,7 +28,7 @@ fn scene(meshes: Vec<Mesh>, places: Vec<(u32, DAffine3)>, materials: Vec<Materia
     }
 }
 
-fn traced(scene: &Arc<Scene>) -> PacketTracer {
+pub(super) fn traced(scene: &Arc<Scene>) -> PacketTracer {
     PacketTracer::new(scene, &resident::placed(scene, &scene.instances), 1e-3)
 }
 
@@ -39,16 +39,16 @@ fn both(mesh: Mesh, place: DAffine3) -> LightRays {
 }
 
 /// From -1 to 1.
-fn number(index: u64, k: u64) -> f64 {
+pub(super) fn number(index: u64, k: u64) -> f64 {
     mixed(index << 8 | k) * 2.0 - 1.0
 }
 
-fn vector(index: u64, k: u64) -> DVec3 {
+pub(super) fn vector(index: u64, k: u64) -> DVec3 {
     DVec3::new(number(index, k), number(index, k + 1), number(index, k + 2))
 }
 
 /// A flat grid of side two in the plane z = 0, of triangles that share corners, facing +z.
-fn sheet(cells: u32, material: u32) -> Mesh {
+pub(super) fn sheet(cells: u32, material: u32) -> Mesh {
     let mut mesh = Mesh { material, ..Mesh::default() };
     for i in 0..(cells + 1) * (cells + 1) {
         let (x, y) = ((i % (cells + 1)) as f32 / cells as f32, (i / (cells + 1)) as f32 / cells as f32);
@@ -65,7 +65,7 @@ fn sheet(cells: u32, material: u32) -> Mesh {
 }
 
 /// A closed, wavy surface around zero, of triangles that share corners. Within 0.7 of zero, all of it is visible.
-fn lump(rings: u32) -> Mesh {
+pub(super) fn lump(rings: u32) -> Mesh {
     let around = rings * 2;
     let mut mesh = Mesh::default();
     let mut point = |polar: f32, turn: f32| {
@@ -103,7 +103,7 @@ fn lump(rings: u32) -> Mesh {
 
 /// Sheets with holes, mirrored and scaled, single-sided and double-sided. `moving`: an animation moves them, so that each
 /// is an object of its own.
-fn odd_scene(at: DVec3, scale: f64, moving: bool) -> Scene {
+pub(super) fn odd_scene(at: DVec3, scale: f64, moving: bool) -> Scene {
     let side = 64u32;
     let holes = (0..side * side).flat_map(|i| {
         let (x, y) = (i % side, i / side);

@@ -75,6 +75,16 @@ impl Cutouts {
             && material.transmission * self.read(material.transmission_texture, at, MipChain::red) >= 0.5
     }
 
+    /// The scene.
+    pub(crate) fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Level 0 of a texture that decides alpha or transmission.
+    pub(crate) fn texture(&self, reference: TextureRef) -> Option<&MipChain> {
+        self.textures.get(reference.texture as usize)?.as_ref()
+    }
+
     fn at(&self, [instance, primitive]: [u32; 2], beta: f32, gamma: f32) -> (At<'_>, &Material) {
         let mesh = &self.scene.meshes[self.scene.instances[instance as usize].mesh as usize];
         let first = 3 * primitive as usize;

@@ -2,14 +2,18 @@
 
 mod add_direct;
 mod add_reflections;
+mod arriving_light;
 mod blend;
 mod blur_probes;
 mod resample_points;
 mod resolve_sample;
 mod resolve_view;
+mod scattered_rays;
 mod shade;
 mod shade_points;
 mod shade_sample;
+mod shadow_rays;
+mod sky_rays;
 mod trace;
 mod trace_cutouts;
 mod visibility;
@@ -25,14 +29,18 @@ use crate::tile::Tile;
 
 pub(crate) use add_direct::AddDirect;
 pub(crate) use add_reflections::AddReflections;
+pub(crate) use arriving_light::{ArrivingLight, SkyFrom, SkyTable};
 pub(crate) use blend::{Blend, Placed, Shaded};
 pub use blur_probes::{BlurProbes, ProbePlanes};
 pub(crate) use resample_points::ResamplePoints;
 pub use resolve_sample::{PlaneBuffers, ResolveSample};
 pub(crate) use resolve_view::ResolveView;
+pub(crate) use scattered_rays::{ScatteredRays, Sought, Tracing};
 pub(crate) use shade::Shade;
 pub(crate) use shade_points::ShadePoints;
 pub(crate) use shade_sample::ShadeSample;
+pub(crate) use shadow_rays::{AskedLight, ShadowRays};
+pub(crate) use sky_rays::{AskedSky, SkyRays};
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
 

@@ -108,7 +108,10 @@ impl GpuSampler {
     pub fn set_light(&mut self, light: LightKnobs) -> Result<(), RenderError> {
         let knobs = SamplerKnobs { light, ..self.knobs };
         knobs.validate()?;
+        let tracer = self.knobs.light.tracer;
         self.knobs = knobs;
+        // Another tracer's trees are built for the next job.
+        self.direct.take_if(|_| light.tracer != tracer);
         if let Some(direct) = &mut self.direct {
             direct.set_knobs(light);
         }

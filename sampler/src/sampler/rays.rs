@@ -7,8 +7,8 @@ use super::GpuSampler;
 
 impl GpuSampler {
     /// Distance to the nearest surface along each ray (origin, direction; metres), in units of the direction. `None`
-    /// without a hit or for a ray that is not finite. Traced on all cores of the CPU, because no program of the device
-    /// traces incoherent rays.
+    /// without a hit or for a ray that is not finite. Traced in f64 on all cores of the CPU; [`crate::DeviceRays`] measures the
+    /// device's tracer.
     pub fn follow_rays(&mut self, rays: &[[DVec3; 2]]) -> Vec<Option<f64>> {
         let tracer = self.visibility.prepare_packets(&self.resident);
         let follow = |[origin, direction]: &[DVec3; 2]| {

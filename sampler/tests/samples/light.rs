@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::{PreparedSampler, SamplerKnobs};
+use argus_sampler::{Indirect, LightKnobs, LightTracer, PathKnobs, PreparedSampler, SamplerKnobs};
 use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
@@ -69,6 +69,57 @@ fn direct_views_have_the_references_light_whichever_effects_are_on() {
         let changed = flip("light-none", &dark, &truth);
         assert!(changed > found, "{name} changes FLIP by {changed} only");
     }
+}
+
+#[test]
+fn light_that_the_device_traces_is_that_of_the_cpu() {
+    let scene = Arc::new(scene_with_lights());
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let size = [160, 120];
+    let none = LightEffects::NONE;
+    let paths = Indirect::Paths(PathKnobs { level: 5, ..PathKnobs::default() });
+    for (name, effects, indirect) in [
+        ("hard-shadows", LightEffects { shadows: true, ..none }, Indirect::Off),
+        ("soft-shadows", LightEffects { shadows: true, soft_shadows: true, ..none }, Indirect::Off),
+        ("sky", LightEffects { sky_visibility: true, ..none }, Indirect::Off),
+        ("emitters", LightEffects { emitters: true, ..none }, Indirect::Off),
+        ("all", LightEffects::ALL, Indirect::Off),
+        ("paths", LightEffects::ALL, paths),
+    ] {
+        let render = |tracer: LightTracer| {
+            let light = LightKnobs { tracer, ..LightKnobs::default() };
+            let knobs = SamplerKnobs { effects, light, indirect, ..SamplerKnobs::default() };
+            let frame = direct(&mut sampler_with(&scene, knobs), &view_job(camera, size, 4));
+            println!("{name}, {tracer:?}: {:?}", frame.stages);
+            image_of(&frame)
+        };
+        let (by_cpu, on_device) = (render(LightTracer::Cpu), render(LightTracer::Device));
+        let differs = |a: &image::Rgb<u8>, b: &image::Rgb<u8>| (0..3).any(|i| a.0[i].abs_diff(b.0[i]) > 2);
+        let apart = by_cpu.pixels().zip(on_device.pixels()).filter(|(a, b)| differs(a, b)).count();
+        println!("{name}: {apart} pixels differ");
+        assert!(apart * 1000 <= 2 * (size[0] * size[1]) as usize, "{name}: {apart} pixels differ");
+    }
+}
+
+#[test]
+fn samples_have_the_same_light_from_the_device_as_from_the_cpu() {
+    let scene = Arc::new(scene_with_lights());
+    let camera = Camera::look_at(CAMERA.0, CAMERA.1);
+    let rig = omni_rig(CAMERA.0, 24);
+    let job = sample_job(&scene, rig, rig.nearest(&camera, 1)[0], true);
+    let render = |tracer: LightTracer| {
+        let light = LightKnobs { tracer, ..LightKnobs::default() };
+        let knobs = SamplerKnobs { effects: LightEffects::ALL, light, ..SamplerKnobs::default() };
+        sample(&mut sampler_with(&scene, knobs), &job)
+    };
+    let (by_cpu, on_device) = (render(LightTracer::Cpu), render(LightTracer::Device));
+    let [a, b] = [&by_cpu, &on_device].map(|sample| host_bytes(sample, PlaneKind::LightVisibility));
+    let apart = a.iter().zip(&b).filter(|(a, b)| a.abs_diff(**b) > 2).count();
+    assert!(apart * 200 <= a.len(), "{apart} of {} shares differ", a.len());
+    let [a, b] = [&by_cpu, &on_device].map(radiance_of);
+    let differs = |a: &Vec3, b: &Vec3| (*a - *b).abs().max_element() > 0.02 * a.max_element() + 1e-3;
+    let apart = a.iter().zip(&b).filter(|(a, b)| differs(a, b)).count();
+    assert!(apart * 200 <= a.len(), "{apart} of {} texels differ", a.len());
 }
 
 #[test]

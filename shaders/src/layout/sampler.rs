@@ -18,6 +18,16 @@ pub(super) const MIRRORS: &[Mirror] = &[
     LeafChunk::MIRROR,
     ProbeLevel::MIRROR,
     ProbePoint::MIRROR,
+    ScatteredQuery::MIRROR,
+    ScatteredRay::MIRROR,
+    ScatteredHit::MIRROR,
+    TracedObject::MIRROR,
+    SurfaceMask::MIRROR,
+    MaskTriangle::MIRROR,
+    LitTile::MIRROR,
+    ShadowLight::MIRROR,
+    SkyQuery::MIRROR,
+    ArrivingQuery::MIRROR,
 ];
 
 /// Roles of a texture in [`TextureSlot::usage`]. Equal to those of `shared/texture.wgsl`.
@@ -54,6 +64,31 @@ pub mod has {
     pub const SECOND_UVS: u32 = 2;
     /// The alpha test reads the second set.
     pub const TESTS_SECOND_UVS: u32 = 4;
+}
+
+/// Bits of [`ScatteredRay::flags`]. Equal to those of `shared/scattered/ray.wgsl`.
+pub mod ray_flags {
+    /// A ray of sight, which passes through the backs of single-sided triangles, and ends at glass. Other rays are of light,
+    /// which meet both faces and pass through glass.
+    pub const OF_SIGHT: u32 = 1;
+}
+
+/// Bits of [`ShadowLight::flags`]. Equal to those of `sampler/shadow_rays.wgsl`.
+pub mod shadow_flags {
+    /// Texels look at points of the light's disc, and not at its centre.
+    pub const SOFT: u32 = 1;
+    /// Nothing blocks the light.
+    pub const UNBLOCKED: u32 = 2;
+}
+
+/// Bits of [`SurfaceMask::kind`] above the addressing. Equal to those of `shared/scattered/mask.wgsl`.
+pub mod mask {
+    /// The texel in which a point lies is read.
+    pub const NEAREST: u32 = 16;
+    /// Below the cutoff the surface hides as much as its alpha says.
+    pub const BLENDS: u32 = 32;
+    /// The texture says how much light passes.
+    pub const OF_LIGHT: u32 = 64;
 }
 
 mirror! {
@@ -295,5 +330,159 @@ mirror! {
         pub position: [f32; 3],
         /// WGSL rounds the struct up to 16 bytes.
         pub _pad: u32,
+    }
+}
+
+mirror! {
+    /// The rays of a dispatch: `shared/scattered/ray.wgsl`.
+    pub struct ScatteredQuery {
+        /// Smallest coordinates of the box around all placed objects, relative to the eye.
+        pub min: [f32; 3],
+        /// Index of the first ray.
+        pub first: u32,
+        /// Largest coordinates.
+        pub max: [f32; 3],
+        /// Index behind the last ray.
+        pub end: u32,
+    }
+}
+
+mirror! {
+    /// A scattered ray: `shared/scattered/ray.wgsl`.
+    pub struct ScatteredRay {
+        /// Where it starts, relative to the eye.
+        pub origin: [f32; 3],
+        /// Where it ends, in units of its direction; may be infinite. There is no ray if it is not above 0.
+        pub most: f32,
+        /// Its direction.
+        pub direction: [f32; 3],
+        /// Bits of [`ray_flags`].
+        pub flags: u32,
+    }
+}
+
+mirror! {
+    /// The nearest surface along a ray: `sampler/scattered_rays.wgsl`.
+    pub struct ScatteredHit {
+        /// 1 + its instance; 0 if there is none.
+        pub instance: u32,
+        /// Index of the triangle in its mesh, and 1 in the highest bit if its front is hit.
+        pub primitive: u32,
+        /// Distance in units of the direction.
+        pub t: f32,
+        /// Zero.
+        pub unused: u32,
+        /// Weights of the mesh's second and third corner.
+        pub weights: [f32; 2],
+    }
+}
+
+mirror! {
+    /// A placed object with its transform from the eye: `shared/scattered/trees.wgsl`.
+    pub struct TracedObject {
+        /// First row of the transform of directions from world axes to the tree's space; the eye there, rounded.
+        pub tree_from_eye_x: [f32; 4],
+        /// The second row.
+        pub tree_from_eye_y: [f32; 4],
+        /// The third row.
+        pub tree_from_eye_z: [f32; 4],
+        /// What rounding took from the eye.
+        pub eye_rest: [f32; 3],
+        /// Index of its tree's root.
+        pub root: u32,
+        /// Smallest coordinates of its triangles.
+        pub min: [f32; 3],
+        /// Index of its instance; all ones if each triangle has its own.
+        pub instance: u32,
+        /// Largest coordinates of its triangles.
+        pub max: [f32; 3],
+        /// 1 if it is not turned or scaled.
+        pub is_shifted: u32,
+    }
+}
+
+mirror! {
+    /// How much a surface hides, by its texture: `shared/scattered/mask.wgsl`.
+    pub struct SurfaceMask {
+        /// Rows of the linear part of the transform from a mesh's uv to the texture's.
+        pub texture_from_uv: [f32; 4],
+        /// Translation of that transform.
+        pub offset: [f32; 2],
+        /// Factor of the texture.
+        pub factor: f32,
+        /// Alpha below which the surface does not hide all.
+        pub cutoff: f32,
+        /// Width and height of the texture; no texture if they are 0.
+        pub size: [u32; 2],
+        /// Its first texel.
+        pub first: u32,
+        /// Addressing of u and v (0 repeat, 1 clamp, 2 mirror; two bits each), and bits of [`mask`].
+        pub kind: u32,
+    }
+}
+
+mirror! {
+    /// The corners of a triangle whose surface has a mask: `shared/scattered/mask.wgsl`.
+    pub struct MaskTriangle {
+        /// Texture coordinates of the mesh's first corner.
+        pub uv_a: [f32; 2],
+        /// Those of the second.
+        pub uv_b: [f32; 2],
+        /// Those of the third.
+        pub uv_c: [f32; 2],
+        /// Index of its mask.
+        pub mask: u32,
+        /// 1 if the next record is of the same triangle.
+        pub has_more: u32,
+        /// Alpha of the corners.
+        pub alpha: [f32; 3],
+        /// 1 if the corners have an alpha.
+        pub has_alpha: u32,
+    }
+}
+
+mirror! {
+    /// A tile of an image that is lit: `shared/lit_texel.wgsl`.
+    pub struct LitTile {
+        /// The eye in the space of the merged object.
+        pub merged_eye: [f32; 3],
+        /// WGSL aligns vectors of two to 8 bytes.
+        pub _pad: f32,
+        /// Sub-samples.
+        pub size: [u32; 2],
+        /// Coordinates of the first in its image.
+        pub first: [u32; 2],
+    }
+}
+
+mirror! {
+    /// The light that rays go to: `sampler/shadow_rays.wgsl`.
+    pub struct ShadowLight {
+        /// Its index among the lights.
+        pub light: u32,
+        /// Radius of a point or spot light; tangent of the angular radius of a directional light.
+        pub radius: f32,
+        /// Bits of [`shadow_flags`].
+        pub flags: u32,
+        /// First texel in a penumbra of a dispatch.
+        pub first: u32,
+    }
+}
+
+mirror! {
+    /// Which rays to the sky are traced: `sampler/sky_rays.wgsl`.
+    pub struct SkyQuery {
+        /// Number of the ray of each texel.
+        pub ray: u32,
+        /// Metres at which rays end.
+        pub reach: f32,
+    }
+}
+
+mirror! {
+    /// Where the light of the sky comes from: `sampler/arriving_light.wgsl`.
+    pub struct ArrivingQuery {
+        /// Directions around of the table of the open sky.
+        pub columns: u32,
     }
 }

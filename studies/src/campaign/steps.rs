@@ -55,7 +55,7 @@ impl Step {
 }
 
 /// All steps, the most valuable first. A new study is appended at the end.
-pub const STEPS: [Step; 12] = [
+pub const STEPS: [Step; 18] = [
     Step { study: None, ..Step::study(SELFTEST, 180, &[]) },
     Step::study("device", 240, &["measure", "variant", "unit"]),
     Step::study("baseline", 180, &["scene", "size", "method"]).with(&["--scene", "terrain:500000"]),
@@ -84,6 +84,30 @@ pub const STEPS: [Step; 12] = [
     Step::study("radiosity", 240, &["differs", "way", "vpls", "resolution", "maps", "levels"]),
     Step::study("reflections", 240, &["differs", "side", "levels"]),
     Step::study("service", 300, &["mode", "phase"]),
+    Step::study("rays", 120, &["scene", "rays", "tracer", "threads"]).with(&[
+        "--scene",
+        "rooms",
+        "--scene",
+        "terrain:500000",
+        "--size",
+        "640x480",
+        "--views",
+        "2",
+        "--rounds",
+        "3",
+    ]),
+    Step::study("shadows", 180, &["effects"]).with(&["--scene", "rooms", "--rays", "1,4"]),
+    Step::study("light", 300, &["method"]).with(&["--methods", "off,paths,cells", "--paths", "32"]),
+    Step::study("effects", 240, &["scene", "row"]).with(&["--scene", "room,rooms,mirrors", "--rounds", "3"]),
+    Step::study("equal-error", 300, &["way", "setting"]).with(&["--views", "2", "--paths", "4"]),
+    Step::study("epr", 240, &["reflectors", "pose", "way", "density"]).with(&[
+        "--reflectors",
+        "10",
+        "--density",
+        "1",
+        "--ways",
+        "points,points-culled,mvr-adaptive,rays",
+    ]),
 ];
 
 #[cfg(test)]

@@ -30,8 +30,10 @@ pub struct Options {
     pub samples: usize,
     /// Side in pixels of the image whose coherent rays are timed.
     pub rays_side: u32,
-    /// Number of incoherent rays.
+    /// Number of incoherent rays of the CPU's tracers.
     pub scattered_rays: usize,
+    /// Number of incoherent rays of the device's tracer.
+    pub device_rays: usize,
     /// Sizes in bytes of the buffers for scattered atomics.
     pub buffers: Vec<u64>,
     /// Target duration of a dispatch of atomics, in milliseconds.
@@ -51,6 +53,7 @@ impl Default for Options {
             samples: 4,
             rays_side: 1024,
             scattered_rays: 1 << 20,
+            device_rays: 1 << 22,
             // Within and beyond the caches of a data-centre GPU.
             buffers: vec![15_000_000, 4_000_000_000],
             dispatch_ms: 50.0,
@@ -70,6 +73,7 @@ impl Effort for Options {
             samples: 2,
             rays_side: 128,
             scattered_rays: 1 << 14,
+            device_rays: 1 << 16,
             dispatch_ms: 2.0,
             rounds: 1,
             ..Self::default()

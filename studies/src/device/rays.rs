@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use anyhow::Result;
 use argus_gpu::Gpu;
-use argus_sampler::GpuSampler;
+use argus_sampler::{DeviceRayBatch, DeviceRayTimes, DeviceRays, GpuSampler, RayKind};
 use argus_scene::reference::Tracer;
-use argus_scene::{Bounds, RenderError, Visibility};
+use argus_scene::{Bounds, Camera, RenderError, Scene, Visibility};
 use glam::DVec3;
 use rand::rngs::SmallRng;
 use rand::{Rng as _, SeedableRng as _};
@@ -44,15 +44,10 @@ pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>>
             None => Measure::new(name, variant, median(&rates), "M/s").noting("submission included"),
         });
     }
+    rows.extend(on_device(gpu, &scene, &camera, options)?);
     let rays = scattered(&scene.bounds(), options.scattered_rays);
     let tracer = Tracer::new(Arc::clone(&scene));
-    let [name, on_device] = SCATTERED_RAYS;
-    rows.push(Measure::absent(
-        name,
-        on_device,
-        "M/s",
-        "no program follows rays of its own there: light and reflections come from maps".to_owned(),
-    ));
+    let [name, _] = SCATTERED_RAYS;
     rows.push(rate(name, "tracer of light paths, all cores", options, &rays, |rays| {
         sampler.follow_rays(rays).iter().flatten().count()
     }));
@@ -68,6 +63,51 @@ fn backend_name(backend: Visibility) -> &'static str {
         Visibility::Trace => "trace (compute)",
         Visibility::Cpu => "cpu (packets, all cores)",
     }
+}
+
+/// Rays of the device's tracer: uniform ones, and those that leave visible points.
+fn on_device(gpu: &Arc<Gpu>, scene: &Arc<Scene>, camera: &Camera, options: &Options) -> Result<Vec<Measure>> {
+    let [name, device] = SCATTERED_RAYS;
+    let mut rays = match DeviceRays::new(gpu, scene) {
+        Ok(rays) => rays,
+        Err(error) => return Ok(vec![Measure::absent(name, device, "M/s", error.to_string())]),
+    };
+    let count =
+        if gpu.is_software() { options.scattered_rays.min(MOST_BY_SOFTWARE) } else { options.device_rays };
+    let uniform = rays.batch(&scattered(&scene.bounds(), count))?;
+    let side = (count as f64).sqrt() as u32;
+    let bounces = rays.seen(camera, [side; 2], RayKind::Bounce)?;
+    let mut rows = vec![
+        row(device, &rays, &uniform, false, options)?,
+        row(&format!("{device}, bounces from visible points"), &rays, &bounces, false, options)?,
+        row(&format!("{device}, any hit"), &rays, &uniform, true, options)?,
+    ];
+    for kind in [RayKind::Sky, RayKind::Sun, RayKind::Point] {
+        let batch = rays.seen(camera, [side; 2], kind)?;
+        let variant = format!("{device}, {} rays from visible points, any hit", kind.name());
+        rows.push(row(&variant, &rays, &batch, true, options)?);
+    }
+    Ok(rows)
+}
+
+/// Most rays of a software driver.
+const MOST_BY_SOFTWARE: usize = 1 << 15;
+
+fn row(
+    variant: &str,
+    rays: &DeviceRays,
+    batch: &DeviceRayBatch,
+    ends: bool,
+    options: &Options,
+) -> Result<Measure> {
+    let DeviceRayTimes { device_secs, secs, rays: count, hit_fraction, is_cut } =
+        rays.trace(batch, ends, options.rounds)?;
+    let rate = |secs: &[f64]| count as f64 / median(secs) * 1e-6;
+    let whole = rate(&secs);
+    let figure = if device_secs.is_empty() { whole } else { rate(&device_secs) };
+    let cut = if is_cut { "; INVALID: some walks were cut off" } else { "" };
+    let note = format!("{:.0}% meet a surface; {whole:.0} M/s with submission{cut}", 100.0 * hit_fraction);
+    Ok(Measure::new(SCATTERED_RAYS[0], variant, figure, "M/s").noting(note))
 }
 
 fn rate(

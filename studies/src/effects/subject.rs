@@ -33,7 +33,7 @@ pub(super) struct Subject<'a> {
 
 /// Rays of a rendering.
 pub(super) fn light(rays: u32) -> LightKnobs {
-    LightKnobs { sky_rays: rays, emitter_rays: rays, filter: true }
+    LightKnobs { sky_rays: rays, emitter_rays: rays, ..LightKnobs::default() }
 }
 
 impl<'a> Subject<'a> {

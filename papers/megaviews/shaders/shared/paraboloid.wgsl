@@ -34,13 +34,6 @@ fn paraboloid_direction(hemisphere: u32, at: vec2f, side: f32) -> vec3f {
     return vec3f(select(x, -x, hemisphere == 1u), p * (2.0 / (1.0 + s)));
 }
 
-// The unit direction of a texel's centre, by its index within a map.
-fn paraboloid_center(index: u32, side: u32) -> vec3f {
-    let row = index / side;
-    let at = vec2f(f32(index % side), f32(row % side)) + 0.5;
-    return paraboloid_direction(row / side, at, f32(side));
-}
-
 // The sample point of a texel in the hemisphere's plane, -1..1. It is the texel's centre, moved inside the rim if it is
 // beyond. So a texel on the rim samples a direction of its own hemisphere.
 fn paraboloid_sample(cell: vec2u, side: f32) -> vec2f {
