@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use argus_scene::rig::Sight;
+use argus_scene::rig::VisibilityQuery;
 use argus_scene::{Compositor, Metering, RenderError, SampleSetInfo, Sampler, Scene, SceneHash};
 use bytes::Bytes;
 
@@ -43,7 +43,7 @@ pub trait SceneSource: Send + Sync + 'static {
 
     /// Ray queries into the scene, by which views are planned. Called once, on a blocking thread, and may take long.
     /// `None`: views are planned by distance.
-    fn sight(&self) -> Option<Arc<dyn Sight>> {
+    fn sight(&self) -> Option<Arc<dyn VisibilityQuery>> {
         None
     }
 

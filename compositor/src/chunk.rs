@@ -14,7 +14,7 @@ use crate::batch::Batch;
 use crate::draw_batch::{PieceDraw, SplatBuffers, Variant};
 use crate::layout::{Chunk, Piece};
 use crate::lights::light_about;
-use crate::passes::mend::counter_words;
+use crate::passes::mend::COUNTER_WORDS;
 use crate::passes::splat::SplatCall;
 use crate::prepare::{ChunkOffsets, PreparedView};
 use crate::targets::{ChunkOutputs, TargetPool};
@@ -70,7 +70,7 @@ impl ChunkInputs {
                 fills.insert(i, view.fill(piece, first.cell));
                 first.cell += view.cell_count(piece);
                 first.unsettled +=
-                    piece.part.width * piece.part.height * piece.side * piece.side + counter_words(gpu);
+                    piece.part.width * piece.part.height * piece.side * piece.side + COUNTER_WORDS;
             }
             outputs.range |= job.outputs.range;
             outputs.confidence |= job.outputs.confidence;

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::draws;
-use crate::light_rays::{Faces, LightRays, LightRaysAbout, RayHit};
+use crate::light_rays::{CullMode, LightRays, LightRaysAbout, RayHit};
 use crate::mixed::mixed;
 use crate::packets::{PacketTracer, Ray};
 use crate::resident::placed;
@@ -133,7 +133,7 @@ pub fn ray_costs(scene: &Arc<Scene>, work: &RayWork) -> Result<(Vec<RayCost>, f6
     let placements = placed(scene, &scene.instances);
     let tracer = PacketTracer::new(scene, &placements, draws::near(&scene.bounds()));
     let begin = Instant::now();
-    let rays = LightRays::new(&tracer, Faces::Both)
+    let rays = LightRays::new(&tracer, CullMode::None)
         .ok_or_else(|| RenderError::OutOfMemory("too many triangles for rays of light".to_owned()))?;
     let build_ms = begin.elapsed().as_secs_f64() * 1e3;
     let views: Vec<View> =

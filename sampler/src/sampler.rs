@@ -26,7 +26,7 @@ use glam::DVec3;
 use tracing::warn;
 
 pub use self::prepared::PreparedSampler;
-use self::probes::{ReflectFrom, SurfacePrograms};
+use self::probes::{ReflectionLookup, SurfacePrograms};
 use self::tile_loop::{JobScene, Output, Part, wait};
 pub(crate) use self::tile_loop::{add_light, check_wanted};
 use crate::enlarge::enlarged;
@@ -217,7 +217,7 @@ impl GpuSampler {
             light: job.info.version.state.light,
             ray_divisor: 1,
             cells: self.cells_of_samples(),
-            reflections: ReflectFrom::probes(reflections),
+            reflections: ReflectionLookup::probes(reflections),
             visibility,
             is_shaded: true,
         };
@@ -227,7 +227,7 @@ impl GpuSampler {
         if scene.backend == Visibility::Cpu && self.indirect.is_none() {
             tiles = tiles.into_iter().flat_map(|tile| tile.bands(BAND_SUB_SAMPLES)).collect();
         }
-        let planes = self.surface_programs.of(ReflectFrom::probes(reflections)).resolve.planes(
+        let planes = self.surface_programs.of(ReflectionLookup::probes(reflections)).resolve.planes(
             &self.gpu,
             &self.knobs,
             camera.size(),
@@ -297,7 +297,7 @@ impl GpuSampler {
             light: view.state.light,
             ray_divisor: detail_of(&view.plan).ray_divisor(),
             cells: self.cells_of_view(view)?,
-            reflections: ReflectFrom::of_view(view.reflections),
+            reflections: ReflectionLookup::of_view(view.reflections),
             visibility: view.visibility,
             is_shaded: view.outputs.color,
         };
@@ -305,7 +305,7 @@ impl GpuSampler {
         if view.outputs.color {
             self.see_reflectors(view, &faces, &mut scene);
         }
-        let defers = matches!(scene.reflections, ReflectFrom::View(_));
+        let defers = matches!(scene.reflections, ReflectionLookup::View(_));
         let mut images = |side, output| -> Result<[Bytes; 2], RenderError> {
             let (mut color, mut range) = (Image::new(size, 3), Image::new(size, 4));
             // Rays of reflections are in memory, a tile's at once.
@@ -356,7 +356,7 @@ impl GpuSampler {
             ray_divisor: 1,
             cells: self.cells_of_samples(),
             // As views from samples, into which the pixels go.
-            reflections: ReflectFrom::probes(job.reflections),
+            reflections: ReflectionLookup::probes(job.reflections),
             // Lists are traced on the CPU.
             visibility: Visibility::Cpu,
             is_shaded: true,

@@ -7,7 +7,7 @@
 use std::fmt;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 
-use argus_scene::rig::{Sight, Target};
+use argus_scene::rig::{Target, VisibilityQuery};
 use argus_scene::{LightChoice, Scene};
 use glam::DVec3;
 
@@ -18,7 +18,7 @@ use crate::resident::{Placement, placed};
 const SLACK: f64 = 1e-3;
 
 /// Rays through the triangles of a scene, without cut-outs. Single-sided triangles are hit only from the front, as in
-/// samples. [`Sight::sees`] hits both sides, of the scene at time zero.
+/// samples. [`VisibilityQuery::sees`] hits both sides, of the scene at time zero.
 pub struct PacketSight {
     scene: Arc<Scene>,
     posed: RwLock<Posed>,
@@ -90,7 +90,7 @@ fn solid(scene: &Scene, time_secs: f64) -> Vec<Placement> {
     placements
 }
 
-impl Sight for PacketSight {
+impl VisibilityQuery for PacketSight {
     fn sees(&self, from: DVec3, to: DVec3) -> bool {
         let way = to - from;
         self.at(0.0, |tracer| {

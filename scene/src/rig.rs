@@ -18,7 +18,7 @@ use glam::{DVec3, IVec3};
 use serde::{Deserialize, Serialize};
 
 use self::lattice::Point;
-pub use self::sight::{Among, Sight};
+pub use self::sight::{CandidateCameras, VisibilityQuery};
 pub use self::survey::{Coverage, Survey, Target};
 use self::tile::Tile;
 use crate::scene::RigKind;
@@ -170,7 +170,7 @@ impl Rig {
     /// The rig's own `count` cameras that serve a viewpoint best, best first; fewer if the rig has fewer. The result
     /// depends only on the arguments.
     pub fn nearest(&self, camera: &Camera, count: usize) -> Vec<u64> {
-        self.nearest_among(camera, count, Among::default())
+        self.nearest_among(camera, count, CandidateCameras::default())
     }
 
     /// The `count` cameras that serve a viewpoint best, best first, of the rig's own and of refinements. The result
@@ -179,17 +179,17 @@ impl Rig {
         &self,
         camera: &Camera,
         count: usize,
-        Among { refined, sight }: Among<'_>,
+        CandidateCameras { refined, sight }: CandidateCameras<'_>,
     ) -> Vec<u64> {
         let level = self.own_level(camera, sight);
-        self.nearest_at(level, camera, count, Among { refined, sight })
+        self.nearest_at(level, camera, count, CandidateCameras { refined, sight })
     }
 
     /// The level of the cameras that serve a viewer, by the median distance of what it sees: 0, or the nearest level whose
     /// spacing suits that distance. So a viewer beside small things in a wide scene has cameras near these, and one far
     /// from everything shares cameras with many others. At level −n, every 2ⁿ-th point of the lattice serves. 0 without ray
     /// queries.
-    pub fn own_level(&self, camera: &Camera, sight: Option<&dyn Sight>) -> i32 {
+    pub fn own_level(&self, camera: &Camera, sight: Option<&dyn VisibilityQuery>) -> i32 {
         let (Self::Cell { spacing, .. }, Some(sight)) = (*self, sight) else { return 0 };
         let Some(range) = greedy::median_range(sight, camera) else { return 0 };
         // These saturate; NaN is 0.
@@ -204,7 +204,7 @@ impl Rig {
         level: i32,
         camera: &Camera,
         count: usize,
-        Among { refined, sight }: Among<'_>,
+        CandidateCameras { refined, sight }: CandidateCameras<'_>,
     ) -> Vec<u64> {
         let Some(sight) = sight.filter(|_| matches!(self, Self::Cell { .. })) else {
             return self.ranked(camera, (level, 2), refined).into_iter().take(count).collect();
@@ -250,7 +250,12 @@ impl Rig {
     /// The refinement of a level from 1, in a rig of tiles to [`MAX_LEVEL`], that fills the most holes of a viewpoint: the closest that sees the
     /// viewpoint, or the closest if none does. A lattice point of a coarser level has that level's index. `None` if a
     /// tile's camera would stand within the scene's bounds.
-    pub fn refinement(&self, camera: &Camera, level: u32, sight: Option<&dyn Sight>) -> Option<u64> {
+    pub fn refinement(
+        &self,
+        camera: &Camera,
+        level: u32,
+        sight: Option<&dyn VisibilityQuery>,
+    ) -> Option<u64> {
         match *self {
             Self::TileCorners { bounds, .. } => {
                 let level = level.clamp(1, MAX_LEVEL);

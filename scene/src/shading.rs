@@ -127,12 +127,12 @@ pub fn falloff(distance: f64, radius: f64, range: Option<f64>) -> f32 {
 
 /// Radiance of `surface`, equal in all directions.
 pub fn diffuse_radiance(surface: &Surface, lighting: &Lighting) -> Vec3 {
-    let mut irradiance_by_pi = sky_ambient(&lighting.sky, surface.normal);
+    let mut irradiance_over_pi = sky_ambient(&lighting.sky, surface.normal);
     for light in &lighting.lights {
         let (l, irradiance) = incident(light, surface.position);
-        irradiance_by_pi += irradiance * (surface.normal.dot(l).max(0.0) * FRAC_1_PI);
+        irradiance_over_pi += irradiance * (surface.normal.dot(l).max(0.0) * FRAC_1_PI);
     }
-    surface.emissive + surface.albedo * irradiance_by_pi
+    surface.emissive + surface.albedo * irradiance_over_pi
 }
 
 /// Radiance of `surface` towards the unit direction `to_eye` beyond [`diffuse_radiance`]; zero if F0 is zero.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use argus_cluster::SceneSource;
 use argus_sampler::PacketSight;
-use argus_scene::rig::Sight;
+use argus_scene::rig::VisibilityQuery;
 use argus_scene::{LightRequest, LoadError, Metering, Scene, load};
 
 /// The folder of a bundle that holds the environment map alone. Scenes name no files in it.
@@ -71,7 +71,7 @@ impl SceneSource for OpenScene {
         self.sight.scene()
     }
 
-    fn sight(&self) -> Option<Arc<dyn Sight>> {
+    fn sight(&self) -> Option<Arc<dyn VisibilityQuery>> {
         Some(self.sight.clone())
     }
 

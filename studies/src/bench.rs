@@ -9,7 +9,7 @@ use argus_gpu::Gpu;
 use argus_sampler::{GpuSampler, SamplerKnobs};
 use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{DirectLight, Indirect as Paths, SceneSight, Tracer, cache};
-use argus_scene::rig::{Among, Sight};
+use argus_scene::rig::{CandidateCameras, VisibilityQuery};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigKnobs,
@@ -141,8 +141,8 @@ impl Bench {
     }
 
     /// The visibility test that selects sample cameras for a view; `None` if cameras are selected by distance alone.
-    pub(crate) fn sight(&self) -> Option<&dyn Sight> {
-        self.sight.as_ref().map(|sight| sight as &dyn Sight)
+    pub(crate) fn sight(&self) -> Option<&dyn VisibilityQuery> {
+        self.sight.as_ref().map(|sight| sight as &dyn VisibilityQuery)
     }
 
     /// From now on selects sample cameras by distance alone.
@@ -159,7 +159,7 @@ impl Bench {
     /// The `count` best samples for a viewpoint; fewer if the rig has fewer.
     pub(crate) fn sample_ids(&self, camera: &Camera, count: usize) -> Vec<SampleId> {
         let id = |index| SampleId { version: self.info.version.number, camera: index };
-        let among = Among { refined: &[], sight: self.sight() };
+        let among = CandidateCameras { refined: &[], sight: self.sight() };
         self.info.rig.nearest_among(camera, count, among).into_iter().map(id).collect()
     }
 

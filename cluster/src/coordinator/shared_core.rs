@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
-use argus_scene::rig::{Sight, Survey};
+use argus_scene::rig::{Survey, VisibilityQuery};
 use argus_scene::{Prediction, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
@@ -37,7 +37,7 @@ pub(super) struct SharedCore {
     pub(super) service: ServiceInfo,
     pub(super) channels: Channels,
     /// Answers rays into the scene, for surveys.
-    pub(super) sight: Option<Arc<dyn Sight>>,
+    pub(super) sight: Option<Arc<dyn VisibilityQuery>>,
     /// Send timeout of response streams.
     pub(super) read_within: Duration,
     /// Metrics of frames.
@@ -134,7 +134,7 @@ impl SharedCore {
         config: &Config,
         fresh: impl Fn() -> Core + Send + Sync + 'static,
         source: Arc<dyn SceneSource>,
-        sight: Option<Arc<dyn Sight>>,
+        sight: Option<Arc<dyn VisibilityQuery>>,
         service: ServiceInfo,
     ) -> Self {
         let (streams, views) = (HashMap::new(), HashMap::new());

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use argus_scene::View;
-use argus_scene::rig::{Sight, Survey};
+use argus_scene::rig::{Survey, VisibilityQuery};
 use parking_lot::Mutex;
 
 use crate::core::SurveyWanted;
@@ -18,7 +18,7 @@ pub(super) struct Surveys(Mutex<VecDeque<(SurveyWanted, Arc<Survey>)>>);
 
 impl Surveys {
     /// Takes a survey, reusing rays of the nearest recent one.
-    pub(super) fn take(&self, wanted: SurveyWanted, view: &View, sight: &dyn Sight) -> Box<Survey> {
+    pub(super) fn take(&self, wanted: SurveyWanted, view: &View, sight: &dyn VisibilityQuery) -> Box<Survey> {
         let near = self.nearest(&wanted, view);
         let survey = wanted.take_after(near.as_deref(), view, sight);
         let mut kept = self.0.lock();

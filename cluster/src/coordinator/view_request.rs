@@ -60,7 +60,7 @@ impl ViewRequest {
                 decision: order.decision.map(Into::into),
                 fallback: order.fallback.as_ref().map(|fallback| v1::Fallback {
                     plan: Some((&fallback.plan).into()),
-                    most_excess: fallback.most_excess,
+                    max_excess: fallback.max_excess,
                 }),
                 keeps_frame: order.keeps_frame,
             }),

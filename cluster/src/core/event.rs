@@ -350,7 +350,7 @@ pub struct Fallback {
     /// A view from triangles, in as much detail as there is time for.
     pub plan: Plan,
     /// Error beyond which the frame is replaced: mean FLIP above that of a direct view.
-    pub most_excess: f64,
+    pub max_excess: f64,
 }
 
 /// An order: a view for a worker.

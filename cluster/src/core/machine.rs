@@ -8,7 +8,7 @@ use std::sync::Arc;
 use argus_proto::Fault;
 use argus_proto::v1::StatusResponse;
 use argus_scene::effects::EffectCost;
-use argus_scene::rig::{Sight, Survey};
+use argus_scene::rig::{Survey, VisibilityQuery};
 use argus_scene::{Provenance, SampleSetInfo, Version, View};
 
 use super::config::Config;
@@ -46,7 +46,7 @@ impl Core {
 
     /// Sets the ray queries by which cameras are chosen; `None`: by distance.
     #[must_use]
-    pub fn with_sight(mut self, sight: Option<Arc<dyn Sight>>) -> Self {
+    pub fn with_sight(mut self, sight: Option<Arc<dyn VisibilityQuery>>) -> Self {
         self.samples.plan_by(sight);
         self
     }

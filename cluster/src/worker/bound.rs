@@ -22,13 +22,13 @@ const MOST_UNRESOLVED_BY_FRAMES: f64 = 0.15;
 const GRID: [u32; 2] = [32, 24];
 
 /// The fault of a frame from samples; `None` if it is within the bound. `samples` are the cameras of its plan's
-/// samples, in order. One that shows the whole view finely is good enough whatever the bound; under load `most_excess` may be
+/// samples, in order. One that shows the whole view finely is good enough whatever the bound; under load `max_excess` may be
 /// greater than such a frame's error, and then a coarser one is good enough too. Reads the frame's range and source images.
 pub(super) fn shortfall(
     frame: &Frame,
     camera: &Camera,
     samples: &[SampleCamera],
-    most_excess: f64,
+    max_excess: f64,
 ) -> Option<String> {
     let is_of_frames = !frame.provenance.plan.frames().is_empty();
     let most = if is_of_frames { MOST_UNRESOLVED_BY_FRAMES } else { MOST_UNRESOLVED };
@@ -38,7 +38,7 @@ pub(super) fn shortfall(
     let fine = fine_share(frame, camera, samples)?;
     let covered = 1.0 - frame.unresolved_fraction;
     let (excess, _) = predicted_excess(Some(Coverage { covered, fine: fine * covered }), 1.0);
-    let is_coarse = fine < LEAST_FINE && excess > most_excess;
+    let is_coarse = fine < LEAST_FINE && excess > max_excess;
     is_coarse.then(|| format!("the samples are too coarse for {:.1}% of the view", (1.0 - fine) * 100.0))
 }
 
@@ -125,8 +125,8 @@ mod tests {
     fn under_load_coarser_frames_are_good_enough() {
         let samples = [sample(DVec3::ZERO)];
         let camera = |eye: DVec3| Camera { fov_deg: 58.0, ..Camera::look_at(eye, eye + DVec3::X) };
-        let coarse = |most_excess: f64| {
-            shortfall(&frame(5.0, 1), &camera(DVec3::new(5.0, 0.0, 0.0)), &samples, most_excess)
+        let coarse = |max_excess: f64| {
+            shortfall(&frame(5.0, 1), &camera(DVec3::new(5.0, 0.0, 0.0)), &samples, max_excess)
         };
         assert!(coarse(0.05).is_some());
         assert_eq!(coarse(0.2), None);

@@ -421,8 +421,8 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         (job.outputs.range, job.outputs.source) = (true, true);
     }
     let mut frame = render(node, ordered, &ordered.samples, &job).await?;
-    if let Some(Fallback { most_excess, .. }) = ordered.fallback.as_ref().filter(|_| ordered.is_judged())
-        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?, *most_excess)
+    if let Some(Fallback { max_excess, .. }) = ordered.fallback.as_ref().filter(|_| ordered.is_judged())
+        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?, *max_excess)
     {
         return Err(Fault::NotFound(reason));
     }

@@ -19,18 +19,16 @@ pub(crate) struct MendPass {
 /// Invocations of a workgroup, as the programs declare.
 const GROUP: u32 = 64;
 
-/// Workgroups of a dispatch on a GPU, about one for each of its multiprocessors: dispatches of pieces follow one another.
-const GROUPS: u32 = 128;
+/// Most workgroups of a dispatch.
+const GROUPS: u32 = 16;
+
+/// Words of a piece's list beside one a pixel: two counters an invocation, and rounding.
+pub(crate) const COUNTER_WORDS: u32 = 3 * GROUP * GROUPS;
 
 /// Workgroups of a dispatch on this device.
 pub(crate) fn groups(gpu: &Gpu) -> u32 {
     // The software driver runs workgroups one after another, and an idle one still costs time.
     if gpu.is_software() { 1 } else { GROUPS }
-}
-
-/// Words of a piece's list beside one a pixel: two counters an invocation, and rounding.
-pub(crate) fn counter_words(gpu: &Gpu) -> u32 {
-    3 * GROUP * groups(gpu)
 }
 
 impl MendPass {

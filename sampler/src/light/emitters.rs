@@ -28,7 +28,7 @@ impl Emitters {
     }
 
     /// Irradiance / π at each texel; `None` if nothing emits.
-    pub(super) fn irradiance_by_pi(
+    pub(super) fn irradiance_over_pi(
         &self,
         texels: &Texels,
         about: &LightRaysAbout<'_>,

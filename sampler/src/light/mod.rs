@@ -39,7 +39,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::LightKnobs;
-use crate::light_rays::{Faces, LightRays, LightRaysAbout};
+use crate::light_rays::{CullMode, LightRays, LightRaysAbout};
 use crate::packets::PacketTracer;
 use crate::passes::{AddDirect, SkyFrom, TileContext};
 use crate::resident::{Features, upload};
@@ -106,7 +106,7 @@ impl DirectLight {
         (effects, knobs): (LightEffects, LightKnobs),
         (lighting, time_secs): (&Lighting, f64),
     ) -> Result<Self, RenderError> {
-        let rays = LightRays::new(tracer, Faces::Both).ok_or_else(too_large)?;
+        let rays = LightRays::new(tracer, CullMode::None).ok_or_else(too_large)?;
         let device = device::chosen(gpu, features, tracer, &rays, knobs.tracer)?;
         let lit = Self::with_rays(gpu, scene, features, rays, (effects, knobs), (lighting, time_secs));
         Ok(Self { device, ..lit })
@@ -312,7 +312,8 @@ impl DirectLight {
         timing::add(stages, traced);
         let begin = Instant::now();
         let by_rays = paths.filter(|_| from_cells.is_none());
-        if let Some(indirect) = by_rays.and_then(|paths| paths.by_pi(&texels, &about, eye, self.ray_divisor))
+        if let Some(indirect) =
+            by_rays.and_then(|paths| paths.irradiance_over_pi(&texels, &about, eye, self.ray_divisor))
         {
             arriving.par_iter_mut().zip(&indirect).for_each(|([r, g, b, _], indirect)| {
                 (*r, *g, *b) = (*r + indirect.x, *g + indirect.y, *b + indirect.z);
@@ -351,7 +352,7 @@ impl LightTracing {
         mut each: impl FnMut(usize, &[Vec3], &[f32]),
     ) -> Vec<Vec3> {
         let effects = self.effects;
-        let mut by_pi = vec![Vec3::ZERO; texels.all.len()];
+        let mut irradiance_over_pi = vec![Vec3::ZERO; texels.all.len()];
         for (index, light) in self.lighting.lights.iter().enumerate() {
             if !shadows::reaches(light, texels, eye) {
                 continue;
@@ -364,10 +365,14 @@ impl LightTracing {
                 }
                 false => vec![1.0; texels.all.len()],
             };
-            by_pi.par_iter_mut().zip(&lit).zip(&shares).for_each(|((sum, lit), share)| *sum += *lit * *share);
+            irradiance_over_pi
+                .par_iter_mut()
+                .zip(&lit)
+                .zip(&shares)
+                .for_each(|((sum, lit), share)| *sum += *lit * *share);
             each(index, &lit, &shares);
         }
-        by_pi
+        irradiance_over_pi
     }
 
     /// Light that arrives at texels about an eye; where surfaces are glossy, also which lights they see. A stage is added for
@@ -389,7 +394,7 @@ impl LightTracing {
                 words.add(index, lit, shares);
             }
         };
-        let by_pi = match parts.lights {
+        let irradiance_over_pi = match parts.lights {
             true => self.of_lights(texels, about, eye, stages, add),
             false => vec![Vec3::ZERO; texels.all.len()],
         };
@@ -403,7 +408,7 @@ impl LightTracing {
             timing::add_since(stages, "trace sky", begin);
         }
         let begin = Instant::now();
-        let emitted = self.emitters.irradiance_by_pi(texels, about, eye, knobs);
+        let emitted = self.emitters.irradiance_over_pi(texels, about, eye, knobs);
         if emitted.is_some() {
             timing::add_since(stages, "trace emitters", begin);
         }
@@ -420,12 +425,12 @@ impl LightTracing {
             // Without rays to the sky, the sky is what shading says: see `shading::sky_ambient`.
             let open = match cells.is_some() || sky.is_some() {
                 _ if !parts.sky => Vec3::ZERO,
-                true => self.sky.by_pi(texel.normal),
+                true => self.sky.irradiance_over_pi(texel.normal),
                 false => argus_scene::shading::sky_ambient(&self.lighting.sky, texel.normal),
             };
             let emitted = emitted.as_ref().map_or(Vec3::ZERO, |emitted| emitted[index]);
             let indirect = cells.map_or(Vec3::ZERO, |cells| cells[index].indirect);
-            let sum = by_pi[index] + open * seen + emitted + indirect;
+            let sum = irradiance_over_pi[index] + open * seen + emitted + indirect;
             let word = words.as_ref().map_or(u32::MAX, |words| words.word(index, seen.element_sum() / 3.0));
             [sum.x, sum.y, sum.z, f32::from_bits(word)]
         };

@@ -87,7 +87,7 @@ impl SkyIrradiance {
     }
 
     /// Irradiance / π on a surface with a unit normal.
-    pub(super) fn by_pi(&self, normal: Vec3) -> Vec3 {
+    pub(super) fn irradiance_over_pi(&self, normal: Vec3) -> Vec3 {
         let place = (normal.y.clamp(-1.0, 1.0) + 1.0) * 0.5 * INTERVALS as f32;
         let below = (place as usize).min(INTERVALS - 1);
         let row = |row: usize| self.table.get(row * self.columns..(row + 1) * self.columns);
@@ -182,7 +182,7 @@ mod tests {
         let irradiance = SkyIrradiance::new(&sky);
         for y in [-1.0, -0.3, 0.0, 0.7, 1.0] {
             let normal = Vec3::new((1.0f32 - y * y).sqrt(), y, 0.0);
-            assert!((irradiance.by_pi(normal) - Vec3::ONE).abs().max_element() < 1e-5);
+            assert!((irradiance.irradiance_over_pi(normal) - Vec3::ONE).abs().max_element() < 1e-5);
         }
         assert!(SkyIrradiance::new(&Sky::BLACK).is_black());
     }
@@ -191,7 +191,7 @@ mod tests {
     fn the_table_is_the_integral_of_the_gradient() {
         // Upwards: ∫ lerp(horizon, zenith, y) over the cosine-weighted hemisphere has a mean height of 2/3.
         let sky = Sky { zenith: Vec3::ONE, horizon: Vec3::ZERO, ground: Vec3::ZERO, map: None, reach: None };
-        let up = SkyIrradiance::new(&sky).by_pi(Vec3::Y);
+        let up = SkyIrradiance::new(&sky).irradiance_over_pi(Vec3::Y);
         assert!((up.x - 2.0 / 3.0).abs() < 1e-3, "{up}");
     }
 
@@ -207,7 +207,7 @@ mod tests {
     fn a_map_of_one_colour_has_the_same_irradiance_for_every_normal() {
         let irradiance = SkyIrradiance::new(&sky_of(|_, _| 0.5));
         for normal in [Vec3::Y, Vec3::NEG_Y, Vec3::X, Vec3::NEG_Z, Vec3::new(0.48, -0.6, 0.64)] {
-            assert!((irradiance.by_pi(normal) - Vec3::splat(0.5)).abs().max_element() < 1e-3);
+            assert!((irradiance.irradiance_over_pi(normal) - Vec3::splat(0.5)).abs().max_element() < 1e-3);
         }
         assert!(SkyIrradiance::new(&sky_of(|_, _| 0.0)).is_black());
     }
@@ -220,7 +220,7 @@ mod tests {
         for normal in [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::Z, Vec3::new(0.8, 0.0, 0.6)] {
             // A half space that is turned by an angle covers (1 + cosine) / 2 of the cosine-weighted hemisphere.
             let expected = 0.5 + 0.5 * normal.x;
-            let found = irradiance.by_pi(normal).x;
+            let found = irradiance.irradiance_over_pi(normal).x;
             assert!((found - expected).abs() < 0.01, "{normal}: {found}, {expected}");
         }
     }

@@ -138,14 +138,15 @@ impl Light<'_> {
         let light = &self.lighting.lights[index];
         let position = self.center + point.position.as_dvec3();
         let (to_light, irradiance) = incident(light, position);
-        let by_pi = irradiance * (point.normal.dot(to_light).max(0.0) * std::f32::consts::FRAC_1_PI);
-        if by_pi == Vec3::ZERO || !effects.shadows {
-            return by_pi;
+        let irradiance_over_pi =
+            irradiance * (point.normal.dot(to_light).max(0.0) * std::f32::consts::FRAC_1_PI);
+        if irradiance_over_pi == Vec3::ZERO || !effects.shadows {
+            return irradiance_over_pi;
         }
         let disc = if effects.soft_shadows { disc_point(square) } else { DVec2::ZERO };
         let ray = shadow_ray(light, self.center + point.start.as_dvec3(), disc);
         match self.sees(point, ray.direction.as_vec3(), ray.most as f32) {
-            true => by_pi,
+            true => irradiance_over_pi,
             false => Vec3::ZERO,
         }
     }

@@ -22,7 +22,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::PacketSight;
-use crate::light_rays::{Faces, LightRays};
+use crate::light_rays::{CullMode, LightRays};
 use crate::packets::PacketTracer;
 use crate::resident::placed;
 use crate::surfaces::Surfaces;
@@ -115,7 +115,7 @@ impl Meter {
         let tracer = whole.as_ref().unwrap_or(tracer);
         let surfaces = Surfaces::new(scene, &placements);
         let extent = scene.extent();
-        let rays = LightRays::new(tracer, Faces::Both)?;
+        let rays = LightRays::new(tracer, CullMode::None)?;
         let (center, size) = (extent.center(), extent.size().length());
         let mut meter = Self { surfaces, rays, center, size, points: Vec::new() };
         let about = meter.rays.about(center);

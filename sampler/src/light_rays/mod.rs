@@ -32,14 +32,13 @@ const STACK: usize = 512;
 /// Distance off a surface at which a ray starts, as a share of its coordinates: f32 coordinates may be off by less.
 const OFF_SURFACE: f32 = 5e-7;
 
-/// Which faces of single-sided triangles rays hit. Rays hit both faces of all other triangles.
+/// Which faces of single-sided triangles rays pass. Rays hit both faces of all other triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Faces {
-    /// Both: a wall keeps light out from either side. Glass lets light pass and is not hit, nor are its clear parts.
-    Both,
-    /// Only front faces, as views see them.
-    #[allow(dead_code, reason = "makes results comparable with those of the tracers for views")]
-    Seen,
+pub(crate) enum CullMode {
+    /// None: a wall keeps light out from either side. Glass lets light pass and is not hit, nor are its clear parts.
+    None,
+    /// Back faces, as views do.
+    Back,
 }
 
 /// The nearest surface along a ray.
@@ -63,7 +62,7 @@ pub(crate) struct LightRays {
     trees: Trees,
     /// The version of the hierarchy that the trees are of.
     version: u64,
-    faces: Faces,
+    faces: CullMode,
     /// The top tree over [`Self::placed`]; its boxes are set by [`Self::about`].
     top: Vec<Node>,
     top_root: u32,
@@ -90,7 +89,7 @@ struct Placed {
 impl LightRays {
     /// The share of light that a triangle blocks, by instance and index, at the weights of its second and third corner.
     fn coverage(&self, ids: [u32; 2], beta: f32, gamma: f32) -> f32 {
-        let passes = self.faces == Faces::Both && self.cutouts.let_light_through(ids, beta, gamma);
+        let passes = self.faces == CullMode::None && self.cutouts.let_light_through(ids, beta, gamma);
         if passes { 0.0 } else { self.cutouts.coverage(ids, beta, gamma) }
     }
 
@@ -101,7 +100,7 @@ impl LightRays {
 
     /// Builds trees from a packet tracer's hierarchy, and shares its textures for alpha tests. `None` if the hierarchy is
     /// too large or too deep: 2²⁸ triangles, or 73 levels.
-    pub(crate) fn new(tracer: &PacketTracer, faces: Faces) -> Option<Self> {
+    pub(crate) fn new(tracer: &PacketTracer, faces: CullMode) -> Option<Self> {
         let mut rays = Self {
             trees: Trees::new(tracer.hierarchy(), faces)?,
             version: tracer.hierarchy().version,
@@ -530,7 +529,7 @@ impl Weights {
         let [beta, gamma] = self.of(lane, block);
         let ids = resolved(ids[lane], instance);
         let opens = rays.cutouts.let_through(ids, beta, gamma);
-        !(opens || rays.faces == Faces::Both && rays.cutouts.let_light_through(ids, beta, gamma))
+        !(opens || rays.faces == CullMode::None && rays.cutouts.let_light_through(ids, beta, gamma))
     }
 
     /// Whether any of the hit triangles is opaque where it is hit.

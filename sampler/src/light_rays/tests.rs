@@ -35,7 +35,7 @@ pub(super) fn traced(scene: &Arc<Scene>) -> PacketTracer {
 /// A scene of one mesh at one place, hit on both faces.
 fn both(mesh: Mesh, place: DAffine3) -> LightRays {
     let scene = Arc::new(scene(vec![mesh], vec![(0, place)], vec![Material::default()]));
-    LightRays::new(&traced(&scene), Faces::Both).unwrap()
+    LightRays::new(&traced(&scene), CullMode::None).unwrap()
 }
 
 /// From -1 to 1.
@@ -194,7 +194,7 @@ fn scattered_rays_hit_what_f64_rays_hit() {
     for spec in ["terrain:20000", "mirrors:12"] {
         let scene = Arc::new(argus_scene::open(spec).unwrap());
         let tracer = traced(&scene);
-        let rays = LightRays::new(&tracer, Faces::Seen).unwrap();
+        let rays = LightRays::new(&tracer, CullMode::Back).unwrap();
         let bounds = scene.bounds();
         let reach = bounds.size().max_element() * 0.5;
         assert!(agree(&tracer, &rays, bounds.center(), reach, spec) > 200, "{spec}");
@@ -211,7 +211,7 @@ fn cut_outs_mirrored_transforms_a_million_metres_and_millimetres_make_no_differe
                 let name = format!("at {at}, scale {scale}, moving {moving}");
                 let objects = tracer.hierarchy().placed.len();
                 assert_eq!(objects, if moving { 60 } else { 1 }, "{name}");
-                let rays = LightRays::new(&tracer, Faces::Seen).unwrap();
+                let rays = LightRays::new(&tracer, CullMode::Back).unwrap();
                 // At a million metres, f64 coordinates of a scene of millimetres are coarse.
                 assert!(agree(&tracer, &rays, at + DVec3::splat(scale), 5.0 * scale, &name) > 500, "{name}");
             }
@@ -223,7 +223,7 @@ fn cut_outs_mirrored_transforms_a_million_metres_and_millimetres_make_no_differe
 fn rays_follow_the_pose_and_find_what_a_scale_of_zero_hid() {
     let scene = Arc::new(argus_scene::open("mirrors:12").unwrap());
     let mut tracer = traced(&scene);
-    let mut rays = LightRays::new(&tracer, Faces::Seen).unwrap();
+    let mut rays = LightRays::new(&tracer, CullMode::Back).unwrap();
     let eye = scene.bounds().center();
     let reach = scene.bounds().size().max_element() * 0.5;
     for time in [0.7, 2.9] {
@@ -238,7 +238,7 @@ fn rays_follow_the_pose_and_find_what_a_scale_of_zero_hid() {
     }
     let hidden = Arc::new(hidden);
     let mut tracer = traced(&hidden);
-    let mut rays = LightRays::new(&tracer, Faces::Seen).unwrap();
+    let mut rays = LightRays::new(&tracer, CullMode::Back).unwrap();
     let before = agree(&tracer, &rays, DVec3::ZERO, 5.0, "hidden");
     tracer.pose(&hidden, &resident::placed(&hidden, &shown));
     rays.pose(&tracer).unwrap();
@@ -385,7 +385,7 @@ fn light_passes_where_alpha_is_below_the_cutoff() {
     let meshes = vec![sheet(2, 0), sheet(2, 1), sheet(2, 2)];
     let materials = vec![faded(0.2), faded(0.8), Material::default()];
     let scene = Arc::new(scene(meshes, places, materials));
-    let rays = LightRays::new(&traced(&scene), Faces::Both).unwrap();
+    let rays = LightRays::new(&traced(&scene), CullMode::None).unwrap();
     let about = rays.about(DVec3::ZERO);
     let (origin, down) = (Vec3::new(0.3, 0.1, 0.0), Vec3::NEG_Z);
     assert!(!about.is_blocked(origin, down, 1.5) && about.is_blocked(origin, down, 2.5));

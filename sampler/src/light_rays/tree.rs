@@ -3,7 +3,7 @@
 use argus_shaders::layout::sampler::Child;
 use glam::Vec3;
 
-use super::{Faces, STACK};
+use super::{CullMode, STACK};
 use crate::bvh::{Hierarchy, Triangle, flags};
 use crate::packets::lanes::LANES;
 use crate::wide::Wide;
@@ -87,7 +87,7 @@ pub(super) struct Trees {
 
 impl Trees {
     /// Collapses the trees of a hierarchy. `None` if they are too large, or too deep for the stack of a traversal.
-    pub(super) fn new(hierarchy: &Hierarchy, faces: Faces) -> Option<Self> {
+    pub(super) fn new(hierarchy: &Hierarchy, faces: CullMode) -> Option<Self> {
         let mut wide = Wide::new(hierarchy)?;
         if !fits(wide.levels) {
             return None;
@@ -150,11 +150,11 @@ fn push(
     at as u32
 }
 
-fn block(triangles: &[Triangle], faces: Faces) -> (Block, Ids) {
+fn block(triangles: &[Triangle], faces: CullMode) -> (Block, Ids) {
     let mut block = Block { corners: [[[0.0; LANES]; 3]; 3], back: 0, cutout: 0, mirrored: 0 };
     let mut ids = [[0; 2]; LANES];
     // Glass lets light pass: its places stay unused.
-    let is_met = |triangle: &Triangle| faces == Faces::Seen || triangle.flags & flags::GLASS == 0;
+    let is_met = |triangle: &Triangle| faces == CullMode::Back || triangle.flags & flags::GLASS == 0;
     for (lane, triangle) in triangles.iter().take(LANES).enumerate().filter(|(_, triangle)| is_met(triangle))
     {
         for (corner, position) in [triangle.a, triangle.b, triangle.c].into_iter().enumerate() {
@@ -163,8 +163,8 @@ fn block(triangles: &[Triangle], faces: Faces) -> (Block, Ids) {
             }
         }
         let bit = |is_set: bool| u32::from(is_set) << lane;
-        block.back |= bit(faces == Faces::Both || triangle.flags & flags::ONE_SIDED == 0);
-        let of_light = if faces == Faces::Both { flags::GLASS_IN_PARTS } else { 0 };
+        block.back |= bit(faces == CullMode::None || triangle.flags & flags::ONE_SIDED == 0);
+        let of_light = if faces == CullMode::None { flags::GLASS_IN_PARTS } else { 0 };
         block.cutout |= bit(triangle.flags & (flags::CUTOUT | of_light) != 0);
         block.mirrored |= bit(triangle.flags & flags::MIRRORED != 0);
         ids[lane] = [triangle.instance, triangle.primitive];

@@ -12,7 +12,7 @@ use super::ProbePlaces;
 use crate::index_maps::{IndexMaps, MappedReflector, Requests};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
 use crate::point_shading::probe_point;
-use crate::reflected_light::{FoundBy, Ray, ReflectionRays};
+use crate::reflected_light::{Ray, ReflectionRays, ReflectionSource};
 use crate::resident::{GuideUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
@@ -78,7 +78,7 @@ impl PointProbes {
     /// The reflectors of all probes of a side in texels, in groups whose maps are filled at once.
     pub(crate) fn groups(
         source: Fill,
-        by: &FoundBy,
+        by: &ReflectionSource,
         scene: &Scene,
         places: &ProbePlaces,
         (side, time_secs): (u32, f64),
@@ -87,7 +87,7 @@ impl PointProbes {
         let posed = scene.at(time_secs);
         let reflector = |(&instance, center): (&u32, DVec3)| {
             let found = match (source, by) {
-                (Fill::Points { viewers, .. }, FoundBy::Points(points)) => {
+                (Fill::Points { viewers, .. }, ReflectionSource::Points(points)) => {
                     let posed = &posed.instances[instance as usize];
                     points.reflector(scene, instance, posed, &viewers, side)
                 }
@@ -108,17 +108,17 @@ impl PointProbes {
     /// Fills the maps of a group of reflectors, whose sides are equal.
     pub(crate) fn fill(
         source: Fill,
-        by: &FoundBy,
+        by: &ReflectionSource,
         scene: &Scene,
         middle: DVec3,
         reflectors: &[MappedReflector],
     ) -> FilledMaps {
         match (source, by) {
-            (Fill::Points { viewers, budget }, FoundBy::Points(points)) => {
+            (Fill::Points { viewers, budget }, ReflectionSource::Points(points)) => {
                 points.fill(scene, middle, reflectors, &viewers, budget)
             }
-            (_, FoundBy::Rays(rays)) => Self::fill_by_rays(rays, middle, reflectors),
-            (Fill::Rays, FoundBy::Points(_)) => unreachable!("the scene is prepared for the source"),
+            (_, ReflectionSource::Rays(rays)) => Self::fill_by_rays(rays, middle, reflectors),
+            (Fill::Rays, ReflectionSource::Points(_)) => unreachable!("the scene is prepared for the source"),
         }
     }
 

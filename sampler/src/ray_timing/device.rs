@@ -11,7 +11,7 @@ use glam::DVec3;
 use super::{Batch, RayKind, View};
 use crate::draws;
 use crate::light_rays::device::{DevicePlaced, DeviceTrees};
-use crate::light_rays::{Faces, LightRays};
+use crate::light_rays::{CullMode, LightRays};
 use crate::packets::PacketTracer;
 use crate::passes::{ScatteredRays, Sought, Tracing};
 use crate::resident::placed;
@@ -99,7 +99,7 @@ impl DeviceRays {
     ) -> Result<DeviceRayBatch, RenderError> {
         let on_cpu = match self.on_cpu.take() {
             Some(rays) => rays,
-            None => LightRays::new(&self.tracer, Faces::Both)
+            None => LightRays::new(&self.tracer, CullMode::None)
                 .ok_or_else(|| RenderError::OutOfMemory("too many triangles for rays of light".to_owned()))?,
         };
         let view = View::new(&self.scene, self.on_cpu.insert(on_cpu), camera, size);

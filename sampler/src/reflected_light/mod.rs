@@ -22,7 +22,7 @@ pub use self::mirror::Ray;
 pub(crate) use self::mirror::{Mirror, reflected};
 pub use self::rays::{MetByRay, ReflectionRays};
 pub(crate) use self::reflectors::Reflectors;
-pub(crate) use self::scene::{FoundBy, ReflectedScene};
+pub(crate) use self::scene::{ReflectedScene, ReflectionSource};
 use crate::plug::ViewMaps;
 use crate::point_shading::{PointGuides, PointShading, Points, ShadedPoints, index_in_blocks, probe_point};
 use crate::tile::Tile;
@@ -36,7 +36,7 @@ const GRAIN: u32 = 4 * LEAF_BLOCK;
 
 /// What finds light along rays.
 pub(crate) struct Bounces<'a> {
-    pub(crate) by: &'a FoundBy,
+    pub(crate) by: &'a ReflectionSource,
     /// The view's maps, if points are looked up.
     pub(crate) maps: Option<&'a dyn ViewMaps>,
     pub(crate) reflectors: &'a Reflectors,
@@ -198,12 +198,14 @@ impl Bounces<'_> {
 
     fn meet(&self, paths: &[Path]) -> Met {
         match (self.by, self.maps) {
-            (FoundBy::Points(_), Some(maps)) => {
+            (ReflectionSource::Points(_), Some(maps)) => {
                 let rays: Vec<Ray> = paths.iter().map(|path| path.ray).collect();
                 maps.meet(self.eye, &rays)
             }
-            (FoundBy::Points(_), None) => Met { points: Points::default(), of_ray: vec![None; paths.len()] },
-            (FoundBy::Rays(tracer), _) => self.meet_by_rays(tracer, paths),
+            (ReflectionSource::Points(_), None) => {
+                Met { points: Points::default(), of_ray: vec![None; paths.len()] }
+            }
+            (ReflectionSource::Rays(tracer), _) => self.meet_by_rays(tracer, paths),
         }
     }
 
@@ -244,11 +246,11 @@ impl Bounces<'_> {
 }
 
 /// How far off a surface rays begin, metres, by its place about an eye.
-pub(crate) fn offset_about(by: &FoundBy, eye: DVec3) -> impl Fn(Vec3) -> f32 + Sync {
+pub(crate) fn offset_about(by: &ReflectionSource, eye: DVec3) -> impl Fn(Vec3) -> f32 + Sync {
     let about = match by {
-        FoundBy::Rays(tracer) => Some(tracer.about(eye)),
+        ReflectionSource::Rays(tracer) => Some(tracer.about(eye)),
         // Lookups hit no surface.
-        FoundBy::Points(_) => None,
+        ReflectionSource::Points(_) => None,
     };
     move |position| about.as_ref().map_or(0.0, |about| about.offset(position, position.length()))
 }

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::index_maps::{IndexMaps, MappedReflector};
-use crate::light_rays::{Faces, LightRays, LightRaysAbout};
+use crate::light_rays::{CullMode, LightRays, LightRaysAbout};
 use crate::packets::PacketTracer;
 use crate::point_shading::{ShadingPoint, Side};
 use crate::resident::placed;
@@ -58,7 +58,7 @@ impl ReflectionRays {
         tracer: &PacketTracer,
     ) -> Result<Self, RenderError> {
         let instances = scene.at(time_secs).instances;
-        let rays = LightRays::new(tracer, Faces::Seen).ok_or_else(too_large)?;
+        let rays = LightRays::new(tracer, CullMode::Back).ok_or_else(too_large)?;
         Ok(Self { scene: Arc::clone(scene), instances, rays })
     }
 

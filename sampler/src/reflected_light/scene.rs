@@ -10,12 +10,12 @@ use crate::plug::{NewPoints, PointMethod, missing};
 
 /// A scene, and whether it is at the sampler's present pose.
 pub(crate) struct ReflectedScene {
-    pub(crate) found_by: FoundBy,
+    pub(crate) found_by: ReflectionSource,
     is_posed: bool,
 }
 
 /// How reflections are found.
-pub(crate) enum FoundBy {
+pub(crate) enum ReflectionSource {
     Rays(Box<ReflectionRays>),
     Points(Arc<dyn PointMethod>),
 }
@@ -36,20 +36,20 @@ impl ReflectedScene {
         let found_by = match before {
             _ if by_points => {
                 let new = points.ok_or_else(|| missing("reflections", source.name()))?;
-                FoundBy::Points(new(scene, time_secs))
+                ReflectionSource::Points(new(scene, time_secs))
             }
-            Some(Self { found_by: FoundBy::Rays(mut rays), .. }) => {
+            Some(Self { found_by: ReflectionSource::Rays(mut rays), .. }) => {
                 rays.pose(scene, (tracer, time_secs))?;
-                FoundBy::Rays(rays)
+                ReflectionSource::Rays(rays)
             }
-            _ => FoundBy::Rays(Box::new(ReflectionRays::of_tracer(scene, time_secs, tracer)?)),
+            _ => ReflectionSource::Rays(Box::new(ReflectionRays::of_tracer(scene, time_secs, tracer)?)),
         };
         Ok(Self { found_by, is_posed: true })
     }
 
     /// Whether it is prepared for a source at the present pose.
     pub(crate) fn is_ready(&self, source: ProbeSource) -> bool {
-        let by_points = matches!(self.found_by, FoundBy::Points(_));
+        let by_points = matches!(self.found_by, ReflectionSource::Points(_));
         self.is_posed && by_points == matches!(source, ProbeSource::Points { .. })
     }
 

@@ -4,7 +4,7 @@ use argus_gpu::{Commands, wgpu};
 use argus_scene::{Cancel, Lighting, RenderError};
 
 use super::GpuSampler;
-use super::probes::{ReflectFrom, SurfaceProgram, SurfacePrograms};
+use super::probes::{ReflectionLookup, SurfaceProgram, SurfacePrograms};
 use super::tile_loop::{Output, Part, ReadyScene, add_light, check_wanted};
 use crate::indirect::{IndirectLight, LightSharing};
 use crate::layers::{self, RayLayers};
@@ -21,7 +21,7 @@ pub(super) struct PartShading<'a> {
     pub(super) programs: &'a mut SurfacePrograms,
     pub(super) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
     pub(super) lighting: &'a Lighting,
-    pub(super) reflections: ReflectFrom,
+    pub(super) reflections: ReflectionLookup,
     pub(super) maps: Option<&'a dyn ViewMaps>,
     pub(super) blend: Option<&'a Blend>,
     pub(super) cancel: &'a Cancel,
@@ -50,7 +50,8 @@ impl PartShading<'_> {
         shade.record(&mut commands, context, probe_bindings);
         let SurfacePrograms { of_views, reflected, .. } = &mut *self.programs;
         let (direct, indirect) = &mut self.lights;
-        if let (ReflectFrom::View(_), Some(views), Some(reflected)) = (self.reflections, of_views, reflected)
+        if let (ReflectionLookup::View(_), Some(views), Some(reflected)) =
+            (self.reflections, of_views, reflected)
         {
             let from = (&reflected.found_by, self.maps);
             let lit = ((*direct, &mut **indirect), self.lighting);

@@ -36,7 +36,7 @@ pub(super) struct SurfacePrograms {
 
 /// What reflections of a job are taken from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum ReflectFrom {
+pub(super) enum ReflectionLookup {
     /// Surfaces reflect only lights and the sky.
     Nothing,
     /// Probes.
@@ -45,7 +45,7 @@ pub(super) enum ReflectFrom {
     View(ReflectionProbeSet),
 }
 
-impl ReflectFrom {
+impl ReflectionLookup {
     /// What samples and lists of pixels reflect.
     pub(super) fn probes(set: Option<ReflectionProbeSet>) -> Self {
         set.map_or(Self::Nothing, Self::Probes)
@@ -95,7 +95,7 @@ impl SurfacePrograms {
     }
 
     /// The programs for a job with those reflections, once they are ready.
-    pub(super) fn of(&self, reflections: ReflectFrom) -> SurfaceProgram<'_> {
+    pub(super) fn of(&self, reflections: ReflectionLookup) -> SurfaceProgram<'_> {
         let without = SurfaceProgram {
             shade: &self.shade,
             shade_sample: &self.shade_sample,
@@ -103,14 +103,14 @@ impl SurfacePrograms {
             probe_bindings: &self.nothing,
         };
         match (reflections, self.probes.as_deref(), self.of_views.as_deref()) {
-            (ReflectFrom::Probes(_), Some(probes), _) => match probes.probe_bindings() {
+            (ReflectionLookup::Probes(_), Some(probes), _) => match probes.probe_bindings() {
                 Some(probe_bindings) => {
                     let ProbeRenderer { shade, shade_sample, resolve, .. } = probes;
                     SurfaceProgram { shade, shade_sample, resolve, probe_bindings }
                 }
                 None => without,
             },
-            (ReflectFrom::View(_), _, Some(ViewReflections { shade, bindings, .. })) => {
+            (ReflectionLookup::View(_), _, Some(ViewReflections { shade, bindings, .. })) => {
                 SurfaceProgram { shade, probe_bindings: bindings, ..without }
             }
             _ => without,
@@ -122,15 +122,15 @@ impl GpuSampler {
     /// Prepares what a job reflects. Returns the cost.
     pub(super) fn prepare_reflections(
         &mut self,
-        reflections: ReflectFrom,
+        reflections: ReflectionLookup,
         lit: (&Lighting, LightLevel),
         time_secs: f64,
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
         let set = match reflections {
-            ReflectFrom::Nothing => return Ok(Vec::new()),
-            ReflectFrom::Probes(set) => return self.prepare_probes(Some(set), lit, time_secs, cancel),
-            ReflectFrom::View(set) => set,
+            ReflectionLookup::Nothing => return Ok(Vec::new()),
+            ReflectionLookup::Probes(set) => return self.prepare_probes(Some(set), lit, time_secs, cancel),
+            ReflectionLookup::View(set) => set,
         };
         self.methods.check_reflections(Some(&set))?;
         let of_views = match self.surface_programs.of_views.take().filter(|views| views.set == set) {
@@ -174,7 +174,7 @@ impl GpuSampler {
         else {
             return;
         };
-        if !matches!(scene.reflections, ReflectFrom::View(_)) {
+        if !matches!(scene.reflections, ReflectionLookup::View(_)) {
             return;
         }
         let begin = Instant::now();

@@ -10,7 +10,7 @@ use bytes::Bytes;
 use glam::DVec3;
 
 use super::part_shading::{Layered, PartShading};
-use super::probes::ReflectFrom;
+use super::probes::ReflectionLookup;
 use super::{BetweenTiles, GpuSampler};
 use crate::eye::Eye;
 use crate::indirect::{IndirectLight, LightSharing};
@@ -34,7 +34,7 @@ pub(super) struct JobScene<'a> {
     pub(super) light: LightLevel,
     /// Texels of an image cast one of so many of their rays of light.
     pub(super) ray_divisor: u32,
-    pub(super) reflections: ReflectFrom,
+    pub(super) reflections: ReflectionLookup,
     pub(super) visibility: Visibility,
     /// What it asks of light cells, where indirect light is found by them.
     pub(super) cells: CellUse,
@@ -50,7 +50,7 @@ pub(super) struct ReadyScene {
     light: LightLevel,
     ray_divisor: u32,
     cells: CellUse,
-    pub(super) reflections: ReflectFrom,
+    pub(super) reflections: ReflectionLookup,
     /// Maps of what a view's reflectors see, if it is looked up there.
     pub(super) maps: Option<Box<dyn ViewMaps>>,
     pub(super) eye: Eye,
@@ -238,10 +238,10 @@ impl GpuSampler {
     ) -> Result<RenderedPart, RenderError> {
         let layers = self.layers_of(part, output, scene);
         let ReadyScene { eye, backend, stages, lighting, reflections, maps, .. } = scene;
-        let defers = matches!(reflections, ReflectFrom::View(_));
+        let defers = matches!(reflections, ReflectionLookup::View(_));
         let (label, extras) = match output {
             Output::Texels(_) => {
-                let (gloss, reflectors) = (self.glossy, *reflections != ReflectFrom::Nothing);
+                let (gloss, reflectors) = (self.glossy, *reflections != ReflectionLookup::Nothing);
                 ("render sample", Extras { gloss, reflectors, guides: self.keeps_guides() })
             }
             Output::Color | Output::ColorAndRange => {

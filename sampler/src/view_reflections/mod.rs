@@ -30,7 +30,7 @@ use crate::passes::{AddReflections, Shade, ShadePoints, TileContext};
 use crate::plug::ViewMaps;
 use crate::point_shading::PointShading;
 use crate::probe_renderer::ProbeBindings;
-use crate::reflected_light::{Bounces, FoundBy, Reflectors, offset_about};
+use crate::reflected_light::{Bounces, ReflectionSource, Reflectors, offset_about};
 use crate::resident::{GuideUse, Resident, upload};
 use crate::scratch::Scratch;
 use crate::{SamplerKnobs, timing};
@@ -82,11 +82,12 @@ impl ViewReflections {
     /// The maps of the reflectors that a view sees; `None` if reflections are traced. `ids` finds the view's visibility.
     pub(crate) fn see(
         &self,
-        (by, scene): (&FoundBy, &Scene),
+        (by, scene): (&ReflectionSource, &Scene),
         (view, time_secs): (&ViewJob, f64),
         ids: impl FnOnce() -> Vec<[u32; 2]>,
     ) -> Option<Box<dyn ViewMaps>> {
-        let (ProbeSource::Points { budget }, FoundBy::Points(points)) = (self.set.knobs.source, by) else {
+        let (ProbeSource::Points { budget }, ReflectionSource::Points(points)) = (self.set.knobs.source, by)
+        else {
             return None;
         };
         let view = (view, time_secs, budget);
@@ -102,7 +103,7 @@ impl ViewReflections {
         &mut self,
         mut commands: Commands,
         context: &TileContext<'_>,
-        (by, maps): (&FoundBy, Option<&dyn ViewMaps>),
+        (by, maps): (&ReflectionSource, Option<&dyn ViewMaps>),
         (lights, lighting): ((&Option<DirectLight>, &mut Option<IndirectLight>), &Lighting),
         cancel: &Cancel,
         stages: &mut Vec<Stage>,

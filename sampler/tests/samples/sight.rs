@@ -6,7 +6,7 @@ use std::sync::Arc;
 use argus_sampler::PacketSight;
 use argus_scene::procedural::{mirrors, terrain};
 use argus_scene::reference::SceneSight;
-use argus_scene::rig::{Sight, Survey, Target};
+use argus_scene::rig::{Survey, Target, VisibilityQuery};
 use argus_scene::{AddedLight, Camera, LightChoice, Rig, Scene};
 use glam::{DVec2, DVec3};
 
@@ -24,7 +24,12 @@ fn directions(camera: &Camera) -> Vec<DVec3> {
 }
 
 /// Shares of the questions to which both give the same answer: what is met, what is shown, what is seen.
-fn agreement(packets: &dyn Sight, single: &dyn Sight, scene: &Scene, time_secs: f64) -> [f64; 3] {
+fn agreement(
+    packets: &dyn VisibilityQuery,
+    single: &dyn VisibilityQuery,
+    scene: &Scene,
+    time_secs: f64,
+) -> [f64; 3] {
     let (mut same, mut asked) = ([0u32; 3], [0u32; 3]);
     let mut count = |kind: usize, is_same: bool| {
         asked[kind] += 1;

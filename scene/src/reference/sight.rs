@@ -16,7 +16,7 @@ use glam::DVec3;
 
 use super::Tracer;
 use crate::Scene;
-use crate::rig::{Sight, Target};
+use crate::rig::{Target, VisibilityQuery};
 
 /// A ray meets a point if it ends within this share of the distance to it.
 const SLACK: f64 = 1e-3;
@@ -25,7 +25,7 @@ const SLACK: f64 = 1e-3;
 ///
 /// A camera's worth to a view is its visibility of the surfaces that the view's rays meet, with single-sided surfaces
 /// seen from their front, as in samples. A camera inside a column shows what is around the column and nothing of
-/// the column. [`Sight::best`] uses time zero.
+/// the column. [`VisibilityQuery::best`] uses time zero.
 pub struct SceneSight {
     /// The visible triangles, at time zero.
     seen: Arc<Tracer>,
@@ -79,7 +79,7 @@ fn shows(seen: &Tracer, camera: DVec3, target: &Target) -> bool {
     }
 }
 
-impl Sight for SceneSight {
+impl VisibilityQuery for SceneSight {
     fn sees(&self, from: DVec3, to: DVec3) -> bool {
         let range = self.solid.range_towards(from, to, SLACK);
         range.is_none_or(|range| range >= (1.0 - SLACK) * from.distance(to))

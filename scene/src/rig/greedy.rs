@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::sight::Sight;
+use super::sight::VisibilityQuery;
 use super::survey::{Target, added};
 use crate::Camera;
 
@@ -28,7 +28,7 @@ impl Candidate {
     }
 
     /// Sends rays to the targets for which it has a worth; `false` if that is done already.
-    fn ask(&mut self, sight: &(impl Sight + ?Sized), targets: &[Target]) -> bool {
+    fn ask(&mut self, sight: &(impl VisibilityQuery + ?Sized), targets: &[Target]) -> bool {
         if std::mem::replace(&mut self.is_known, true) {
             return false;
         }
@@ -47,7 +47,7 @@ impl Candidate {
 /// The cameras, among candidates with positions, that together show most of a view at time zero. Each adds most to those
 /// before it. Rays are sent only for a camera that may be next: the upper bound of its gain needs none.
 pub(super) fn best(
-    sight: &(impl Sight + ?Sized),
+    sight: &(impl VisibilityQuery + ?Sized),
     camera: &Camera,
     candidates: &[(u64, DVec3)],
     count: usize,
@@ -78,7 +78,7 @@ pub(super) fn best(
 }
 
 /// Median distance of the surfaces that a viewer sees at time zero, metres; `None` if it sees none.
-pub(super) fn median_range(sight: &(impl Sight + ?Sized), camera: &Camera) -> Option<f64> {
+pub(super) fn median_range(sight: &(impl VisibilityQuery + ?Sized), camera: &Camera) -> Option<f64> {
     let range = |target: &Target| match target {
         Target::Surface(point) => Some(point.distance(camera.eye)),
         Target::Sky(_) => None,

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::Sight;
+use super::VisibilityQuery;
 use super::survey::{Target, added};
 use crate::camera::{Face, OmniLayout, cube_face_of};
 use crate::{FaceMask, SampleCamera};
@@ -136,7 +136,13 @@ impl Judged {
     }
 
     /// Sends rays to `some` of the targets, unless that is done already; returns whether any was sent.
-    pub(super) fn ask(&mut self, some: u64, targets: &[Target], sight: &dyn Sight, time_secs: f64) -> bool {
+    pub(super) fn ask(
+        &mut self,
+        some: u64,
+        targets: &[Target],
+        sight: &dyn VisibilityQuery,
+        time_secs: f64,
+    ) -> bool {
         let open = self.framed & some & !self.asked;
         let asked: Vec<usize> = (0..targets.len()).filter(|target| open >> target & 1 == 1).collect();
         if asked.is_empty() {

@@ -7,7 +7,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::Sight;
+use super::VisibilityQuery;
 use super::judged::RayResults;
 use super::survey::{GRID, RAYS, Survey, Target, place, ray_at};
 use crate::Camera;
@@ -18,7 +18,13 @@ const MOST_MOVED: f64 = 0.1;
 
 impl Survey {
     /// The survey of another view, at a time in seconds, with as many kept targets as possible.
-    pub fn renewed(&self, camera: &Camera, size: [u32; 2], sight: &dyn Sight, time_secs: f64) -> Self {
+    pub fn renewed(
+        &self,
+        camera: &Camera,
+        size: [u32; 2],
+        sight: &dyn VisibilityQuery,
+        time_secs: f64,
+    ) -> Self {
         let kept = match time_secs == self.time_secs {
             true => self.kept(camera, size),
             false => [None; RAYS],
@@ -140,7 +146,7 @@ mod tests {
         }
     }
 
-    impl Sight for Room {
+    impl VisibilityQuery for Room {
         fn sees(&self, _: DVec3, _: DVec3) -> bool {
             true
         }

@@ -12,7 +12,7 @@ use crate::Camera;
 ///
 /// A rig knows only the bounds of its scene, so some of its cameras stand inside walls or behind them. Their samples show
 /// few of a viewer's surfaces. Where surfaces are single-sided, a camera in a wall sees through everything solid.
-pub trait Sight: Debug + Send + Sync {
+pub trait VisibilityQuery: Debug + Send + Sync {
     /// The `count` of the candidate cameras with their positions that together see most of a view, best first; fewer
     /// if there are fewer. The result depends only on the arguments. A moving scene counts at time zero.
     fn best(&self, camera: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
@@ -31,9 +31,9 @@ pub trait Sight: Debug + Send + Sync {
 
 /// The input for a choice of a view's cameras.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Among<'a> {
+pub struct CandidateCameras<'a> {
     /// Refinements with samples, beside the rig's own cameras.
     pub refined: &'a [u64],
     /// Without it the nearest cameras count as best.
-    pub sight: Option<&'a dyn Sight>,
+    pub sight: Option<&'a dyn VisibilityQuery>,
 }

@@ -6,7 +6,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::Sight;
+use super::VisibilityQuery;
 use super::judged::{Judged, RayResults};
 use crate::{Camera, FaceMask, Rig, SampleCamera};
 
@@ -14,7 +14,7 @@ use crate::{Camera, FaceMask, Rig, SampleCamera};
 pub(super) const GRID: [u32; 2] = [8, 6];
 
 /// Rays are listed by blocks of this many columns and rows. Neighbours in the list are neighbours in the view, which
-/// helps a [`Sight`] that traces several rays at once.
+/// helps a [`VisibilityQuery`] that traces several rays at once.
 const BLOCK: [u32; 2] = [4, 2];
 
 /// Number of a survey's rays.
@@ -87,7 +87,7 @@ pub struct Survey {
 
 impl Survey {
     /// Sends the rays of a view of `width` × `height` pixels at a time of the scene, seconds.
-    pub fn new(camera: &Camera, size: [u32; 2], sight: &dyn Sight, time_secs: f64) -> Self {
+    pub fn new(camera: &Camera, size: [u32; 2], sight: &dyn VisibilityQuery, time_secs: f64) -> Self {
         Self::without_targets(camera, size, time_secs).renewed(camera, size, sight, time_secs)
     }
 
@@ -108,7 +108,14 @@ impl Survey {
 
     /// Judges one of the rig's cameras by all targets, unless it is judged already. A texel is fine if it covers at most
     /// `most_pixels` pixels of the view to a side.
-    pub fn judge(&mut self, rig: &Rig, index: u64, sight: &dyn Sight, time_secs: f64, most_pixels: f64) {
+    pub fn judge(
+        &mut self,
+        rig: &Rig,
+        index: u64,
+        sight: &dyn VisibilityQuery,
+        time_secs: f64,
+        most_pixels: f64,
+    ) {
         let Some(mut judged) = self.introduced(rig, index, most_pixels) else { return };
         judged.ask(u64::MAX, &self.targets, sight, time_secs);
         self.judged.push(judged);
@@ -118,7 +125,7 @@ impl Survey {
     pub fn judge_camera(
         &mut self,
         (number, camera): (u64, &SampleCamera),
-        sight: &dyn Sight,
+        sight: &dyn VisibilityQuery,
         time_secs: f64,
         most_pixels: f64,
     ) {
@@ -138,7 +145,7 @@ impl Survey {
         rig: &Rig,
         indices: &[u64],
         count: usize,
-        (sight, time_secs): (&dyn Sight, f64),
+        (sight, time_secs): (&dyn VisibilityQuery, f64),
         most_pixels: f64,
     ) {
         let begin = self.judged.len();
@@ -309,7 +316,7 @@ mod tests {
     #[derive(Debug)]
     struct Wall(f64);
 
-    impl Sight for Wall {
+    impl VisibilityQuery for Wall {
         fn best(&self, _: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
             candidates.iter().map(|(index, _)| *index).take(count).collect()
         }
@@ -377,7 +384,7 @@ mod tests {
     #[derive(Debug)]
     struct Counted(std::sync::atomic::AtomicUsize);
 
-    impl Sight for Counted {
+    impl VisibilityQuery for Counted {
         fn sees(&self, _: DVec3, _: DVec3) -> bool {
             true
         }

@@ -5,8 +5,8 @@ fn tile() -> Rig {
     Rig::TileCorners { bounds, tiles: [2, 3], height: 1.0, size: [400, 300] }
 }
 
-fn refined(refined: &[u64]) -> Among<'_> {
-    Among { refined, sight: None }
+fn refined(refined: &[u64]) -> CandidateCameras<'_> {
+    CandidateCameras { refined, sight: None }
 }
 
 fn cell() -> Rig {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use argus_scene::procedural::mirrors;
 use argus_scene::reference::{SceneSight, Tracer};
-use argus_scene::rig::{Among, Sight as _, Target};
+use argus_scene::rig::{CandidateCameras, Target, VisibilityQuery as _};
 use argus_scene::{Camera, Material, Rig, Scene};
 use common::{furnace, patch, scene, white};
 use glam::{DAffine3, DMat3, DVec2, DVec3};
@@ -82,14 +82,14 @@ fn a_rig_chooses_cameras_that_see_the_view() {
     let viewer = Camera::look_at(DVec3::new(0.1, 0.2, 0.45), DVec3::new(0.1, 0.2, 0.2));
     let sight = sight(walls(&[0.2], true));
     let z = |index| rig.camera(index).unwrap().center().z;
-    let four = |sight| rig.nearest_among(&viewer, 4, Among { refined: &[], sight });
+    let four = |sight| rig.nearest_among(&viewer, 4, CandidateCameras { refined: &[], sight });
     assert!(four(None).iter().any(|&index| z(index) == 0.0));
     assert!(four(Some(&sight)).iter().all(|&index| z(index) > 0.0));
     assert_eq!(four(None), rig.nearest(&viewer, 4));
-    let all = rig.nearest_among(&viewer, usize::MAX, Among { refined: &[], sight: Some(&sight) });
+    let all = rig.nearest_among(&viewer, usize::MAX, CandidateCameras { refined: &[], sight: Some(&sight) });
     assert_eq!(all.len(), 64, "there are no more around");
     assert_eq!(
-        rig.nearest_among(&viewer, 8, Among { refined: &[], sight: Some(&sight) })[..4],
+        rig.nearest_among(&viewer, 8, CandidateCameras { refined: &[], sight: Some(&sight) })[..4],
         four(Some(&sight))
     );
     assert_eq!(z(rig.refinement(&viewer, 1, None).unwrap()), 0.0);
@@ -108,7 +108,7 @@ fn cameras_are_as_close_together_as_what_a_viewer_sees_is_near() {
         let viewer = Camera { fov_deg: if range > 5.0 { 1e-3 } else { 50.0 }, ..viewer };
         assert_eq!(rig.own_level(&viewer, Some(&sight)), level, "{range} m");
         assert_eq!(rig.own_level(&viewer, None), 0);
-        let four = rig.nearest_among(&viewer, 4, Among { refined: &[], sight: Some(&sight) });
+        let four = rig.nearest_among(&viewer, 4, CandidateCameras { refined: &[], sight: Some(&sight) });
         let spacing = 100.0 * 0.5_f64.powi(level);
         for index in four {
             assert!(rig.level(index).unwrap() <= level.max(0) as u32);

@@ -94,7 +94,7 @@ fn a_browser_walks_through_a_scene() {
         ("/frame?eye=1,2", "eye"),
         ("/frame?size=0x100", "width"),
         ("/frame?eye=NaN,0,0", "eye"),
-        ("/frame?size=99999x99999", "pixels"),
+        ("/frame?size=99999x99999", "width"),
         ("/frame?zoom=2", "zoom"),
     ] {
         let (status, _, text) = page.get(path);

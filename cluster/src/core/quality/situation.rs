@@ -1,6 +1,6 @@
 //! Features of a view that are known before it is rendered.
 
-use argus_scene::rig::{Among, Sight};
+use argus_scene::rig::{CandidateCameras, VisibilityQuery};
 use argus_scene::{Bounds, Camera, OmniLayout, Rig, SampleCamera};
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ impl Situation {
     pub fn new(
         camera: &Camera,
         height: u32,
-        (rig, sight): (&Rig, Option<&dyn Sight>),
+        (rig, sight): (&Rig, Option<&dyn VisibilityQuery>),
         bounds: &Bounds,
     ) -> Self {
         let extent = bounds.size().max_element().max(1e-12);
@@ -31,7 +31,7 @@ impl Situation {
             }
         };
         let pixels_per_radian = 0.5 * f64::from(height) / (0.5 * camera.fov_deg.to_radians()).tan().max(1e-9);
-        let nearest = rig.nearest_among(camera, 2, Among { refined: &[], sight });
+        let nearest = rig.nearest_among(camera, 2, CandidateCameras { refined: &[], sight });
         let nearest: Vec<SampleCamera> = nearest.into_iter().filter_map(|i| rig.camera(i).ok()).collect();
         let center = |i: usize| nearest.get(i).or(nearest.first()).map_or(camera.eye, SampleCamera::center);
         // The angle between the directions of the view and of the sample, as seen from the subject.

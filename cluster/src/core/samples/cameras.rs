@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use argus_scene::rig::{Among, Sight};
+use argus_scene::rig::{CandidateCameras, VisibilityQuery};
 use argus_scene::{Camera, Rig};
 
 /// Most samples of a plan: those of an exact view.
@@ -23,7 +23,7 @@ struct Choice {
 #[derive(Debug, Default)]
 pub(super) struct Cameras {
     /// Ray queries: which cameras see what a view shows.
-    sight: Option<Arc<dyn Sight>>,
+    sight: Option<Arc<dyn VisibilityQuery>>,
     /// The last choice by rays. Planning one view asks for the same choice several times, for growing numbers of
     /// cameras, and rays take most of the coordinator's time.
     last: RefCell<Option<Choice>>,
@@ -31,12 +31,12 @@ pub(super) struct Cameras {
 
 impl Cameras {
     /// Chooses by ray queries, if there are any.
-    pub(super) fn new(sight: Option<Arc<dyn Sight>>) -> Self {
+    pub(super) fn new(sight: Option<Arc<dyn VisibilityQuery>>) -> Self {
         Self { sight, last: RefCell::default() }
     }
 
     /// The ray queries, if there are any.
-    pub(super) fn sight(&self) -> Option<&dyn Sight> {
+    pub(super) fn sight(&self) -> Option<&dyn VisibilityQuery> {
         self.sight.as_deref()
     }
 
@@ -52,8 +52,9 @@ impl Cameras {
 
     /// The best cameras for a viewpoint, of the rig and of these refinements, best first.
     pub(super) fn best(&self, rig: &Rig, camera: &Camera, count: usize, refined: &[u64]) -> Vec<u64> {
-        let choose =
-            |level, count| rig.nearest_at(level, camera, count, Among { refined, sight: self.sight() });
+        let choose = |level, count| {
+            rig.nearest_at(level, camera, count, CandidateCameras { refined, sight: self.sight() })
+        };
         if self.sight.is_none() || count > MOST_SAMPLES {
             return choose(self.own_level(rig, camera), count);
         }
@@ -94,7 +95,7 @@ mod tests {
     #[derive(Debug, Default)]
     struct Counting(AtomicUsize);
 
-    impl Sight for Counting {
+    impl VisibilityQuery for Counting {
         fn best(&self, _: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
             self.0.fetch_add(1, Ordering::Relaxed);
             candidates.iter().map(|(index, _)| *index).take(count).collect()

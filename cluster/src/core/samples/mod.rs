@@ -29,7 +29,7 @@ mod versions;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-use argus_scene::rig::Sight;
+use argus_scene::rig::VisibilityQuery;
 use argus_scene::{Camera, FaceMask, SampleId, SampleSetInfo, Version, Visibility};
 
 pub(super) use cameras::MOST_SAMPLES;
@@ -69,7 +69,7 @@ pub(super) struct Samples {
     error: CalibratedError,
     versions: Versions,
     /// By camera: a worker that composes from the last version's sample and lacks the next one's.
-    laggards: BTreeMap<u64, WorkerId>,
+    slow_workers: BTreeMap<u64, WorkerId>,
     /// Whether prefetch lists may have changed.
     changed: bool,
 }
@@ -93,7 +93,7 @@ impl Samples {
             recent: RecentUse::default(),
             error: CalibratedError::default(),
             versions,
-            laggards: BTreeMap::new(),
+            slow_workers: BTreeMap::new(),
             changed: false,
         };
         if let Some(visibility) = config.visibility {
@@ -103,7 +103,7 @@ impl Samples {
     }
 
     /// Sets the ray queries by which cameras are chosen; `None`: by distance.
-    pub(super) fn plan_by(&mut self, sight: Option<Arc<dyn Sight>>) {
+    pub(super) fn plan_by(&mut self, sight: Option<Arc<dyn VisibilityQuery>>) {
         self.cameras = Cameras::new(sight);
     }
 
@@ -121,7 +121,7 @@ impl Samples {
     }
 
     /// The ray queries by which cameras are chosen, if there are any.
-    pub(super) fn sight(&self) -> Option<&dyn Sight> {
+    pub(super) fn sight(&self) -> Option<&dyn VisibilityQuery> {
         self.cameras.sight()
     }
 

@@ -55,7 +55,7 @@ impl Samples {
         let beside: Vec<u64> = self.placement.placed().chain(used).collect();
         let prepared = beside.iter().map(|&camera| (camera, self.faces_prepared(camera)));
         let prepared: FaceMasks = prepared.collect();
-        let (locations, laggards) = (&self.locations, &mut self.laggards);
+        let (locations, slow_workers) = (&self.locations, &mut self.slow_workers);
         let is_there = |version: Version, camera| {
             let next = SampleId { version: version.number, camera };
             let last = SampleId { version: served, ..next };
@@ -70,11 +70,11 @@ impl Samples {
                     && !locations.faces(next, *worker).contains(faces)
             };
             // Starts with the worker that waited the last time, since it probably still waits.
-            if laggards.get(&camera).is_some_and(waits) {
+            if slow_workers.get(&camera).is_some_and(waits) {
                 return false;
             }
             let waiting = locations.holders_of(last, FaceMask::NONE).find(waits);
-            waiting.map(|worker| laggards.insert(camera, worker));
+            waiting.map(|worker| slow_workers.insert(camera, worker));
             waiting.is_none()
         };
         let is_rendered = |version: Version, camera| {
@@ -93,7 +93,7 @@ impl Samples {
         let version = self.versions.served();
         self.changed = true;
         if self.set.version != version {
-            self.laggards.clear();
+            self.slow_workers.clear();
             self.set = Arc::new(SampleSetInfo { version, ..(*self.set).clone() });
             self.directory.retire(self.kept_from(needed));
         }
@@ -184,7 +184,7 @@ impl Samples {
         self.versions.renew();
         let version = self.versions.served();
         self.set = Arc::new(SampleSetInfo { version, ..(*self.set).clone() });
-        self.laggards.clear();
+        self.slow_workers.clear();
         self.changed = true;
         version
     }

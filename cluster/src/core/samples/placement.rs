@@ -15,7 +15,7 @@
 use std::collections::BTreeMap;
 
 use argus_proto::v1::Refinements;
-use argus_scene::rig::{MAX_LEVEL, Sight};
+use argus_scene::rig::{MAX_LEVEL, VisibilityQuery};
 use argus_scene::{Camera, FaceMask, Rig};
 
 /// Share of uncovered pixels below which a frame is good enough: half of the promised mean, so that views between
@@ -115,7 +115,7 @@ impl Placement {
     /// Learns from a view that used the samples of these cameras, and whose `uncovered` of `pixels` none of them saw.
     pub(super) fn learn(
         &mut self,
-        (rig, sight): (&Rig, Option<&dyn Sight>),
+        (rig, sight): (&Rig, Option<&dyn VisibilityQuery>),
         camera: &Camera,
         used: &[u64],
         uncovered: u64,

@@ -1,6 +1,6 @@
 //! Batches: one decision for all views, whatever the load.
 
-use argus_scene::rig::{Sight, Survey, Target};
+use argus_scene::rig::{Survey, Target, VisibilityQuery};
 use argus_scene::{
     Camera, LightLevel, Outputs, Plan, PlanRequest, Preset, Rig, SampleSetInfo, SceneState, Version, View,
 };
@@ -14,7 +14,7 @@ use crate::core::*;
 #[derive(Debug)]
 struct Open;
 
-impl Sight for Open {
+impl VisibilityQuery for Open {
     fn sees(&self, _: DVec3, _: DVec3) -> bool {
         true
     }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use argus_scene::frame::{Provenance, Reason};
-use argus_scene::rig::{Sight, Target};
+use argus_scene::rig::{Target, VisibilityQuery};
 use argus_scene::{Camera, Outputs, Plan, PlanRequest, SampleId, View};
 use glam::DVec3;
 
@@ -15,7 +15,7 @@ use crate::core::*;
 #[derive(Debug)]
 struct Open;
 
-impl Sight for Open {
+impl VisibilityQuery for Open {
     fn best(&self, _: &Camera, candidates: &[(u64, DVec3)], count: usize) -> Vec<u64> {
         candidates.iter().map(|(index, _)| *index).take(count).collect()
     }

@@ -64,7 +64,7 @@ impl Cluster<'_> {
         let bundle = self.bundle(survey).filter(|bundle| !bundle.is_empty())?;
         let cameras: Vec<u64> = bundle.iter().map(|(camera, _)| *camera).collect();
         let (excess, _) = predicted_excess(Some(survey.coverage(&cameras)), 1.0);
-        (excess <= Aim::of(&view.plan).most_excess).then_some(bundle)
+        (excess <= Aim::of(&view.plan).max_excess).then_some(bundle)
     }
 }
 

@@ -23,7 +23,7 @@ const MOST_WITHOUT: u32 = 3;
 
 /// A view that was given to a worker.
 #[derive(Debug, Clone)]
-pub(in crate::core) struct Given {
+pub(in crate::core) struct Dispatch {
     /// The view.
     pub(in crate::core) view_id: ViewId,
     /// The worker.
@@ -37,7 +37,7 @@ pub(in crate::core) struct Given {
 /// The result of trying to dispatch a view.
 #[derive(Debug)]
 enum Attempt {
-    Given(Given),
+    Dispatch(Dispatch),
     /// No worker has room.
     Full,
     /// The view has ended.
@@ -92,14 +92,14 @@ impl Views {
         round: &mut Round,
         cluster: Cluster<'_>,
         now: Uptime,
-    ) -> Option<Given> {
+    ) -> Option<Dispatch> {
         loop {
             let (view_id, queue) = match round.bound.next() {
                 Some(view_id) => (view_id, None),
                 None => self.waiting.first(&round.full).map(|(view_id, queue)| (view_id, Some(queue)))?,
             };
             match self.place(view_id, cluster, now) {
-                Attempt::Given(given) => {
+                Attempt::Dispatch(given) => {
                     self.waiting.remove(view_id);
                     return Some(given);
                 }
@@ -133,7 +133,7 @@ impl Views {
             let queued = QueuedView { predicted_ms: 0.0, direct: view.is_direct(), work: view.work() };
             self.load.asks(cluster.workers.costs().expected_secs(&queued) * 1e3, now);
         }
-        Attempt::Given(Given { view_id, worker, samples, decided: Vec::new() })
+        Attempt::Dispatch(Dispatch { view_id, worker, samples, decided: Vec::new() })
     }
 
     /// Chooses plan and worker of a view that leaves the way open.
@@ -167,7 +167,7 @@ impl Views {
             false => vec![(WorkKind::Views, 1)],
         };
         let samples = view.samples().iter().map(|id| (*id, Access::AtHand)).collect();
-        Attempt::Given(Given { view_id, worker: offer.worker, samples, decided })
+        Attempt::Dispatch(Dispatch { view_id, worker: offer.worker, samples, decided })
     }
 
     /// Replaces refinements in a plan that no worker holds any more.
@@ -190,7 +190,7 @@ impl Views {
     /// Makes the order for a dispatched view, and its entry in the worker's queue.
     pub(in crate::core) fn give(
         &mut self,
-        given: &Given,
+        given: &Dispatch,
         sources: Vec<Source>,
         cluster: Cluster<'_>,
     ) -> Option<(Box<Order>, QueuedView)> {

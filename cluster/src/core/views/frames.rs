@@ -92,13 +92,13 @@ impl Cluster<'_> {
         let parallax = EXCESS_OF_FRAME + EXCESS_OF_PARALLAX * survey.parallax(&eyes);
         let coarse = EXCESS_OF_COARSE * (coverage.covered - coverage.fine);
         let excess = (parallax + coarse) * self.samples.error_factor();
-        let is_sound = coverage.covered >= LEAST_SEEN && coverage.fine >= LEAST_FINE * coverage.covered;
+        let meets_coverage = coverage.covered >= LEAST_SEEN && coverage.fine >= LEAST_FINE * coverage.covered;
         let rays_ms = self.ray_ms(worker) * (1.0 - coverage.covered) * work as f64;
         let plan = self.warp_of(frames, open);
         Some(Offer {
             render_ms: Some(cost.ms(work) + rays_ms),
             excess,
-            is_sound,
+            meets_coverage,
             repeats: self.repeats(worker, open, &plan),
             plan,
             ..base.clone()

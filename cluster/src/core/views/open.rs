@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use argus_scene::rig::{Among, Survey};
+use argus_scene::rig::{CandidateCameras, Survey};
 use argus_scene::{Camera, Detail, FaceMask, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
@@ -49,7 +49,7 @@ struct FromSamples {
     /// Predicted mean FLIP above that of a direct view.
     excess: f64,
     /// Whether the samples see enough of the view, with fine texels.
-    is_sound: bool,
+    meets_coverage: bool,
 }
 
 /// Cameras with faces of theirs.
@@ -86,8 +86,11 @@ impl Cluster<'_> {
     /// Cameras near a viewer whose samples are held by a worker, nearest first.
     fn held_around(&self, camera: &Camera) -> Vec<u64> {
         let placed: Vec<u64> = self.samples.placement().placed().collect();
-        let around =
-            self.samples.set().rig.nearest_among(camera, AROUND, Among { refined: &placed, sight: None });
+        let around = self.samples.set().rig.nearest_among(
+            camera,
+            AROUND,
+            CandidateCameras { refined: &placed, sight: None },
+        );
         let faces = |index: &u64| self.samples.locations().faces_held(self.samples.served(*index));
         let held = around.into_iter().filter(|index| !faces(index).is_empty());
         held.take(MOST_HELD).collect()
@@ -96,7 +99,7 @@ impl Cluster<'_> {
     /// Cameras near a viewer for a bundle, held or not: the corners of the viewer's cell, then refinements.
     fn cameras_around(&self, camera: &Camera) -> Vec<u64> {
         let rig = &self.samples.set().rig;
-        let own = rig.nearest_among(camera, MOST_HELD, Among::default());
+        let own = rig.nearest_among(camera, MOST_HELD, CandidateCameras::default());
         let nearer = (1..=FINEST_LEVEL).filter_map(|level| rig.refinement(camera, level, None));
         let mut around: Vec<u64> = own.into_iter().chain(nearer).collect();
         around.dedup();
@@ -122,9 +125,9 @@ impl Cluster<'_> {
     /// rig's own if these are enough. `None` if no cameras would.
     pub(super) fn bundle(&self, survey: &Survey) -> Option<Faces> {
         let own = survey.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
-        let is_sound = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
-        let any = || Some(survey.choose(|_| true, MOST_SAMPLES)).filter(is_sound);
-        let cameras = Some(own).filter(is_sound).or_else(any)?;
+        let meets_coverage = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
+        let any = || Some(survey.choose(|_| true, MOST_SAMPLES)).filter(meets_coverage);
+        let cameras = Some(own).filter(meets_coverage).or_else(any)?;
         let with_faces = cameras.into_iter().map(|index| (index, survey.faces(index)));
         // One that shows nothing of the view is no part of it.
         Some(with_faces.filter(|(_, faces)| !faces.is_empty()).collect())
@@ -146,18 +149,18 @@ impl Cluster<'_> {
                     Plan::Direct { samples_per_pixel: open.direct.samples_per_pixel, detail, light: None };
                 let cost = self.direct_cost(worker, detail);
                 let render_ms = cost.map(|cost| cost.ms(plan.sub_pixels(view.pixels)));
-                let (excess, is_sound) = (excess_of(detail), true);
+                let (excess, meets_coverage) = (excess_of(detail), true);
                 let repeats = self.repeats(worker, open, &plan);
-                Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, is_sound, repeats }
+                Offer { worker: id, tie_break, plan, wait_ms, render_ms, excess, meets_coverage, repeats }
             };
             let base = in_detail(Detail::Full);
             let warp_ms = self.warp_cost(worker).map(|cost| cost.ms(work));
             for from_samples in self.plans_from_samples(worker, view, open, &mut cached) {
-                let FromSamples { plan, uncovered, excess, is_sound } = from_samples;
+                let FromSamples { plan, uncovered, excess, meets_coverage } = from_samples;
                 let rays_ms = worker.report().ray_ms.unwrap_or(0.0) * uncovered * view.pixels as f64;
                 let render_ms = warp_ms.map(|ms| ms + rays_ms);
                 let repeats = self.repeats(worker, open, &plan);
-                offers.push(Offer { plan, render_ms, excess, is_sound, repeats, ..base.clone() });
+                offers.push(Offer { plan, render_ms, excess, meets_coverage, repeats, ..base.clone() });
             }
             offers.extend(self.offer_from_frames(worker, view, open, &base));
             offers.push(base);
@@ -297,7 +300,7 @@ impl Cluster<'_> {
                 held.filter(|(_, faces)| !faces.is_empty()).collect()
             }
             None => {
-                let near = Among { refined: self.samples.placement().usable(), sight: None };
+                let near = CandidateCameras { refined: self.samples.placement().usable(), sight: None };
                 let nearest = self.samples.set().rig.nearest_among(&view.camera, MOST_SAMPLES, near);
                 let whole = nearest.into_iter().map(|index| (index, FaceMask::ALL));
                 let has = |&(index, whole): &(u64, FaceMask)| faces(index) == whole;
@@ -364,7 +367,7 @@ impl Cluster<'_> {
         let ids = cameras.iter().map(|(index, _)| self.samples.served(*index)).collect();
         let samples = self.samples.set().with_reflection_probes(ids);
         let coverage = open.survey.as_ref().map(|survey| survey.coverage_by_faces(cameras));
-        let (excess, is_sound) = predicted_excess(coverage, self.samples.error_factor());
+        let (excess, meets_coverage) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();
         let supersampling = open.direct.samples_per_pixel.isqrt();
         let steps = self.config.steps_of(search);
@@ -379,6 +382,6 @@ impl Cluster<'_> {
             ..Warp::default()
         });
         let uncovered = coverage.map_or(0.0, |coverage| 1.0 - coverage.covered);
-        Some(FromSamples { plan, uncovered, excess, is_sound })
+        Some(FromSamples { plan, uncovered, excess, meets_coverage })
     }
 }

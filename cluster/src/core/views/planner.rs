@@ -66,7 +66,7 @@ const OVERLOADED_MS: f64 = 500.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aim {
     /// Bound on the excess: mean FLIP above that of a direct view.
-    pub most_excess: f64,
+    pub max_excess: f64,
     /// Milliseconds until the frame is worthless; `None`: no deadline.
     pub deadline_ms: Option<f64>,
     /// Whether the earliest finish wins, whatever its error.
@@ -78,12 +78,12 @@ pub struct Aim {
 impl Aim {
     /// The demands of a request that leaves the way open.
     pub fn of(request: &PlanRequest) -> Self {
-        let most_excess = match request.preset {
+        let max_excess = match request.preset {
             Some(Preset::Exact) => EXACT_EXCESS,
             Some(Preset::Balanced | Preset::Interactive) | None => BALANCED_EXCESS,
         };
         let time_first = request.preset == Some(Preset::Interactive);
-        Self { most_excess, deadline_ms: request.deadline_ms, time_first, most_ms: f64::INFINITY }
+        Self { max_excess, deadline_ms: request.deadline_ms, time_first, most_ms: f64::INFINITY }
     }
 }
 
@@ -103,7 +103,7 @@ pub struct Offer {
     /// Predicted excess: mean FLIP above that of a direct view.
     pub excess: f64,
     /// Whether the plan's samples cover enough of the view with fine texels; true for a direct view.
-    pub is_sound: bool,
+    pub meets_coverage: bool,
     /// Whether its frame would repeat the bytes of the session's last frame, whose camera stands still.
     pub repeats: bool,
 }
@@ -116,7 +116,7 @@ impl Offer {
 
     /// Whether its predicted error is within the bound.
     pub(super) fn keeps_bound(&self, aim: &Aim) -> bool {
-        self.is_sound && self.excess <= aim.most_excess
+        self.meets_coverage && self.excess <= aim.max_excess
     }
 
     /// Whether all of the view is rendered. Less is rendered only if there is no time for all.
@@ -178,7 +178,7 @@ pub fn choose(offers: Vec<Offer>, aim: &Aim) -> Option<(Offer, Decision)> {
 pub(super) fn fallback(offers: &[Offer], aim: &Aim) -> Option<Fallback> {
     let direct = || offers.iter().filter(|offer| matches!(offer.plan, Plan::Direct { .. }));
     let best = least_error(direct().filter(|offer| offer.is_carried(aim))).or_else(|| earliest(direct()))?;
-    Some(Fallback { plan: best.plan.clone(), most_excess: aim.most_excess.max(best.excess) })
+    Some(Fallback { plan: best.plan.clone(), max_excess: aim.max_excess.max(best.excess) })
 }
 
 /// Milliseconds of the cheapest way to render all of a view within its bound; `None` if no such cost is known.
@@ -239,16 +239,16 @@ mod tests {
             wait_ms,
             render_ms,
             excess: 0.0,
-            is_sound: true,
+            meets_coverage: true,
             repeats: false,
         }
     }
 
     fn warp(worker: u64, wait_ms: f64, render_ms: Option<f64>, coverage: Coverage) -> Offer {
         let samples = vec![SampleId { version: 0, camera: 7 }];
-        let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
+        let (excess, meets_coverage) = predicted_excess(Some(coverage), 1.0);
         let plan = Plan::Warp(Warp { samples, ..Warp::default() });
-        Offer { plan, excess, is_sound, ..direct(worker, wait_ms, render_ms) }
+        Offer { plan, excess, meets_coverage, ..direct(worker, wait_ms, render_ms) }
     }
 
     const FULL: Coverage = Coverage { covered: 1.0, fine: 1.0 };
@@ -331,7 +331,7 @@ mod tests {
         let of = |most_ms: f64| {
             let fallback = fallback(&offers, &Aim { most_ms, ..Aim::of(&PlanRequest::default()) }).unwrap();
             let Plan::Direct { detail, .. } = fallback.plan else { panic!("from triangles") };
-            (detail, fallback.most_excess)
+            (detail, fallback.max_excess)
         };
         assert_eq!(of(f64::INFINITY), (Detail::Full, BALANCED_EXCESS));
         assert_eq!(of(30.0), (Detail::Half, excess_of(Detail::Half)));
@@ -374,8 +374,11 @@ mod tests {
     #[test]
     fn samples_whose_corrected_error_exceeds_the_bound_lose() {
         let offers = |factor: f64| {
-            let (excess, is_sound) = predicted_excess(Some(FULL), factor);
-            vec![direct(1, 0.0, Some(40.0)), Offer { excess, is_sound, ..warp(1, 0.0, Some(1.0), FULL) }]
+            let (excess, meets_coverage) = predicted_excess(Some(FULL), factor);
+            vec![
+                direct(1, 0.0, Some(40.0)),
+                Offer { excess, meets_coverage, ..warp(1, 0.0, Some(1.0), FULL) },
+            ]
         };
         assert_eq!(by_default(offers(1.9)), (1, true, Reason::Soonest));
         assert_eq!(by_default(offers(2.1)), (1, false, Reason::SamplesFallShort));

@@ -1,6 +1,6 @@
 //! Surveys of views, taken by rays outside of the core.
 
-use argus_scene::rig::{Sight, Survey};
+use argus_scene::rig::{Survey, VisibilityQuery};
 use argus_scene::{FrameSource, Rig, SampleSetInfo, View};
 
 use super::planner::{MOST_SAMPLES, MOST_TEXEL_PIXELS};
@@ -32,7 +32,7 @@ impl SurveyWanted {
     }
 
     /// Takes the survey.
-    pub fn take(&self, view: &View, sight: &dyn Sight) -> Survey {
+    pub fn take(&self, view: &View, sight: &dyn VisibilityQuery) -> Survey {
         self.take_after(None, view, sight)
     }
 
@@ -42,7 +42,7 @@ impl SurveyWanted {
     }
 
     /// Takes the survey, reusing rays of an earlier one of the same scene.
-    pub fn take_after(&self, before: Option<&Survey>, view: &View, sight: &dyn Sight) -> Survey {
+    pub fn take_after(&self, before: Option<&Survey>, view: &View, sight: &dyn VisibilityQuery) -> Survey {
         let (camera, size) = (&view.camera, [view.width, view.height]);
         let mut survey = match before {
             Some(before) => before.renewed(camera, size, sight, self.time_secs),

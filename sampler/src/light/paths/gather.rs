@@ -32,7 +32,7 @@ pub(super) struct Gatherer<'a> {
 
 impl Gatherer<'_> {
     /// Irradiance / π at each texel; `rays` is the number of rays of one that shares.
-    pub(super) fn by_pi(&self, texels: &Texels, rays: usize) -> Vec<Vec3> {
+    pub(super) fn irradiance_over_pi(&self, texels: &Texels, rays: usize) -> Vec<Vec3> {
         let pattern = Pattern::of_disc(rays);
         let count = texels.all.len();
         let Some(first) = texels.first else {

@@ -436,8 +436,12 @@ impl Leaves {
     }
 
     /// Reflected radiance of leaf sides by their irradiance / π.
-    pub(super) fn reflected(&self, by_pi: &[Vec3]) -> Vec<Vec3> {
-        self.sides.par_iter().zip(by_pi).map(|(side, by_pi)| side.albedo * *by_pi).collect()
+    pub(super) fn reflected(&self, irradiance_over_pi: &[Vec3]) -> Vec<Vec3> {
+        self.sides
+            .par_iter()
+            .zip(irradiance_over_pi)
+            .map(|(side, irradiance_over_pi)| side.albedo * *irradiance_over_pi)
+            .collect()
     }
 }
 

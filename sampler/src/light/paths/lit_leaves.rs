@@ -142,7 +142,7 @@ impl LitLeaves {
 
     /// Indirect irradiance / π at texels about an eye, each by one of `divisor` of its rays; `None` before the leaf sides are
     /// lit.
-    pub(super) fn by_pi(
+    pub(super) fn irradiance_over_pi(
         &self,
         texels: &Texels,
         about: &LightRaysAbout<'_>,
@@ -152,7 +152,7 @@ impl LitLeaves {
         let (Posed { leaves, .. }, Lit { radiance, .. }) = (self.posed.as_ref()?, self.lit.as_ref()?);
         let from_eye = (eye - leaves.center()).as_vec3();
         let gatherer = Gatherer { leaves, radiance, about, from_eye };
-        Some(gatherer.by_pi(texels, self.knobs.gather.div_ceil(divisor.max(1)) as usize))
+        Some(gatherer.irradiance_over_pi(texels, self.knobs.gather.div_ceil(divisor.max(1)) as usize))
     }
 }
 
@@ -178,10 +178,10 @@ impl Posed {
                 .for_each(|texel| bounds.extend(texel.position.as_dvec3()));
             let texels =
                 Texels { size: [rays, batch.len()], first: None, effort: Effort::Shared, all, bounds };
-            let by_pi = tracing.lights_by_pi(&texels, about, center);
+            let irradiance_over_pi = tracing.lights_by_pi(&texels, about, center);
             let side = |at: usize| {
                 let side = batch.start + at;
-                let lights: Vec3 = by_pi[at * rays..(at + 1) * rays].iter().sum();
+                let lights: Vec3 = irradiance_over_pi[at * rays..(at + 1) * rays].iter().sum();
                 let texels = &texels.all[at * rays..(at + 1) * rays];
                 (lights + self.links.sky(side, texels, &tracing.lighting.sky)) / rays as f32
             };
@@ -194,11 +194,11 @@ impl Posed {
 impl LightTracing {
     /// Irradiance / π of lights and emitters at texels without neighbours.
     fn lights_by_pi(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
-        let mut by_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
-        if let Some(emitted) = self.emitters.irradiance_by_pi(texels, about, eye, self.knobs) {
-            by_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);
+        let mut irradiance_over_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
+        if let Some(emitted) = self.emitters.irradiance_over_pi(texels, about, eye, self.knobs) {
+            irradiance_over_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);
         }
-        by_pi
+        irradiance_over_pi
     }
 }
 

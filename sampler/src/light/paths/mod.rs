@@ -171,14 +171,14 @@ impl PathLight {
 
     /// Indirect irradiance / π at texels about an eye, each by one of `divisor` of its rays; `None` where the present level has
     /// none.
-    pub(super) fn by_pi(
+    pub(super) fn irradiance_over_pi(
         &self,
         texels: &Texels,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         divisor: u32,
     ) -> Option<Vec<Vec3>> {
-        self.at(self.light)?.by_pi(texels, about, eye, divisor)
+        self.at(self.light)?.irradiance_over_pi(texels, about, eye, divisor)
     }
 
     /// The cells' settings; `None` without cells.

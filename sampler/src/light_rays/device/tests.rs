@@ -7,7 +7,7 @@ use argus_shaders::layout::sampler::{ScatteredHit, ScatteredRay, ray_flags};
 use glam::{DAffine3, DMat3, DQuat};
 
 use super::super::tests::{lump, number, odd_scene, scene, sheet, traced, vector};
-use super::super::{Faces, LightRays, RayHit};
+use super::super::{CullMode, LightRays, RayHit};
 use super::*;
 use crate::mixed::mixed;
 use crate::passes::{ScatteredRays, Sought, Tracing};
@@ -22,11 +22,11 @@ struct Both {
     tracer: PacketTracer,
     on_cpu: LightRays,
     trees: DeviceTrees,
-    faces: Faces,
+    faces: CullMode,
 }
 
 impl Both {
-    fn new(scene: &Arc<Scene>, faces: Faces) -> Self {
+    fn new(scene: &Arc<Scene>, faces: CullMode) -> Self {
         let gpu = Gpu::new(&GpuOptions::default()).unwrap();
         let tracer = traced(scene);
         let on_cpu = LightRays::new(&tracer, faces).unwrap();
@@ -35,12 +35,12 @@ impl Both {
     }
 
     fn of_mesh(mesh: Mesh, place: DAffine3) -> Self {
-        Self::new(&Arc::new(scene(vec![mesh], vec![(0, place)], vec![Default::default()])), Faces::Both)
+        Self::new(&Arc::new(scene(vec![mesh], vec![(0, place)], vec![Default::default()])), CullMode::None)
     }
 
     /// Nearest hits, and shares of light that pass, on the device.
     fn trace(&self, eye: DVec3, rays: &[Ray]) -> (Vec<Option<RayHit>>, Vec<f32>) {
-        let flags = if self.faces == Faces::Seen { ray_flags::OF_SIGHT } else { 0 };
+        let flags = if self.faces == CullMode::Back { ray_flags::OF_SIGHT } else { 0 };
         let ray = |&(origin, direction, most): &Ray| ScatteredRay {
             origin: origin.to_array(),
             most,
@@ -168,7 +168,7 @@ fn leaving(both: &Both, eye: DVec3, rays: &[Ray]) -> Vec<Ray> {
     (0u64..).zip(rays).filter_map(bounce).collect()
 }
 
-fn sees_as_the_cpu(spec: &str, faces: Faces) {
+fn sees_as_the_cpu(spec: &str, faces: CullMode) {
     let scene = Arc::new(argus_scene::open(spec).unwrap());
     let both = Both::new(&scene, faces);
     let bounds = scene.bounds();
@@ -182,9 +182,9 @@ fn sees_as_the_cpu(spec: &str, faces: Faces) {
 #[test]
 fn the_device_hits_what_the_cpu_hits_in_built_in_scenes() {
     for spec in ["terrain:20000", "mirrors:12", "rooms", "rooms+balls:20"] {
-        sees_as_the_cpu(spec, Faces::Both);
+        sees_as_the_cpu(spec, CullMode::None);
     }
-    sees_as_the_cpu("mirrors:12", Faces::Seen);
+    sees_as_the_cpu("mirrors:12", CullMode::Back);
 }
 
 #[test]
@@ -194,7 +194,7 @@ fn the_device_hits_what_the_cpu_hits_in_files() {
     };
     for file in ["sponza/sponza.glb", "salle_de_bain/salle_de_bain.glb", "pine/pine.glb"] {
         match folder.join(file) {
-            path if path.is_file() => sees_as_the_cpu(&path.display().to_string(), Faces::Both),
+            path if path.is_file() => sees_as_the_cpu(&path.display().to_string(), CullMode::None),
             path => println!("SKIPPED: there is no {}", path.display()),
         }
     }
@@ -204,7 +204,7 @@ fn the_device_hits_what_the_cpu_hits_in_files() {
 fn the_device_hits_what_the_reference_hits() {
     for spec in ["terrain:5000", "rooms", "mirrors:12"] {
         let scene = Arc::new(argus_scene::open(spec).unwrap());
-        let both = Both::new(&scene, Faces::Seen);
+        let both = Both::new(&scene, CullMode::Back);
         let reference = Tracer::new(Arc::clone(&scene));
         let bounds = scene.bounds();
         let (eye, reach) = (bounds.center(), bounds.size().max_element() * 0.5);
@@ -232,7 +232,7 @@ fn cut_outs_mirrored_transforms_a_million_metres_and_millimetres_make_no_differe
     for moving in [false, true] {
         for at in [DVec3::ZERO, DVec3::new(1e6, -2e6, 1e6)] {
             for scale in [1.0, 1e-3] {
-                for faces in [Faces::Both, Faces::Seen] {
+                for faces in [CullMode::None, CullMode::Back] {
                     let both = Both::new(&Arc::new(odd_scene(at, scale, moving)), faces);
                     let name = format!("at {at}, scale {scale}, moving {moving}, {faces:?}");
                     let eye = at + DVec3::splat(scale);
@@ -341,7 +341,7 @@ fn triangles_without_an_area_are_never_hit_and_an_empty_scene_is_empty_on_the_de
 #[test]
 fn rays_follow_the_pose_on_the_device() {
     let scene = Arc::new(argus_scene::open("mirrors:12").unwrap());
-    let mut both = Both::new(&scene, Faces::Seen);
+    let mut both = Both::new(&scene, CullMode::Back);
     let eye = scene.bounds().center();
     let reach = scene.bounds().size().max_element() * 0.5;
     for time in [0.7, 2.9] {
@@ -354,7 +354,9 @@ fn rays_follow_the_pose_on_the_device() {
     for instance in hidden.instances.iter_mut().filter(|instance| instance.mesh == 2) {
         instance.world_from_mesh.matrix3 = DMat3::ZERO;
     }
-    assert!(Both::new(&Arc::new(hidden), Faces::Seen).agree(DVec3::ZERO, &around(5.0, 2000), "hidden") > 100);
+    assert!(
+        Both::new(&Arc::new(hidden), CullMode::Back).agree(DVec3::ZERO, &around(5.0, 2000), "hidden") > 100
+    );
 }
 
 #[test]
@@ -374,7 +376,7 @@ fn transparent_surfaces_let_the_same_light_pass_on_the_device() {
         faded(0.5, AlphaMode::Blend),
         faded(0.4, AlphaMode::Mask(0.5)),
     ];
-    let both = Both::new(&Arc::new(scene(meshes, places, materials)), Faces::Both);
+    let both = Both::new(&Arc::new(scene(meshes, places, materials)), CullMode::None);
     let about = both.on_cpu.about(DVec3::ZERO);
     let ray = |i: u64| {
         let at = vector(i, 0).as_vec3() * 0.9;

@@ -21,7 +21,7 @@ fn direct(render_ms: f64) -> Offer {
         wait_ms: 0.0,
         render_ms: Some(render_ms),
         excess: 0.0,
-        is_sound: true,
+        meets_coverage: true,
         repeats: false,
     }
 }
@@ -29,9 +29,9 @@ fn direct(render_ms: f64) -> Offer {
 /// An offer from one camera's sample.
 fn warp(index: u64, render_ms: f64, coverage: Coverage) -> Offer {
     let samples = vec![SampleId { version: 0, camera: index }];
-    let (excess, is_sound) = predicted_excess(Some(coverage), 1.0);
+    let (excess, meets_coverage) = predicted_excess(Some(coverage), 1.0);
     let plan = Plan::Warp(Warp { samples, ..Warp::default() });
-    Offer { worker: WorkerId(2), plan, excess, is_sound, ..direct(render_ms) }
+    Offer { worker: WorkerId(2), plan, excess, meets_coverage, ..direct(render_ms) }
 }
 
 fn waiting(wait_ms: f64, offer: Offer) -> Offer {
