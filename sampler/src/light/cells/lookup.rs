@@ -32,6 +32,9 @@ const MOST_UNFIT: f32 = 0.5;
 const LITTLE: f32 = 0.02;
 /// Share of the weight from which on further groups are left out unseen.
 const MOST_OF: f32 = 0.9;
+/// Beside a wall: share of unfit sides from which, and share of seen sides below which a pixel is lit by rays of its own.
+const MOST_LOST: f32 = 0.1;
+const LEAST_SEEN: f32 = 0.7;
 /// Rows and columns of pixels that are looked up together.
 const BLOCK: usize = 16;
 
@@ -208,11 +211,10 @@ impl Lookup<'_> {
         let fine = if blend > 0.0 { Some(self.mixed(texel, level + 1, corners)) } else { None };
         match (coarse, fine) {
             (Mixed::Missing, _) | (_, Some(Mixed::Missing)) => Answer::Missing,
-            // One level that describes the pixel is enough.
-            (Mixed::Light(mix), None | Some(Mixed::Alone)) | (Mixed::Alone, Some(Mixed::Light(mix))) => {
-                Answer::Light(mix.light())
-            }
-            (Mixed::Alone, _) => Answer::Alone,
+            (Mixed::Light(coarse), None) => Answer::Light(coarse.light()),
+            // The finer level is enough. A coarser one may reach behind walls that the finer one told from one another.
+            (Mixed::Alone, Some(Mixed::Light(fine))) => Answer::Light(fine.light()),
+            (Mixed::Alone, _) | (_, Some(Mixed::Alone)) => Answer::Alone,
             (Mixed::Light(coarse), Some(Mixed::Light(fine))) => {
                 Answer::Light(Mix::default().plus(coarse, 1.0 - blend).plus(fine, blend).light())
             }
@@ -298,7 +300,9 @@ impl Lookup<'_> {
                 all.join(of_group);
             }
         }
-        seen.unwrap_or(true).then_some(all)
+        // Beside a wall, little may be missing of what describes the pixel.
+        let describes = all.unfit <= MOST_LOST * all.weight() && all.weight() >= LEAST_SEEN * total;
+        (seen.unwrap_or(true) && describes).then_some(all)
     }
 
     /// Collects the sides of a corner's cells.
