@@ -77,7 +77,7 @@ impl Gpu {
     }
 
     /// A pipeline like [`Self::compute_pipeline_with`] without the checks of indices and the counters of loops that wgpu adds.
-    /// They cost a third of the time of a program that follows pointers.
+    /// On an H200 they cost a tracer of rays 1% of its time (64 invocations a workgroup, stacks in its memory).
     ///
     /// # Safety
     /// Every loop of the program must end, and every index must be within its array.

@@ -47,6 +47,9 @@ impl Default for LightKnobs {
 }
 
 impl LightKnobs {
+    /// Most rays of a texel, to the sky and to emitters.
+    pub const MOST_RAYS: u32 = 64;
+
     /// With one of so many rays, at least one.
     pub(crate) fn divided(self, divisor: u32) -> Self {
         let rays = |rays: u32| rays.div_ceil(divisor.max(1));
@@ -103,8 +106,9 @@ impl SamplerKnobs {
             ("sampler.light.sky_rays", self.light.sky_rays),
             ("sampler.light.emitter_rays", self.light.emitter_rays),
         ] {
-            if !(1..=64).contains(&rays) {
-                return Err(InvalidField::new(field, format!("must be 1 to 64, not {rays}")));
+            if !(1..=LightKnobs::MOST_RAYS).contains(&rays) {
+                let most = LightKnobs::MOST_RAYS;
+                return Err(InvalidField::new(field, format!("must be 1 to {most}, not {rays}")));
             }
         }
         if self.exposure.is_some_and(|exposure| !(exposure > 0.0 && exposure.is_finite())) {

@@ -45,7 +45,7 @@ impl Programs {
     fn new(gpu: &Gpu, features: Features) -> Self {
         Self {
             shadows: ShadowRays::new(gpu),
-            sky: SkyRays::new(gpu, features, REACHES),
+            sky: SkyRays::new(gpu, features, REACHES, &disc_points(SLOTS * LightKnobs::MOST_RAYS as usize)),
             sum: ArrivingLight::new(gpu, features),
         }
     }
@@ -203,15 +203,13 @@ impl LitTile<'_> {
 
     /// Records the share of the sky that texels see.
     pub(super) fn sky(&self, commands: &mut Commands, sky: &Sky, knobs: LightKnobs) {
-        let points = disc_points(SLOTS * knobs.sky_rays as usize);
         let asked = AskedSky {
-            points: &points,
             rays: knobs.sky_rays,
             reach: sky.reach.map_or(f32::MAX, |reach| reach as f32),
             filter: knobs.filter,
         };
         let texels = (&self.texels, &self.buffers);
-        self.device.programs.sky.record(commands, (self.context, &asked), texels, self.tracing());
+        self.device.programs.sky.record(commands, (self.context, asked), texels, self.tracing());
     }
 
     /// Records the sum of all light: [`super::Arriving`] of each texel. `rest`: light that was found on the CPU.

@@ -13,8 +13,8 @@ use crate::light_rays::device::{DevicePlaced, DeviceTrees};
 const FIRST_RAYS: [u32; 2] = [1 << 22, 1 << 15];
 /// Share of [`LONGEST_PASS_MS`] that a dispatch may take by the measured rate.
 const SHARE_OF_LONGEST: f64 = 0.2;
-/// Invocations of a workgroup, as the program declares, and rays that each traces one after another. On an H200 256 invocations and
-/// a stack in the workgroup's memory were no faster, and one ray each took a third longer.
+/// Invocations of a workgroup, as the program declares, and rays that each traces one after another: the fastest of those measured
+/// on an H200 (`docs/gpu.md`).
 const LANES: u32 = 128;
 const RAYS_EACH: u32 = 4;
 /// Most workgroups along the first axis of a dispatch.

@@ -20,12 +20,12 @@ pub(crate) struct SkyRays {
     cast_rays: ComputePipeline,
     sum_rays: ComputePipeline,
     smooth: [ComputePipeline; 4],
+    /// Points of the unit disc: those of each slot for the first ray, then for the second, and so on.
+    points: wgpu::Buffer,
 }
 
 /// Rays of each texel.
-pub(crate) struct AskedSky<'a> {
-    /// Points of the unit disc: those of each slot for the first ray, then for the second.
-    pub(crate) points: &'a [Vec2],
+pub(crate) struct AskedSky {
     /// Rays of a texel.
     pub(crate) rays: u32,
     /// Metres at which rays end.
@@ -35,17 +35,19 @@ pub(crate) struct AskedSky<'a> {
 }
 
 impl SkyRays {
-    /// `reaches`: of the filter's boxes, texels.
-    pub(crate) fn new(gpu: &Gpu, features: Features, reaches: [isize; 2]) -> Self {
+    /// `reaches`: of the filter's boxes, texels. `points`: of the unit disc, for all slots and the most rays of a texel.
+    pub(crate) fn new(gpu: &Gpu, features: Features, reaches: [isize; 2], points: &[Vec2]) -> Self {
         let smooth = |(reach, columns): (isize, bool)| {
             let constants = [("filter_reach", reach as f64), ("along_columns", f64::from(u8::from(columns)))];
             gpu.compute_pipeline_with(&SKY_RAYS, "smooth_sums", &constants)
         };
         let [first, second] = reaches;
+        let points: Vec<[f32; 2]> = points.iter().map(|point| point.to_array()).collect();
         Self {
             cast_rays: gpu.compute_pipeline(&SKY_RAYS, "cast_rays"),
             sum_rays: gpu.compute_pipeline_with(&SKY_RAYS, "sum_rays", &[features.sky_constant()]),
             smooth: [(first, false), (first, true), (second, false), (second, true)].map(smooth),
+            points: gpu.upload("points of the sky", &points, wgpu::BufferUsages::STORAGE),
         }
     }
 
@@ -53,13 +55,11 @@ impl SkyRays {
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
-        (context, sky): (&TileContext<'_>, &AskedSky<'_>),
+        (context, sky): (&TileContext<'_>, AskedSky),
         (texels, buffers): (&LitTexels<'_>, &LitBuffers),
         tracing: Tracing<'_>,
     ) {
         let gpu: &Arc<Gpu> = context.gpu;
-        let points: Vec<[f32; 2]> = sky.points.iter().map(|point| point.to_array()).collect();
-        let points = gpu.upload("points of the sky", &points, wgpu::BufferUsages::STORAGE);
         let count = u64::from(texels.count);
         commands.clear(&buffers.sky[0]);
         for ray in 0..sky.rays {
@@ -68,7 +68,7 @@ impl SkyRays {
             texels
                 .bind(commands.compute(SKY, &self.cast_rays))
                 .read("sky_query", &query)
-                .read("sky_points", &points)
+                .read("sky_points", &self.points)
                 .write("sky_rays", &buffers.rays)
                 .dispatch_linear(count);
             let sought = Sought::Passed(&buffers.passed);
