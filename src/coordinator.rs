@@ -64,7 +64,7 @@ pub(crate) struct Service {
     /// [default: 0.5]
     #[arg(long, value_name = "SHARE", value_parser = args::share)]
     refining_share: Option<f64>,
-    /// Calibration that `argus-lab study bounds` wrote, instead of the one kept on this machine for the scene
+    /// Calibration that `argus-lab study views bounds` wrote, instead of the one kept on this machine for the scene
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// NATS server with JetStream through which several coordinators elect a leader, such as nats://127.0.0.1:4222

@@ -40,7 +40,7 @@ impl Default for CompositorKnobs {
             piece_side: 2048,
             chunk_pixels: 4 << 20,
             max_sample_bytes: 4 << 30,
-            // `argus-lab study history`, terrain: FLIP is 0.081 from samples, 0.079 after 5 reprojections, 0.082 after 8.
+            // `argus-lab study views reprojection`, terrain: FLIP is 0.081 from samples, 0.079 after 5 reprojections, 0.082 after 8.
             max_reprojections: 6,
             search_backend: SearchBackend::Auto,
             // With its last step a slice takes about as long as a direct view of 320×240 pixels.

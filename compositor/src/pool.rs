@@ -25,7 +25,7 @@ pub(crate) struct Pool {
 }
 
 /// Larger arrays that will replace a pool's. A few layers are copied with each upload: copying all at once delays views
-/// by 233 ms when 64 layers become 128 (`argus-lab study soak`).
+/// by 233 ms when 64 layers become 128 (`argus-lab study load soak`).
 #[derive(Debug)]
 struct Growth {
     arrays: Arrays,

@@ -3,7 +3,7 @@
 //!
 //! The frame's pixels are projected into cells by the function that splats use (`shaders/shared/cell_projection.wgsl`). A
 //! frame is used if it covers 15/16 of the view, measured on the CPU with a grid of its pixels. At most six frames in a
-//! row are reprojected, because errors of a search persist in them. `argus-lab study history` measures less error and no gain
+//! row are reprojected, because errors of a search persist in them. `argus-lab study views reprojection` measures less error and no gain
 //! in time: refinement takes eighty times as long as the coarse splat.
 
 use std::sync::Arc;
@@ -33,7 +33,7 @@ const GRID_SIDE: u32 = 32;
 /// Parts on a side of the view. A part is covered if a pixel of the grid is projected into it.
 const PARTS: u32 = 8;
 /// Fewest covered parts of a frame that is used. Uncovered parts are searched from the far end of the scene, which may
-/// find other surfaces. `argus-lab study history`, terrain, field of view 58°: FLIP is 0.081 from samples, 0.078 after a turn
+/// find other surfaces. `argus-lab study views reprojection`, terrain, field of view 58°: FLIP is 0.081 from samples, 0.078 after a turn
 /// by 5°, 0.082 after a turn by 10°.
 const MIN_COVERED_PARTS: u32 = PARTS * PARTS * 15 / 16;
 

@@ -22,7 +22,7 @@ struct Cli {
 
 const EXAMPLES: &str = "\
 Examples:
-  argus-lab study service --scene model.glb       the service as its users meet it
+  argus-lab study load service --scene model.glb       the service as its users meet it
   argus-lab study campaign --quick                the self-test and all studies that need a GPU
   argus-lab study --help                          all studies
 

@@ -68,14 +68,14 @@ fn a_campaign_without_a_driver_reports_that_and_skips_the_rest() {
     assert!(stderr(&output).contains("1 of"), "{}", stderr(&output));
     let page = fs::read_to_string(out.join("results.md")).unwrap();
     assert!(page.contains("| selftest | FAILED: argus:") && page.contains("mesa-vulkan-drivers"), "{page}");
-    assert!(page.contains("| device | left out: no device opens"), "{page}");
+    assert!(page.contains("| parts | left out: no device opens"), "{page}");
     let steps: Value = serde_json::from_str(&fs::read_to_string(out.join("steps.json")).unwrap()).unwrap();
     assert!(steps["steps"].as_array().unwrap().iter().skip(1).all(|step| step["state"] == "skipped"));
 }
 
 #[test]
 fn the_device_study_measures_both_programs_of_each_search_and_names_missing_figures() {
-    let study = json(&["study", "device", "--quick", "--json"]);
+    let study = json(&["study", "device", "parts", "--quick", "--json"]);
     let rows = study["rows"].as_array().unwrap();
     let of = |measure: &str| rows.iter().filter(|row| row["measure"] == measure).collect::<Vec<_>>();
     for search in ["splat", "linear", "seeded", "pyramid"] {
@@ -104,7 +104,7 @@ fn the_device_study_measures_both_programs_of_each_search_and_names_missing_figu
 
 #[test]
 fn the_throughput_study_counts_views_on_the_device_and_read_back() {
-    let study = json(&["study", "throughput", "--quick", "--json"]);
+    let study = json(&["study", "device", "throughput", "--quick", "--json"]);
     for row in study["rows"].as_array().unwrap() {
         for key in ["device_views_per_sec", "read_back_views_per_sec", "flip"] {
             assert!(row[key].as_f64() > Some(0.0), "{key}: {row:#}");

@@ -19,7 +19,7 @@
 //! three steps, and looked up at the level of the surface's roughness. Glass adds the refracted ray.
 //!
 //! Without reflective objects or reflections, none of these programs is compiled. The reference traces rays instead
-//! (`scene/src/reference/reflection.rs`); `argus-lab study reflections` measures the difference.
+//! (`scene/src/reference/reflection.rs`); `argus-lab study method probes` measures the difference.
 
 mod points;
 

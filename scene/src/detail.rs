@@ -1,7 +1,7 @@
 //! How much of a view from triangles is rendered.
 //!
 //! A service that is asked for more views than it can render in full renders open views in less detail before it lets anyone
-//! wait. Which steps are worth it was measured by `argus-lab study detail`.
+//! wait. Which steps are worth it was measured by `argus-lab study views detail`.
 
 use std::fmt;
 use std::str::FromStr;

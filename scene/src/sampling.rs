@@ -19,7 +19,7 @@ pub enum Sampling {
     MegaViews(MegaViews),
 }
 
-/// Settings of octree maps; `argus-lab study omni-maps` measures the cost of each.
+/// Settings of octree maps; `argus-lab study method omni-maps` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct MegaViews {
     /// Texels on a side of a map's hemisphere, 8 to 1024. More are sharper; cost grows with the square.

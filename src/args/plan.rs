@@ -37,7 +37,7 @@ pub(crate) struct Plan {
     /// default) or exact (no guessed pixel, four samples a pixel)
     #[arg(long, value_name = "GOAL", value_parser = preset())]
     pub(crate) preset: Option<Preset>,
-    /// Greatest accepted mean FLIP error against the reference, above 0 and up to 1. `argus-lab study bounds` calibrates the
+    /// Greatest accepted mean FLIP error against the reference, above 0 and up to 1. `argus-lab study views bounds` calibrates the
     /// scene, so that the cheapest plan that keeps the bound is taken
     #[arg(long, value_name = "FLIP", allow_negative_numbers = true)]
     pub(crate) max_error: Option<f64>,

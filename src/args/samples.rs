@@ -149,7 +149,7 @@ pub(crate) struct Sampling {
     pub(crate) indirect: IndirectLight,
 }
 
-/// How surfaces light one another. `argus-lab study radiosity` shows what each flag costs.
+/// How surfaces light one another. `argus-lab study method virtual-lights` shows what each flag costs.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
@@ -157,7 +157,7 @@ pub(crate) struct IndirectLight {
     /// point lights), points (gathered from small images of an octree of the scene, rendered at some of the visible points) or
     /// paths (the scene's cells exchange light along rays, and some of the visible points gather it; switches on shadows, sky
     /// visibility and emitters) or cells (the same light and the sky's, gathered once on surfaces and looked up by all views). It is
-    /// computed once a sample and costs warped views nothing. `argus-lab study light` compares them
+    /// computed once a sample and costs warped views nothing. `argus-lab study light indirect` compares them
     #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths", "cells"])]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower

@@ -86,7 +86,7 @@ pub(crate) struct Coordinator {
     /// Share of the samplers' time for samples where views have holes. These wait for all other work, so a half costs
     /// other views little.
     pub(crate) refining_share: f64,
-    /// File of a calibrated model, in place of the one that `argus-lab study bounds` kept on this machine.
+    /// File of a calibrated model, in place of the one that `argus-lab study views bounds` kept on this machine.
     pub(crate) model: Option<PathBuf>,
     /// Shortest interval in milliseconds between two moments of an animated scene: the time of a small scene's samples.
     pub(crate) epoch_ms: f64,

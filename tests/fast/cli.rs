@@ -80,7 +80,7 @@ fn invalid_arguments_end_with_2_before_any_work() {
     fails_with(&["serve", "--workers", "0"], 2, &["--workers"]);
     fails_with(&["worker"], 2, &["--coordinator"]);
     fails_with(&["no-such-command"], 2, &["no-such-command"]);
-    fails_in_one_line(&["study", "warp", "--quick"], 2, &["argus-lab study warp --quick"]);
+    fails_in_one_line(&["study", "views", "warp", "--quick"], 2, &["argus-lab study views warp --quick"]);
     assert_eq!(run(&[]).status.code(), Some(2));
 }
 

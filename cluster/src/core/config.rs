@@ -57,7 +57,7 @@ pub struct Config {
     pub max_view_time: Duration,
     /// Cost of a sample that a compositor must fetch, in queued views.
     pub missing_sample_views: f64,
-    /// Whether samplers compose views in spare time, since whole K may leave them idle. `argus-lab study burst` compares
+    /// Whether samplers compose views in spare time, since whole K may leave them idle. `argus-lab study load burst` compares
     /// both: a fifth less time for 290 views on two workers.
     pub samplers_composite: bool,
     /// Share of the samplers' time for samples at refinements of the rig, where views have holes. They add at most

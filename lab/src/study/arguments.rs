@@ -7,7 +7,7 @@ use indicatif::ProgressBar;
 
 /// One scene.
 #[derive(clap::Args)]
-pub(super) struct Scene {
+pub(in crate::study) struct Scene {
     /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
     /// balls
     #[arg(long = "scene", value_name = "S")]
@@ -17,7 +17,7 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    pub(super) fn replace(self, default: &mut String) {
+    pub(in crate::study) fn replace(self, default: &mut String) {
         if let Some(name) = self.name {
             *default = name;
         }
@@ -27,7 +27,7 @@ impl Scene {
 
 /// Scenes, each measured separately.
 #[derive(clap::Args)]
-pub(super) struct Scenes {
+pub(in crate::study) struct Scenes {
     /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
     /// balls; may be given more than once
     #[arg(long = "scene", value_name = "S")]
@@ -37,7 +37,7 @@ pub(super) struct Scenes {
 }
 
 impl Scenes {
-    pub(super) fn replace(self, default: &mut Vec<String>) {
+    pub(in crate::study) fn replace(self, default: &mut Vec<String>) {
         if !self.names.is_empty() {
             *default = self.names;
         }
@@ -47,14 +47,14 @@ impl Scenes {
 
 /// The size of views.
 #[derive(clap::Args)]
-pub(super) struct Size {
+pub(in crate::study) struct Size {
     /// Size of a view in pixels
     #[arg(long, value_name = "WxH", value_parser = args::size)]
     size: Option<[u32; 2]>,
 }
 
 impl Size {
-    pub(super) fn replace(self, default: &mut [u32; 2]) {
+    pub(in crate::study) fn replace(self, default: &mut [u32; 2]) {
         if let Some(size) = self.size {
             *default = size;
         }
@@ -62,7 +62,7 @@ impl Size {
 }
 
 /// Runs a study that waits for the GPU on a blocking thread, away from I/O.
-pub(super) async fn blocking<O: Send + 'static>(
+pub(in crate::study) async fn blocking<O: Send + 'static>(
     options: O,
     progress: &ProgressBar,
     study: impl FnOnce(&O, &ProgressBar) -> anyhow::Result<Report> + Send + 'static,

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use argus::{args, output, shutdown};
-use argus_studies::campaign::{Options, Outcome, PAGE, run};
+use argus_studies::device::campaign::{Options, Outcome, PAGE, run};
 use indicatif::ProgressBar;
 
 use super::Form;

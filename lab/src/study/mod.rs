@@ -1,28 +1,19 @@
-//! `argus-lab study`: the experiments behind the figures, with a file for each study's arguments.
+//! `argus-lab study`: the experiments behind the figures. A file for each kind, with the arguments of its studies.
 
 mod arguments;
 mod campaign;
 mod device;
-mod epr;
-mod manylods;
-mod megaviews;
-mod omni_maps;
-mod particles;
-mod radiosity;
-mod rays;
-mod reflections;
-mod scenes;
+mod light;
+mod load;
+mod method;
+mod views;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use argus::output;
-use argus_studies::{
-    Report, baseline, bounds, break_even, burst, capacity, cluster, detail, effects, equal_error, history,
-    light, overload, service, shadows, soak, throughput, visibility, walk, warp,
-};
+use argus::{output, shutdown};
+use argus_studies::Report;
+use argus_studies::papers::page;
 use indicatif::{ProgressBar, ProgressStyle};
-
-use self::arguments::blocking;
 
 /// Measures on this machine what approximations cost and how large their errors are.
 ///
@@ -31,14 +22,12 @@ use self::arguments::blocking;
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
-  LP_NUM_THREADS=1 argus-lab study baseline --out figures
-  argus-lab study baseline --scene model.glb --quick
-  LP_NUM_THREADS=1 argus-lab study warp --scene terrain:500000 --out figures
-  argus-lab study burst --scene terrain:500000 --views 290
-  argus-lab study walk --scene sponza.glb --laps 8
-  argus-lab study cluster --simulate --out figures
-  argus-lab study service --scene sponza.glb --size 320x240
-  argus-lab study soak --sessions 200 --minutes 2 --chaos
+  LP_NUM_THREADS=1 argus-lab study views baseline --out figures
+  argus-lab study views walk --scene sponza.glb --laps 8
+  argus-lab study light indirect --scene sponza.glb
+  argus-lab study load service --scene sponza.glb --size 320x240
+  argus-lab study load cluster --simulate --out figures
+  argus-lab study paper megaviews --quick                 all figures of a paper, on one page
   argus-lab study campaign --quick                        the self-test and all studies that need a GPU")]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -49,37 +38,33 @@ pub(crate) struct Args {
 
 #[derive(clap::Subcommand)]
 enum Study {
-    Baseline(baseline::Options),
-    Burst(burst::Options),
-    Warp(warp::Options),
-    Bounds(bounds::Options),
-    Walk(walk::Options),
-    Visibility(visibility::Options),
-    Cluster(cluster::Options),
-    Soak(soak::Options),
-    Capacity(capacity::Options),
-    BreakEven(break_even::Options),
-    History(history::Options),
-    #[command(name = "megaviews")]
-    MegaViews(megaviews::MegaViews),
-    #[command(name = "manylods")]
-    ManyLods(manylods::ManyLods),
-    OmniMaps(omni_maps::OmniMaps),
-    Particles(particles::Particles),
-    Light(light::Options),
-    Radiosity(radiosity::Radiosity),
-    Rays(rays::RayStudy),
-    Reflections(reflections::ReflectionStudy),
-    Overload(overload::Options),
-    Scenes(scenes::Scenes),
-    Service(service::Options),
-    Shadows(shadows::Options),
-    Detail(detail::Options),
-    Device(device::Device),
-    Effects(effects::Options),
-    Epr(epr::EprStudy),
-    EqualError(equal_error::Options),
-    Throughput(throughput::Options),
+    /// Images: what each way of making a view costs, and how far it is from the converged one
+    Views {
+        #[command(subcommand)]
+        study: views::Study,
+    },
+    /// Light: what shadows, sky and indirect light cost, and their error
+    Light {
+        #[command(subcommand)]
+        study: light::Study,
+    },
+    /// Load: services of several processes, real or simulated, under many clients
+    Load {
+        #[command(subcommand)]
+        study: load::Study,
+    },
+    /// Devices: how fast this machine's GPU and CPU do what a frame is made of
+    Device {
+        #[command(subcommand)]
+        study: device::Study,
+    },
+    /// Methods of the papers, each measured by itself
+    Method {
+        #[command(subcommand)]
+        study: method::Study,
+    },
+    /// All figures and tables of a paper on one page, README.md, beside the paper's own numbers [--out: out/PAPER]
+    Paper(page::Options),
     Campaign(campaign::Campaign),
 }
 
@@ -97,46 +82,32 @@ struct Form {
     out: Option<PathBuf>,
 }
 
+/// What every study gets beside its options.
+struct Run<'a> {
+    /// This program, of which studies start processes.
+    program: &'a Path,
+    form: &'a Form,
+    progress: &'a ProgressBar,
+}
+
+/// Name of a study's files, and its result.
+type Named = (&'static str, Report);
+
 pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
     let progress = ProgressBar::no_length();
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>3}/{len} {msg} ({elapsed})") {
         progress.set_style(style);
     }
     let program = std::env::current_exe()?;
+    let run = Run { program: &program, form: &form, progress: &progress };
     let (name, report) = match study {
-        Study::Baseline(options) => ("baseline", blocking(options, &progress, baseline::run).await?),
-        Study::Burst(options) => ("burst", burst::run(&program, &options, &progress).await?),
-        Study::Warp(options) => ("warp", blocking(options, &progress, warp::run).await?),
-        Study::Bounds(options) => ("bounds", blocking(options, &progress, bounds::run).await?),
-        Study::Walk(options) => ("walk", walk::run(&program, &options, &progress).await?),
-        Study::Visibility(options) => ("visibility", blocking(options, &progress, visibility::run).await?),
-        Study::Cluster(options) => ("cluster", cluster::run(&program, &options, &progress).await?),
-        Study::Capacity(options) => ("capacity", capacity::run(&program, &options, &progress).await?),
-        Study::Soak(options) => ("soak", soak::run(&program, &options, &progress).await?),
-        Study::History(options) => ("history", blocking(options, &progress, history::run).await?),
-        Study::BreakEven(options) => ("break-even", blocking(options, &progress, break_even::run).await?),
-        Study::MegaViews(study) => ("megaviews", study.run(form.quick, &progress).await?),
-        Study::ManyLods(study) => ("manylods", study.run(form.quick, &progress).await?),
-        Study::OmniMaps(study) => ("omni-maps", study.run(form.quick, &progress).await?),
-        Study::Particles(study) => ("particles", study.run(form.quick, &progress).await?),
-        Study::Light(options) => ("light", blocking(options, &progress, light::run).await?),
-        Study::Radiosity(study) => ("radiosity", study.run(form.quick, &progress).await?),
-        Study::Rays(study) => ("rays", study.run(form.quick, &progress).await?),
-        Study::Reflections(study) => ("reflections", study.run(form.quick, &progress).await?),
-        Study::Overload(options) => ("overload", overload::run(&program, &options, &progress).await?),
-        Study::Scenes(study) => ("scenes", study.run(form.out.clone(), &progress).await?),
-        Study::Service(options) => ("service", service::run(&program, &options, &progress).await?),
-        Study::Shadows(options) => ("shadows", blocking(options, &progress, shadows::run).await?),
-        Study::Effects(options) => {
-            let options = effects::Options { pictures: form.out.clone(), ..options };
-            ("effects", blocking(options, &progress, effects::run).await?)
-        }
-        Study::Detail(options) => ("detail", blocking(options, &progress, detail::run).await?),
-        Study::Device(study) => ("device", study.run(form.quick, &progress).await?),
-        Study::Epr(study) => ("epr", study.run(form.quick, form.out.clone(), &progress).await?),
-        Study::EqualError(options) => ("equal-error", blocking(options, &progress, equal_error::run).await?),
-        Study::Throughput(options) => ("throughput", blocking(options, &progress, throughput::run).await?),
-        // A campaign writes its own folder.
+        Study::Views { study } => study.run(&run).await?,
+        Study::Light { study } => study.run(&run).await?,
+        Study::Load { study } => study.run(&run).await?,
+        Study::Device { study } => study.run(&run).await?,
+        Study::Method { study } => study.run(&run).await?,
+        // These write their own folders.
+        Study::Paper(options) => return paper(&options, &run).await,
         Study::Campaign(campaign) => return campaign.run(&form, &progress).await,
     };
     progress.finish_and_clear();
@@ -146,6 +117,20 @@ pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
     let failed =
         rows.filter(|row| row.get("passed") == Some(&no) || row.get("outcome") == Some(&failed)).count();
     anyhow::ensure!(failed == 0, "{failed} of {} cases are out of bounds", report.rows.len());
+    Ok(())
+}
+
+/// Makes the page of a paper.
+async fn paper(options: &page::Options, run: &Run<'_>) -> anyhow::Result<()> {
+    let name = clap::ValueEnum::to_possible_value(&options.paper);
+    let folder = Path::new("out").join(name.as_ref().map_or("paper", clap::builder::PossibleValue::get_name));
+    let out = run.form.out.as_deref().unwrap_or(&folder);
+    let stop = shutdown::requested(false);
+    let written = page::run(run.program, options, (run.form.quick, out), run.progress, &stop).await?;
+    run.progress.finish_and_clear();
+    let page::Written { page, made, missing, failed } = written;
+    eprintln!("{made} figures and tables, {missing} not made; written: {}", page.display());
+    anyhow::ensure!(failed == 0, "{failed} studies failed, see {}", page.display());
     Ok(())
 }
 

@@ -7,7 +7,7 @@ use crate::support::json;
 
 #[test]
 fn the_rays_study_measures_every_kind_of_rays_with_the_wide_tree() {
-    let study = json(&["study", "rays", "--quick", "--json"]);
+    let study = json(&["study", "device", "rays", "--quick", "--json"]);
     for kind in ["primary", "sun", "point", "sky", "bounce"] {
         let of = |row: &&Value| row["rays"] == kind && row["tracer"] == "wide";
         let wide: Vec<&Value> = rows(&study).iter().filter(of).collect();
@@ -22,7 +22,7 @@ fn the_rays_study_measures_every_kind_of_rays_with_the_wide_tree() {
 
 #[test]
 fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
-    let study = json(&["study", "reflections", "--quick", "--json"]);
+    let study = json(&["study", "method", "probes", "--quick", "--json"]);
     let sky = &rows(&study)[0];
     assert_eq!(number(sky, "maps"), 0.0);
     assert_eq!(
@@ -46,7 +46,7 @@ fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
 fn the_epr_study_compares_points_with_maps_and_rays_and_leaves_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "epr", "--quick", "--json", "--out", out]);
+    let study = json(&["study", "method", "eye-points", "--quick", "--json", "--out", out]);
     for pose in ["distant", "close"] {
         let of = |way: &str| {
             let is = |row: &&Value| row["way"] == way && row["pose"] == pose;
@@ -66,14 +66,19 @@ fn the_epr_study_compares_points_with_maps_and_rays_and_leaves_pictures() {
         assert!(number(rays, "right") > 0.98 && number(rays, "flip") < 0.01, "{rays:#}");
         assert!(number(rays, "flip") < number(points, "flip"));
     }
-    for file in ["epr-3-distant-truth.png", "epr-3-close-points-0.5.png", "epr.md", "epr-flip.svg"] {
+    for file in [
+        "eye-points-3-distant-truth.png",
+        "eye-points-3-close-points-0.5.png",
+        "eye-points.md",
+        "eye-points-flip.svg",
+    ] {
         assert!(folder.path().join(file).is_file(), "{file}");
     }
 }
 
 #[test]
 fn the_equal_error_study_gives_each_ways_time_for_the_error_of_views_from_samples() {
-    let study = json(&["study", "equal-error", "--quick", "--json"]);
+    let study = json(&["study", "light", "equal-error", "--quick", "--json"]);
     for row in rows(&study) {
         assert!(number(row, "view_ms") > 0.0 && (0.0..=1.0).contains(&number(row, "flip")), "{row:#}");
         assert!(number(row, "error") > 0.0 && number(row, "energy") > 0.0, "{row:#}");
@@ -95,7 +100,17 @@ fn the_equal_error_study_gives_each_ways_time_for_the_error_of_views_from_sample
 fn the_radiosity_study_varies_each_knob_and_light_brings_images_closer_to_path_tracing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "radiosity", "--quick", "--json", "--out", out, "--light", "point:0,60,0"]);
+    let study = json(&[
+        "study",
+        "method",
+        "virtual-lights",
+        "--quick",
+        "--json",
+        "--out",
+        out,
+        "--light",
+        "point:0,60,0",
+    ]);
     let differs = |name: &str| rows(&study).iter().filter(|row| row["differs"] == name).count();
     for name in [
         "as given",
@@ -126,14 +141,14 @@ fn the_radiosity_study_varies_each_knob_and_light_brings_images_closer_to_path_t
     }
     let note = study["notes"][0].as_str().unwrap();
     assert!(note.contains("path-traced"), "{note}");
-    let plot = std::fs::read_to_string(folder.path().join("radiosity-pareto.svg")).unwrap();
+    let plot = std::fs::read_to_string(folder.path().join("virtual-lights-pareto.svg")).unwrap();
     assert!(plot.starts_with("<svg"));
 }
 
 #[test]
 fn an_invalid_light_is_refused_with_the_valid_form() {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_argus-lab"))
-        .args(["study", "megaviews", "--light", "spot:0,1:0,0,0"])
+        .args(["study", "method", "megaviews", "--light", "spot:0,1:0,0,0"])
         .output()
         .unwrap();
     assert_eq!(output.status.code(), Some(2));
@@ -145,7 +160,7 @@ fn an_invalid_light_is_refused_with_the_valid_form() {
 fn the_particles_study_shows_that_maps_come_closer_to_ray_traced_shadows() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "particles", "--quick", "--json", "--out", out, "--images", out]);
+    let study = json(&["study", "method", "particles", "--quick", "--json", "--out", out, "--images", out]);
     for count in [256, 1024] {
         let of = |method: &str| {
             let found = rows(&study).iter().find(|row| row["particles"] == count && row["method"] == method);
@@ -168,7 +183,7 @@ fn the_particles_study_shows_that_maps_come_closer_to_ray_traced_shadows() {
 
 #[test]
 fn the_shadows_study_judges_every_effect_against_the_reference_with_that_effect() {
-    let study = json(&["study", "shadows", "--quick", "--json"]);
+    let study = json(&["study", "light", "shadows", "--quick", "--json"]);
     let of = |name: &str| rows(&study).iter().find(|row| row["effects"] == name).unwrap();
     assert!(number(of("none"), "light_ms") == 0.0 && number(of("none"), "flip") < 0.02);
     for name in ["hard shadows", "soft shadows", "sky visibility, 4 rays", "all"] {
@@ -181,7 +196,7 @@ fn the_shadows_study_judges_every_effect_against_the_reference_with_that_effect(
 fn the_effects_study_judges_changes_beside_their_bounds_and_prints_predicted_and_measured_costs() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "effects", "--quick", "--json", "--out", out]);
+    let study = json(&["study", "light", "effects", "--quick", "--json", "--out", out]);
     let of = |scene: &str, name: &str| {
         let found = rows(&study).iter().find(|row| row["scene"] == scene && row["row"] == name);
         found.unwrap_or_else(|| panic!("{scene} {name}: {study:#}"))

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::support::json;
+use crate::support::{json, run, stderr};
 use serde_json::Value;
 
 pub(crate) fn rows(study: &Value) -> &Vec<Value> {
@@ -20,7 +20,7 @@ fn the_warp_study_has_every_search_its_figures_and_its_plot() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let begin = Instant::now();
-    let study = json(&["study", "warp", "--quick", "--json", "--out", out]);
+    let study = json(&["study", "views", "warp", "--quick", "--json", "--out", out]);
     assert!(begin.elapsed() < Duration::from_secs(30), "the short form is short");
     for row in rows(&study) {
         for key in ["view_ms", "per_direct", "per_fetch", "flip", "psnr_db", "ssim"] {
@@ -51,7 +51,7 @@ fn the_warp_study_has_every_search_its_figures_and_its_plot() {
 
 #[test]
 fn the_history_study_has_both_starts_and_shows_where_the_previous_frame_helps() {
-    let study = json(&["study", "history", "--quick", "--json"]);
+    let study = json(&["study", "views", "reprojection", "--quick", "--json"]);
     let of = |seed: &str| rows(&study).iter().filter(|row| row["seed"] == seed).collect::<Vec<_>>();
     let searches: Vec<&Value> = of("samples").into_iter().map(|row| &row["search"]).collect();
     assert_eq!(searches, ["splat", "seeded"]);
@@ -83,7 +83,7 @@ fn the_history_study_has_both_starts_and_shows_where_the_previous_frame_helps() 
 
 #[test]
 fn the_omni_maps_study_compares_triangles_and_maps() {
-    let study = json(&["study", "omni-maps", "--quick", "--json"]);
+    let study = json(&["study", "method", "omni-maps", "--quick", "--json"]);
     let of = |way: &str| rows(&study).iter().filter(|row| row["way"] == way).collect::<Vec<_>>();
     assert_eq!(of("raster").len(), 1);
     assert_eq!(of("megaviews").len(), 2, "two sizes of maps");
@@ -97,7 +97,7 @@ fn the_omni_maps_study_compares_triangles_and_maps() {
 
 #[test]
 fn the_break_even_study_gives_the_number_of_views_from_which_samples_are_cheaper() {
-    let study = json(&["study", "break-even", "--quick", "--json"]);
+    let study = json(&["study", "load", "break-even", "--quick", "--json"]);
     for row in rows(&study) {
         let views = number(row, "views");
         let expected = views * number(row, "direct_view_ms");
@@ -114,7 +114,7 @@ fn the_break_even_study_gives_the_number_of_views_from_which_samples_are_cheaper
 fn the_megaviews_study_tests_fewer_pairs_than_manylods_and_marks_extrapolated_rows() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "megaviews", "--quick", "--json", "--out", out]);
+    let study = json(&["study", "method", "megaviews", "--quick", "--json", "--out", out]);
     let of = |method: &str, placement: &str, views: u64| {
         let found = rows(&study)
             .iter()
@@ -152,7 +152,8 @@ fn the_megaviews_study_tests_fewer_pairs_than_manylods_and_marks_extrapolated_ro
 
 #[test]
 fn the_megaviews_study_counts_pairs_that_occlusion_culls_at_equal_maps() {
-    let arguments = ["study", "megaviews", "--quick", "--json", "--placement", "random", "--method"];
+    let arguments =
+        ["study", "method", "megaviews", "--quick", "--json", "--placement", "random", "--method"];
     let study = json(&[&arguments[..], &["megaviews,manylods", "--occlusion", "off,on,known"]].concat());
     for method in ["megaviews", "manylods"] {
         let of = |occlusion: &str| {
@@ -171,7 +172,8 @@ fn the_megaviews_study_counts_pairs_that_occlusion_culls_at_equal_maps() {
 
 #[test]
 fn the_megaviews_study_gives_accuracy_and_memory_for_every_texel_format() {
-    let arguments = ["study", "megaviews", "--quick", "--json", "--placement", "four-bounce", "--method"];
+    let arguments =
+        ["study", "method", "megaviews", "--quick", "--json", "--placement", "four-bounce", "--method"];
     let texels = ["node-64", "node-32", "range-32", "range-16"];
     let study = json(&[&arguments[..], &["megaviews,manylods", "--texel", &texels.join(",")]].concat());
     for method in ["megaviews", "manylods"] {
@@ -196,7 +198,7 @@ fn the_megaviews_study_gives_accuracy_and_memory_for_every_texel_format() {
 
 #[test]
 fn the_overload_study_refuses_excess_load_and_loses_no_view() {
-    let study = json(&["study", "overload", "--quick", "--json"]);
+    let study = json(&["study", "load", "overload", "--quick", "--json"]);
     let rows = rows(&study);
     for row in rows {
         assert_eq!(row["failed"], 0, "{row:#}");
@@ -214,7 +216,7 @@ fn the_overload_study_refuses_excess_load_and_loses_no_view() {
 fn the_service_study_compares_the_default_with_forced_methods_cold_and_warm() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let quick = ["study", "service", "--quick", "--json", "--seconds", "1"];
+    let quick = ["study", "load", "service", "--quick", "--json", "--seconds", "1"];
     let study = json(&[&quick[..], &["--runs", "2", "--out", out]].concat());
     assert_eq!(rows(&study).len(), 6, "{study:#}");
     for (i, row) in rows(&study).iter().enumerate() {
@@ -261,7 +263,7 @@ fn the_service_study_compares_the_default_with_forced_methods_cold_and_warm() {
 
 #[test]
 fn the_service_study_compares_frames_of_a_moving_scene_at_their_own_time() {
-    let quick = ["study", "service", "--quick", "--json", "--seconds", "1"];
+    let quick = ["study", "load", "service", "--quick", "--json", "--seconds", "1"];
     let study = json(&[&quick[..], &["--scene", "mirrors:6", "--walk", "stand"]].concat());
     for row in rows(&study).iter().filter(|row| row["mode"] == "direct") {
         // A reference of another time would show every ball elsewhere.
@@ -274,7 +276,7 @@ fn the_service_study_compares_frames_of_a_moving_scene_at_their_own_time() {
 fn the_cluster_study_measures_and_simulates_the_same_ticks_and_splits_them_into_parts() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "cluster", "--quick", "--json", "--out", out]);
+    let study = json(&["study", "load", "cluster", "--quick", "--json", "--out", out]);
     for row in rows(&study) {
         assert_eq!(row["kind"], "measured");
         for key in ["tick_ms", "simulated_ms", "predicted_ms", "efficiency", "bound", "speedup_by_costs"] {
@@ -313,7 +315,7 @@ fn the_cluster_study_measures_and_simulates_the_same_ticks_and_splits_them_into_
 
 #[test]
 fn the_simulated_cluster_gives_the_bound_and_the_papers_figures_beside_its_efficiency() {
-    let study = json(&["study", "cluster", "--simulate", "--quick", "--json"]);
+    let study = json(&["study", "load", "cluster", "--simulate", "--quick", "--json"]);
     let of = |processes: u64, way: &str, cores: u64| {
         let is = |row: &&Value| {
             row["processes"] == processes
@@ -346,7 +348,8 @@ fn the_simulated_cluster_gives_the_bound_and_the_papers_figures_beside_its_effic
 
 /// Runs a short soak with chaos and further flags; returns its row, and checks that no frame is lost or wrong.
 fn soak_with_chaos(more: &[&str]) -> Value {
-    let chaos = ["study", "soak", "--quick", "--json", "--chaos", "--chaos-every", "0.7", "--minutes", "0.2"];
+    let chaos =
+        ["study", "load", "soak", "--quick", "--json", "--chaos", "--chaos-every", "0.7", "--minutes", "0.2"];
     let study = json(&[&chaos, more].concat());
     let row = rows(&study)[0].clone();
     assert_eq!((number(&row, "lost"), number(&row, "frames_wrong")), (0.0, 0.0), "{row:#}");
@@ -378,7 +381,7 @@ fn a_short_soak_of_redirected_sessions_has_no_lost_and_no_wrong_frame() {
 
 #[test]
 fn the_capacity_study_measures_the_coordinators_relay_and_the_reassignment_of_lost_views() {
-    let study = json(&["study", "capacity", "--quick", "--json"]);
+    let study = json(&["study", "load", "capacity", "--quick", "--json"]);
     let row = &rows(&study)[0];
     assert!(number(row, "relayed_per_sec") > 0.0 && number(row, "us_per_frame") > 0.0, "{row:#}");
     assert_eq!(number(row, "connections"), number(row, "sessions"), "{row:#}");
@@ -394,7 +397,7 @@ fn the_capacity_study_measures_the_coordinators_relay_and_the_reassignment_of_lo
 fn the_manylods_study_finds_the_same_cuts_with_fewer_operations_and_compares_maps_of_equal_time() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
-    let study = json(&["study", "manylods", "--quick", "--json", "--out", out]);
+    let study = json(&["study", "method", "manylods", "--quick", "--json", "--out", out]);
     let of = |part: &str| rows(&study).iter().filter(|row| row["part"] == part).collect::<Vec<_>>();
     let [balls, octree] = of("hierarchy")[..] else { panic!("a tree of balls and an octree: {study:#}") };
     assert!(number(balls, "update_ms") < number(balls, "build_ms") && number(octree, "build_ms") > 0.0);
@@ -428,13 +431,13 @@ fn the_manylods_study_finds_the_same_cuts_with_fewer_operations_and_compares_map
 
 #[test]
 fn each_study_prints_one_object_with_its_rows() {
-    let baseline = json(&["study", "baseline", "--quick", "--json"]);
+    let baseline = json(&["study", "views", "baseline", "--quick", "--json"]);
     let methods: Vec<_> = baseline["rows"].as_array().unwrap().iter().map(|row| &row["method"]).collect();
     assert!(methods.len() >= 3, "{baseline:#}");
     for row in baseline["rows"].as_array().unwrap() {
         assert!(row["view_ms"].as_f64().unwrap() > 0.0 && row["flip"].as_f64().unwrap() > 0.0, "{row:#}");
     }
-    let burst = json(&["study", "burst", "--quick", "--json"]);
+    let burst = json(&["study", "load", "burst", "--quick", "--json"]);
     // As a batch, from samples with two divisions of the work, and directly with two visibility backends.
     assert_eq!(burst["rows"].as_array().unwrap().len(), 5, "{burst:#}");
     for study in [&baseline, &burst] {
@@ -442,5 +445,17 @@ fn each_study_prints_one_object_with_its_rows() {
     }
     for row in burst["rows"].as_array().unwrap() {
         assert!(row["total_secs"].as_f64().unwrap() > 0.0, "{row:#}");
+    }
+}
+
+#[test]
+fn a_papers_figures_are_on_one_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let made = run(&["study", "paper", "manylods", "--quick", "--out", out]);
+    assert!(made.status.success(), "{}", stderr(&made));
+    let page = std::fs::read_to_string(folder.path().join("README.md")).unwrap();
+    for part in ["## Table 2", "| part | tree |", "method-probes/probes-flip.svg", "Not made: figure 6."] {
+        assert!(page.contains(part), "{part}:\n{page}");
     }
 }

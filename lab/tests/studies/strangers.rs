@@ -96,13 +96,21 @@ fn write_all(folder: &Path) {
     canyon.block([-40.0, 0.0, 0.5], [2.4, 1.4, 1.6], GREY).write(folder, "deep canyon");
 }
 
-/// The bars are those of `argus-lab study scenes`: at most a quarter is nearly black, at most 8% white, and the mean in between.
+/// The bars are those of `argus-lab study views scenes`: at most a quarter is nearly black, at most 8% white, and the mean in between.
 #[test]
 fn files_that_strangers_bring_are_neither_dark_nor_washed_out() {
     let folder = tempfile::tempdir().unwrap();
     write_all(folder.path());
-    let study =
-        ["study", "scenes", "--scenes", folder.path().to_str().unwrap(), "--size", "160x100", "--json"];
+    let study = [
+        "study",
+        "views",
+        "scenes",
+        "--scenes",
+        folder.path().to_str().unwrap(),
+        "--size",
+        "160x100",
+        "--json",
+    ];
     // It fails if a picture is out of bounds, and says which.
     let report: Value = serde_json::from_slice(&run(&study).stdout).unwrap();
     let rows = report["rows"].as_array().unwrap();

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 /// Calibrates a model of the small scene from few, small views: its predictions are crude.
 fn calibrate(cache: &Path) -> String {
-    let mut study = argus(&["study", "bounds", "--scene", SMALL, "--size", "64x48", "--json"]);
+    let mut study = argus(&["study", "views", "bounds", "--scene", SMALL, "--size", "64x48", "--json"]);
     let output =
         study.args(["--calibration", "32", "--views", "2"]).env("ARGUS_CACHE", cache).output().unwrap();
     assert!(output.status.success(), "{}", stderr(&output));

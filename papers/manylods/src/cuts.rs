@@ -6,7 +6,7 @@
 //! time on a clock of motion; only due chunks are tested and sorted again. While views move steadily, due times follow
 //! their course; the first sharp turn makes all chunks due once. Spheres and cells are padded by level, so that f32 tests
 //! of children never contradict those of parents: cuts equal those found from the root. Lazy cuts descend few edges a
-//! frame, and may lag while views move. A view that jumps restarts. `argus-lab study manylods` measures it.
+//! frame, and may lag while views move. A view that jumps restarts. `argus-lab study method manylods` measures it.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -30,7 +30,7 @@
 //! # Losses against triangles
 //!
 //! Reflection and gloss (no planes), cut-outs (leaves hold whole triangles), detail smaller than a cell, and the back of
-//! single-sided surfaces (rendered as sky). `argus-lab study omni-maps` measures them.
+//! single-sided surfaces (rendered as sky). `argus-lab study method omni-maps` measures them.
 
 use std::sync::Arc;
 use std::time::Instant;

@@ -24,7 +24,7 @@ impl Sampler for GpuSampler {
     fn measure_backends(&mut self, info: &SampleSetInfo) -> Result<Vec<(Visibility, f64)>, RenderError> {
         self.check_alive()?;
         if self.gpu.is_software() {
-            // Views would wait for a second until the same is measured again (`argus-lab study visibility`).
+            // Views would wait for a second until the same is measured again (`argus-lab study device visibility`).
             return Ok(vec![(self.usual_visibility(), 0.0)]);
         }
         let camera = info.rig.camera(0)?;

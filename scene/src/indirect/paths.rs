@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{InvalidField, LightLevel};
 
-/// Settings of indirect light by paths. `argus-lab study light` measures the cost.
+/// Settings of indirect light by paths. `argus-lab study light indirect` measures the cost.
 ///
 /// The surfaces in each cell of a grid over the scene are *leaf sides*. Each leaf side casts rays once and remembers the
 /// leaf sides that they hit. Light then goes from side to side along these links, and visible surfaces gather it by rays

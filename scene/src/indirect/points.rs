@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::InvalidField;
 
-/// Settings of point-based indirect light. `argus-lab study radiosity` measures the cost of each.
+/// Settings of point-based indirect light. `argus-lab study method virtual-lights` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PointKnobs {
     /// Levels of the scene's octree below its root, 1 to 10: the resolution of the light's sources.

@@ -45,7 +45,7 @@ impl MapSource {
     }
 }
 
-/// Settings of instant radiosity. `argus-lab study radiosity` measures the cost of each.
+/// Settings of instant radiosity. `argus-lab study method virtual-lights` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VplKnobs {
     /// Number of VPLs. Fewer if lights miss the scene. 0 only with particles.

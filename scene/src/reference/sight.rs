@@ -4,9 +4,9 @@
 //! nearest cameras test which of them see these too. Single-sided surfaces count from their front, as in samples.
 //!
 //! Cameras are chosen greedily by their gain. A surface seen at a low angle, from afar, or far beside the viewer counts
-//! less. The weight of nearness is a compromise, measured by `argus-lab study warp` (rows of cameras that were chosen
-//! without sight) and `argus-lab study walk`. Without it, views from the scene's own cameras are worse than from the nearest
-//! cameras. With four times as much, the first lap of `argus-lab study walk` in Sponza has a FLIP of 0.051 instead of 0.043, since
+//! less. The weight of nearness is a compromise, measured by `argus-lab study views warp` (rows of cameras that were chosen
+//! without sight) and `argus-lab study views walk`. Without it, views from the scene's own cameras are worse than from the nearest
+//! cameras. With four times as much, the first lap of `argus-lab study views walk` in Sponza has a FLIP of 0.051 instead of 0.043, since
 //! cameras inside columns are near too.
 
 use std::fmt;

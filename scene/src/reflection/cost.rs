@@ -28,7 +28,7 @@ const POINT_TEXEL: f64 = 1.8e-3;
 const RAY_TEXEL: f64 = 9e-4;
 
 impl ReflectionCost {
-    /// The costs of a scene's probes by several settings. Constants are from ten mirrors (`argus-lab study reflections`) and a first
+    /// The costs of a scene's probes by several settings. Constants are from ten mirrors (`argus-lab study method probes`) and a first
     /// view of Sponza with 256 reflectors, with a software driver.
     pub fn of<const N: usize>(scene: &Scene, all: [Reflections; N]) -> [Self; N] {
         let found = scene.reflectors(u32::MAX).len();

@@ -1,165 +1,107 @@
-//! Rays per second of each tracer: coherent rays of an image, and incoherent rays.
+//! Rays: the speed of the tracers of the CPU and of the device on the rays that light needs.
+//!
+//! For each scene it traces primary rays, shadow rays to the sun and to a point light, sky rays and bounces from the points
+//! that some views see, on one thread and on all. Tracers: eight-wide trees with one ray at a time (`wide`), packets with a
+//! common origin (`packets`), f64 single rays through the binary tree (`single`), and one ray an invocation of the device
+//! (`device`), where there is one.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use anyhow::Result;
-use argus_gpu::Gpu;
-use argus_sampler::{DeviceRayBatch, DeviceRayTimes, DeviceRays, GpuSampler, RayKind};
-use argus_scene::reference::Tracer;
-use argus_scene::{Bounds, Camera, RenderError, Scene, Visibility};
-use glam::DVec3;
-use rand::rngs::SmallRng;
-use rand::{Rng as _, SeedableRng as _};
-use rayon::prelude::*;
+use argus_gpu::{Gpu, GpuOptions};
+use argus_sampler::{RayCost, RayWork, device_ray_costs, ray_costs};
+use argus_scene::{Camera, path};
+use indicatif::ProgressBar;
+use serde_json::{Map, Value, json};
 
-use super::{Measure, Options};
 use crate::median::median;
-use crate::targets::SCATTERED_RAYS;
+use crate::{Effort, Machine, Report};
 
-pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
-    let scene = Arc::new(argus_scene::open(&options.scene)?);
-    let mut sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
-    let camera = scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera);
+/// What the study measures.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Scenes, as [`argus_scene::open`] takes them.
+    pub scenes: Vec<String>,
+    /// View size in pixels.
+    pub size: [u32; 2],
+    /// Viewpoints whose visible points rays start from.
+    pub views: usize,
+    /// Measured rounds; each time is their median.
+    pub rounds: usize,
+}
+
+impl Default for Options {
+    /// Takes half a minute for each scene.
+    fn default() -> Self {
+        Self { scenes: vec!["terrain:500000".to_owned()], size: [400, 300], views: 4, rounds: 5 }
+    }
+}
+
+impl Effort for Options {
+    fn quick() -> Self {
+        Self { scenes: vec!["terrain:20000".to_owned()], size: [64, 48], views: 2, rounds: 1 }
+    }
+}
+
+/// Runs the study; `progress` counts scenes.
+///
+/// # Errors
+/// A scene that cannot be opened, or that is too large.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    progress.set_length(options.scenes.len() as u64);
     let mut rows = Vec::new();
-    let side = options.rays_side;
-    for backend in Visibility::ALL {
-        let (name, variant) = ("coherent rays", format!("{}, {side}x{side}", backend_name(backend)));
-        let mut rates = Vec::new();
-        let mut refused = None;
-        // The first round also compiles pipelines.
-        for round in 0..=options.rounds {
-            match sampler.identify(&camera, [side; 2], 1, backend) {
-                Ok((ids, took)) if round > 0 => rates.push(ids.len() as f64 / took.as_secs_f64() * 1e-6),
-                Ok(_) => {}
-                Err(RenderError::Invalid(why)) => {
-                    refused = Some(why.to_string());
-                    break;
-                }
-                Err(error) => return Err(error.into()),
-            }
-        }
-        rows.push(match refused {
-            Some(why) => Measure::absent(name, variant, "M/s", why),
-            None => Measure::new(name, variant, median(&rates), "M/s").noting("submission included"),
-        });
-    }
-    rows.extend(on_device(gpu, &scene, &camera, options)?);
-    let rays = scattered(&scene.bounds(), options.scattered_rays);
-    let tracer = Tracer::new(Arc::clone(&scene));
-    let [name, _] = SCATTERED_RAYS;
-    rows.push(rate(name, "tracer of light paths, all cores", options, &rays, |rays| {
-        sampler.follow_rays(rays).iter().flatten().count()
-    }));
-    rows.push(rate(name, "reference tracer, all cores", options, &rays, |rays| {
-        rays.par_iter().filter(|[origin, direction]| tracer.trace(*origin, *direction).is_some()).count()
-    }));
-    Ok(rows)
-}
-
-fn backend_name(backend: Visibility) -> &'static str {
-    match backend {
-        Visibility::Raster => "raster (fragments)",
-        Visibility::Trace => "trace (compute)",
-        Visibility::Cpu => "cpu (packets, all cores)",
-    }
-}
-
-/// Rays of the device's tracer: uniform ones, and those that leave visible points.
-fn on_device(gpu: &Arc<Gpu>, scene: &Arc<Scene>, camera: &Camera, options: &Options) -> Result<Vec<Measure>> {
-    let [name, device] = SCATTERED_RAYS;
-    let mut rays = match DeviceRays::new(gpu, scene) {
-        Ok(rays) => rays,
-        Err(error) => return Ok(vec![Measure::absent(name, device, "M/s", error.to_string())]),
-    };
-    let count =
-        if gpu.is_software() { options.scattered_rays.min(MOST_BY_SOFTWARE) } else { options.device_rays };
-    let uniform = rays.batch(&scattered(&scene.bounds(), count))?;
-    let side = (count as f64).sqrt() as u32;
-    let bounces = rays.seen(camera, [side; 2], RayKind::Bounce)?;
-    let mut rows = vec![
-        row(device, &rays, &uniform, false, options)?,
-        row(&format!("{device}, bounces from visible points"), &rays, &bounces, false, options)?,
-        row(&format!("{device}, any hit"), &rays, &uniform, true, options)?,
+    let mut notes = vec![
+        "hit_fraction: `packets` and `single` pass through backs of single-sided triangles; `wide` and `device` do not. Sun, \
+         point and sky rays end at any hit in `wide` and `device`, and at the nearest in the others."
+            .to_owned(),
+        "Rates of `device` are of the device's clock, where it has one; its threads are 0.".to_owned(),
     ];
-    for kind in [RayKind::Sky, RayKind::Sun, RayKind::Point] {
-        let batch = rays.seen(camera, [side; 2], kind)?;
-        let variant = format!("{device}, {} rays from visible points, any hit", kind.name());
-        rows.push(row(&variant, &rays, &batch, true, options)?);
-    }
-    Ok(rows)
-}
-
-/// Most rays of a software driver.
-const MOST_BY_SOFTWARE: usize = 1 << 15;
-
-fn row(
-    variant: &str,
-    rays: &DeviceRays,
-    batch: &DeviceRayBatch,
-    ends: bool,
-    options: &Options,
-) -> Result<Measure> {
-    let DeviceRayTimes { device_secs, secs, rays: count, hit_fraction, is_cut } =
-        rays.trace(batch, ends, options.rounds)?;
-    let rate = |secs: &[f64]| count as f64 / median(secs) * 1e-6;
-    let whole = rate(&secs);
-    let figure = if device_secs.is_empty() { whole } else { rate(&device_secs) };
-    let cut = if is_cut { "; INVALID: some walks were cut off" } else { "" };
-    let note = format!("{:.0}% meet a surface; {whole:.0} M/s with submission{cut}", 100.0 * hit_fraction);
-    Ok(Measure::new(SCATTERED_RAYS[0], variant, figure, "M/s").noting(note))
-}
-
-fn rate(
-    name: &str,
-    variant: &str,
-    options: &Options,
-    rays: &[[DVec3; 2]],
-    mut follow: impl FnMut(&[[DVec3; 2]]) -> usize,
-) -> Measure {
-    let mut met = follow(rays);
-    let rates: Vec<f64> = (0..options.rounds)
-        .map(|_| {
-            let begin = Instant::now();
-            met = follow(rays);
-            rays.len() as f64 / begin.elapsed().as_secs_f64() * 1e-6
-        })
-        .collect();
-    let share = 100.0 * met as f64 / rays.len().max(1) as f64;
-    Measure::new(name, variant, median(&rates), "M/s").noting(format!("{share:.0}% meet a surface"))
-}
-
-/// Incoherent rays: uniform origins within the bounds and uniform directions. Equal counts give equal rays.
-fn scattered(bounds: &Bounds, count: usize) -> Vec<[DVec3; 2]> {
-    let mut random = SmallRng::seed_from_u64(1);
-    let ray = |_| {
-        let unit = |random: &mut SmallRng| DVec3::from_array(std::array::from_fn(|_| random.random::<f64>()));
-        let origin = bounds.center() + bounds.size() * (unit(&mut random) - 0.5);
-        // A uniform direction: a point of the cube that lies within the unit sphere, normalised.
-        loop {
-            let direction = unit(&mut random) * 2.0 - 1.0;
-            if (1e-6..=1.0).contains(&direction.length_squared()) {
-                return [origin, direction.normalize()];
-            }
+    let gpu = Gpu::new(&GpuOptions::default())
+        .inspect_err(|why| notes.push(format!("`device` has no rows: {why}")))
+        .ok();
+    for spec in &options.scenes {
+        progress.set_message(spec.clone());
+        let scene = Arc::new(argus_scene::open(spec)?);
+        let suggested: Vec<Camera> = match scene.cameras.as_slice() {
+            [] => vec![scene.default_camera()],
+            cameras => cameras.iter().map(|named| named.camera).collect(),
+        };
+        let work = RayWork {
+            cameras: path::viewpoints(&suggested, options.views),
+            size: options.size,
+            rounds: options.rounds,
+        };
+        let (costs, build_ms, bytes) = ray_costs(&scene, &work)?;
+        rows.extend(costs.iter().map(|cost| row(spec, cost)));
+        if let Some(gpu) = &gpu {
+            rows.extend(device_ray_costs(gpu, &scene, &work)?.iter().map(|cost| row(spec, cost)));
         }
-    };
-    (0..count).map(ray).collect()
+        notes.push(format!(
+            "{spec}: {} triangles; the wide trees took {build_ms:.0} ms to build from the binary ones, and {:.1} MiB.",
+            scene.triangles(),
+            bytes as f64 / f64::from(1 << 20)
+        ));
+        progress.inc(1);
+    }
+    let mut report = Report::new(
+        options.scenes.join(" "),
+        Machine::here(gpu.as_ref().map_or("none", |gpu| gpu.kind())),
+        rows,
+    );
+    report.notes = notes;
+    Ok(report)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn scattered_rays_are_uniform_and_repeatable() {
-        let bounds = Bounds { min: DVec3::new(-1.0, 2.0, 3.0), max: DVec3::new(1.0, 2.0, 9.0) };
-        let rays = scattered(&bounds, 2000);
-        assert_eq!(rays, scattered(&bounds, 2000));
-        let mean = rays.iter().map(|[_, direction]| *direction).sum::<DVec3>() / 2000.0;
-        assert!(mean.length() < 0.1, "{mean}");
-        for [origin, direction] in rays {
-            assert!(origin.cmpge(bounds.min).all() && origin.cmple(bounds.max).all(), "{origin}");
-            assert!((direction.length() - 1.0).abs() < 1e-12);
-        }
-    }
+fn row(spec: &str, cost: &RayCost) -> Map<String, Value> {
+    let millions_per_sec = cost.rays as f64 / median(&cost.secs) * 1e-6;
+    let columns = [
+        ("scene", json!(spec)),
+        ("rays", json!(cost.kind.name())),
+        ("tracer", json!(cost.tracer.name())),
+        ("threads", json!(cost.threads)),
+        ("millions_per_sec", json!(millions_per_sec)),
+        ("hit_fraction", json!(cost.hit_fraction)),
+        ("count", json!(cost.rays)),
+    ];
+    columns.map(|(name, value)| (name.to_owned(), value)).into_iter().collect()
 }

@@ -30,7 +30,7 @@ pub(crate) const LEAST_FINE: f64 = 0.95;
 pub(crate) const MOST_TEXEL_PIXELS: f64 = 1.5;
 
 /// Predicted excess of a frame whose samples cover the view with fine texels. It comes from the samples' few
-/// sub-samples, and from interpolation. `study service` measured 0.008 for Sponza at 320×240, 0.009 for
+/// sub-samples, and from interpolation. `study load service` measured 0.008 for Sponza at 320×240, 0.009 for
 /// `terrain:20000` at 96×72, and 0.014 to 0.018 for `terrain:500000` at 128×96, all with `--walk stand`. Probes
 /// correct it for the served scene.
 const EXCESS_OF_FINE: f64 = 0.015;
@@ -43,7 +43,7 @@ const EXCESS_OF_UNCOVERED: f64 = 0.4;
 /// texels only, the measured excess is 0.12.
 pub(super) const EXCESS_OF_COARSE: f64 = 0.15;
 
-/// Predicted excess of views from triangles of which less is rendered: the largest that `argus-lab study detail` measured in five scenes
+/// Predicted excess of views from triangles of which less is rendered: the largest that `argus-lab study views detail` measured in five scenes
 /// (docs/results.md), since a prediction is meant as an upper bound.
 pub(crate) const fn excess_of(detail: Detail) -> f64 {
     match detail {

@@ -117,7 +117,7 @@ impl Knobs {
 
     /// Disc with the least shadow error for unshared maps, without more light leaks than exact maps of the same
     /// resolution. Sponza, 4K views of four bounces: error 0.221 at 0.4, 0.212 at 0.5, 0.248 at 0.8165; leaks 0.089,
-    /// 0.055, 0.027, and about 0.06 for exact maps (`argus-lab study megaviews --disc`).
+    /// 0.055, 0.027, and about 0.06 for exact maps (`argus-lab study method megaviews --disc`).
     pub const DISC: f32 = 0.5;
 
     /// Ends of the shells of pairs, in edges of the scene's root. Each doubling has about as many nodes of a cut.

@@ -18,7 +18,7 @@
 //! draws VPLs by weight, with another offset than its neighbours. A cross-bilateral filter then shares the gathered
 //! light.
 //!
-//! Each approximation is a knob of `VplKnobs` with a row in `argus-lab study radiosity`, against a path-traced reference
+//! Each approximation is a knob of `VplKnobs` with a row in `argus-lab study method virtual-lights`, against a path-traced reference
 //! (`scene/src/reference/indirect.rs`).
 
 mod emitters;

@@ -1,0 +1,11 @@
+//! Load: services of several processes, real or simulated, under many clients.
+
+pub mod break_even;
+pub mod burst;
+pub mod calibration;
+pub mod capacity;
+pub mod cluster;
+pub mod overload;
+pub mod service;
+pub mod simulate;
+pub mod soak;
