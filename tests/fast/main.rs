@@ -4,6 +4,7 @@
 mod cli;
 mod configuration;
 mod dependency_rules;
+mod imports;
 mod manifests;
 mod supply_chain;
 #[path = "../support/mod.rs"]
