@@ -11,7 +11,7 @@ use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, S
 use crate::autotune::Autotune;
 use crate::batch::{Batch, milliseconds};
 use crate::chunk::{ChunkInputs, Pauses};
-use crate::draw_batch::{DrawBatch, FixedBindings, SharedBindings};
+use crate::draw_batch::{DrawBatch, FixedBindings};
 use crate::knobs::{CompositorKnobs, SearchBackend};
 use crate::layout::Chunk;
 use crate::pass_plan::{PassPlan, pass_plan};
@@ -181,14 +181,15 @@ impl GpuCompositor {
         let gpu = &Arc::clone(&self.gpu);
         let work = self.begin_chunk(chunk, batch);
         let ChunkWork { inputs, targets, .. } = &work;
-        let shared = &SharedBindings::new(&self.sample_store, &self.fixed, inputs, chunk, batch)?;
+        let shared = &inputs.bindings(&self.sample_store, &self.fixed, chunk, batch)?;
         let mut commands = gpu.commands("compose views");
         if inputs.has_cells() {
             inputs.clear_cells(&mut commands);
-            self.splat.record(&mut commands, inputs, shared.pool)?;
+            let ChunkInputs { splat, blocks, splats, words, reprojects, .. } = inputs;
+            self.splat.record(&mut commands, splat, blocks, splats, shared.pool)?;
             pauses.pause(&mut commands)?;
-            self.reproject.record(&mut commands, inputs);
-            self.fill.record(&mut commands, inputs);
+            self.reproject.record(&mut commands, splat, words, reprojects);
+            self.fill.record(&mut commands, splat, inputs.fills());
             pauses.pause(&mut commands)?;
         }
         for (&(search, variant), pieces) in &inputs.draws {
@@ -209,7 +210,7 @@ impl GpuCompositor {
             }
             pauses.pause(&mut commands)?;
         }
-        self.resolve.record(&mut commands, chunk, batch, targets);
+        self.resolve.record(&mut commands, chunk, |piece| batch.view(piece).exposure(), targets);
         self.end_chunk(work, chunk, batch, commands)
     }
 

@@ -299,7 +299,7 @@ impl SampleStore {
         within_memory(self.bytes + pools.map(bytes).sum::<u64>(), knobs)?;
         let layers = samples.iter().map(|held| held.layer);
         match self.pools.get_mut(first.pool) {
-            Some(Some(pool)) => pool.make_pyramids(gpu, pass, layers),
+            Some(Some(pool)) => pass.make(gpu, pool, layers),
             _ => Err(RenderError::Internal("a held sample has no pool".to_owned())),
         }
     }
