@@ -182,7 +182,7 @@ impl Commands {
             end += copy.size();
             copy
         });
-        let buffer = (end > 0).then(|| self.gpu.readback.take(&self.gpu, end));
+        let buffer = (end > 0).then(|| self.gpu.readback.take(&self.gpu.device, end));
         if let Some(buffer) = &buffer {
             for (source, copy) in self.sources.iter().zip(&copies) {
                 source.record(&mut self.encoder, buffer, copy);

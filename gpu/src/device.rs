@@ -8,7 +8,7 @@ use parking_lot::Mutex;
 use wgpu::{Backends, DeviceType, Features, InstanceFlags};
 
 use crate::GpuError;
-use crate::readback::ReadbackPool;
+use crate::readback_pool::ReadbackPool;
 
 /// Options for opening a device.
 #[derive(Debug, Clone, Default)]

@@ -16,6 +16,7 @@ mod error;
 mod pipeline;
 pub mod plane;
 mod readback;
+mod readback_pool;
 mod reflection_probes;
 mod scan;
 mod scattered_atomics;

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::cells::{Grid, Rows};
 use super::density::{Density, density_at, distance};
-use argus_sampler::plug::{MappedReflector, Side};
+use argus_sampler::plug::{Cutouts, MappedReflector, Side};
 
 use super::Eye;
 
@@ -344,5 +344,18 @@ mod tests {
         assert!((kept - expected).abs() < 4.0 * expected.sqrt(), "{kept} of {expected}");
         assert_eq!(some.all, cut(&scene, true, sparse).2.all);
         assert!(some.all.iter().filter(|p| p.whole_cell).all(|piece| piece.rows().cells() == 1));
+    }
+}
+
+/// Whether a cut-out is open somewhere.
+pub(crate) trait Openings: Sync {
+    /// Whether rays pass through a point of a facet.
+    fn is_open(&self, facet: &Facet, point: DVec3) -> bool;
+}
+
+impl Openings for Cutouts {
+    fn is_open(&self, facet: &Facet, point: DVec3) -> bool {
+        let [second, third] = facet.weights(point);
+        self.let_through([facet.instance, facet.primitive], second as f32, third as f32)
     }
 }
