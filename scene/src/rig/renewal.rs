@@ -9,7 +9,8 @@ use glam::{DVec2, DVec3};
 
 use super::VisibilityQuery;
 use super::judged::RayResults;
-use super::survey::{GRID, RAYS, Survey, Target, place, ray_at};
+use super::survey::{GRID, RAYS, Survey, place, ray_at};
+use super::target::Target;
 use crate::Camera;
 
 /// A point is kept until the viewer has moved by this share of its distance. Nearer surfaces then hide it by less than a

@@ -11,7 +11,8 @@ use json::accessor::{ComponentType, Type};
 use json::validation::Checked;
 
 use super::compressed::{self, DracoPart};
-use super::{Document, fetch, get};
+use super::document::Document;
+use super::lookup::{fetch, get};
 use crate::load::bundle::Bundle;
 
 /// Bytes that an element takes at most while its primitive is read.

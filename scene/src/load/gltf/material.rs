@@ -8,11 +8,11 @@ use json::texture::{MagFilter, WrappingMode};
 use json::validation::Checked;
 
 use super::accessor::Reader;
-use super::fetch;
+use super::lookup::fetch;
 use super::object::Object;
-use crate::load::Warnings;
 use crate::load::bundle::Bundle;
 use crate::load::images::{Channels, Textures, Wanted, label, named};
+use crate::load::parts::Warnings;
 use crate::material::{Filter, TextureUse, Wrap};
 use crate::shading::dielectric_f0;
 use crate::{AlphaMode, Material, TextureRef};

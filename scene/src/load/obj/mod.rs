@@ -17,7 +17,7 @@ use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use super::bundle::{Bundle, folder_of};
 use super::geometry::{MissingNormals, RawMesh, about_an_origin};
-use super::{Parts, Warnings, text_of};
+use super::parts::{Parts, Warnings, text_of};
 use crate::scene::Instance;
 use crate::tone::linear_from_srgb;
 use crate::{Material, Mesh};

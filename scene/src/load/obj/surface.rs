@@ -6,9 +6,9 @@ use glam::Vec3;
 
 use super::compose::{self, GlossMaps, Layer, roughness_of};
 use super::mtl::{Map, Phong, Reference};
-use crate::load::Warnings;
 use crate::load::bundle::Bundle;
 use crate::load::maps::Maps;
+use crate::load::parts::Warnings;
 use crate::{AlphaMode, Material};
 
 /// Opacities from here on are rounded numbers of opaque materials.
