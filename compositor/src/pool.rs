@@ -111,7 +111,7 @@ impl Pool {
             *due = due.saturating_sub(1);
             let mut commands = gpu.commands("grow sample pool");
             match &self.arrays {
-                // New layers copy any old layer. Otherwise wgpu would clear all unwritten layers at once.
+                // New layers copy any old layer: quirk `cleared-layers`.
                 Some(arrays) => {
                     let from = arrays.array(plane);
                     growth.arrays.array(plane).copy_layer(

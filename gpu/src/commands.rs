@@ -7,7 +7,7 @@ use argus_shaders::{Access, Binding};
 
 use crate::readback::{self, Copy};
 use crate::timing::Timings;
-use crate::{ComputePipeline, Finished, Gpu, GpuError, PendingReadback, RenderPipeline};
+use crate::{ComputePipeline, Finished, Gpu, GpuError, PendingReadback, RenderPipeline, quirks};
 
 /// A submission that is being recorded.
 ///
@@ -398,12 +398,12 @@ impl<'a> ComputeCall<'a> {
         self.record(|pass| pass.dispatch_workgroups(groups[0], groups[1], groups[2]));
     }
 
-    /// Dispatches at least that many invocations in workgroups of 64. Workgroups are spread over two dimensions, because
-    /// one has at most 65,535. The program computes its index with `shared/linear.wgsl` and must check bounds.
+    /// Dispatches at least that many invocations in workgroups of 64. Workgroups are spread over two dimensions
+    /// ([`quirks::MAX_WORKGROUPS`]). The program computes its index with `shared/linear.wgsl` and must check bounds.
     pub fn dispatch_linear(self, invocations: u64) {
         debug_assert_eq!(self.pipeline.workgroup_size(), [64, 1, 1], "{}", self.pipeline.label);
         let groups = invocations.div_ceil(64);
-        let across = groups.min(1 << 15);
+        let across = groups.min(quirks::WORKGROUPS_ACROSS);
         self.dispatch([across as u32, groups.div_ceil(across.max(1)) as u32, 1]);
     }
 

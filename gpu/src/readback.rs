@@ -86,8 +86,7 @@ pub(crate) fn collect(
         return Err(fault);
     }
     let Some(buffer) = buffer else { return Ok(Finished { stages: Vec::new(), results: Vec::new() }) };
-    // The callback runs inside a poll, of this or of another thread. Another thread may have taken it just before this
-    // poll, so wait for it.
+    // Another thread's poll may run the callback: quirk `late-map-callbacks`.
     let mapped = receive.recv_timeout(CALLBACK_PATIENCE).or_else(|_| {
         let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
         receive.recv_timeout(CALLBACK_PATIENCE)

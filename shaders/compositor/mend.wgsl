@@ -89,8 +89,7 @@ fn near_cell(place: vec2u) -> Found {
     let became = depth_of(depths[at]);
     let trial = became.q < 0.0;
     var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
-    // Here and below, loops replace branches: the software driver skips a loop that no pixel needs, and runs every
-    // branch.
+    // Here and below, loops replace branches. Quirk: both-sides.
     for (var k = 0u; k < runtime_bound(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }

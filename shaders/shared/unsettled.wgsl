@@ -1,5 +1,5 @@
 // Layout of the list of a piece's unsettled pixels, shared by collect, mend and highlight. Each invocation has its own
-// segment of the list and its own counters: on the software driver an atomic costs as much as a fetch.
+// segment of the list and its own counters. Quirk: slow-atomics.
 //
 // Two counters an invocation come first, then the segments. Pixels to mend are at the front of a segment, glossy pixels
 // at its back.

@@ -27,8 +27,7 @@ pub(crate) const COUNTER_WORDS: u32 = 3 * GROUP * GROUPS;
 
 /// Workgroups of a dispatch on this device.
 pub(crate) fn groups(gpu: &Gpu) -> u32 {
-    // The software driver runs workgroups one after another, and an idle one still costs time.
-    if gpu.is_software() { 1 } else { GROUPS }
+    gpu.list_workgroups(GROUPS)
 }
 
 impl MendPass {

@@ -1,5 +1,6 @@
 //! Program: `shaders/compositor/splat.wgsl`. Projects the texels of samples into the cells of a view.
 
+use argus_gpu::quirks::MAX_WORKGROUPS;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Splat;
@@ -13,9 +14,6 @@ pub(crate) struct SplatPass {
     points: ComputePipeline,
     squares: ComputePipeline,
 }
-
-/// Most workgroups of a dispatch in one dimension. A splat has one a block of texels.
-const MAX_GROUPS: u32 = 65_535;
 
 impl SplatPass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
@@ -44,10 +42,10 @@ impl SplatPass {
                 .write("cells", &splat.cells)
                 .each(|pass| {
                     for call in calls.iter().filter(|call| call.sparse == sparse) {
-                        for begin in (0..call.block_count).step_by(MAX_GROUPS as usize) {
+                        for begin in (0..call.block_count).step_by(MAX_WORKGROUPS as usize) {
                             let splat = Splat { first_block: call.splat.first_block + begin, ..call.splat };
                             pass.set_immediates(0, bytemuck::bytes_of(&splat));
-                            pass.dispatch_workgroups((call.block_count - begin).min(MAX_GROUPS), 1, 1);
+                            pass.dispatch_workgroups((call.block_count - begin).min(MAX_WORKGROUPS), 1, 1);
                         }
                     }
                 });
