@@ -10,6 +10,7 @@
 //!
 //! This crate depends on the scene's vocabulary only.
 
+mod bindings;
 mod commands;
 mod device;
 mod environment;
@@ -25,9 +26,8 @@ mod scattered_atomics;
 mod sort;
 mod timing;
 
-pub use commands::{
-    Bindable, ColorTarget, Commands, ComputeCall, DepthTarget, DrawCall, RenderPass, Submitted,
-};
+pub use bindings::Bindable;
+pub use commands::{ColorTarget, Commands, ComputeCall, DepthTarget, DrawCall, RenderPass, Submitted};
 pub use device::{Gpu, GpuOptions};
 pub use environment::EnvironmentTexture;
 pub use error::GpuError;
