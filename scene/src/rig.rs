@@ -6,21 +6,21 @@
 //! Beside its own cameras a rig has *refinements*: cameras of the same kind, denser at each level. They fill pixels that
 //! the rig's own samples do not see.
 
+pub(crate) mod coverage_estimate;
 mod judged;
 mod lattice;
 mod renewal;
 mod sight;
-pub(crate) mod survey;
 pub(crate) mod target;
 mod tile;
 
 use glam::{DVec3, IVec3};
 use serde::{Deserialize, Serialize};
 
+pub use self::coverage_estimate::{Coverage, CoverageEstimate};
 pub use self::lattice::MAX_LEVEL;
 use self::lattice::Point;
 pub use self::sight::{CandidateCameras, VisibilityQuery};
-pub use self::survey::{Coverage, Survey};
 pub use self::target::Target;
 use self::tile::Tile;
 use crate::scene::RigKind;

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{FaceMask, Holes, Plan, Provenance, SampleSetInfo, View, Warp};
 
 use super::cluster::Cluster;
@@ -21,13 +21,16 @@ const LEAST_GAIN: f64 = 1.3;
 const SAMPLE_OVER_VIEW: f64 = 1.25;
 
 impl Cluster<'_> {
-    /// The pins of a batch's views; `None` for those from triangles. Views are given with their surveys, if they have one.
-    pub(in crate::core) fn batch_pins(&self, views: &[(View, Option<Survey>)]) -> Vec<Option<Provenance>> {
+    /// The pins of a batch's views; `None` for those from triangles. Views are given with their estimates, if they have one.
+    pub(in crate::core) fn batch_pins(
+        &self,
+        views: &[(View, Option<CoverageEstimate>)],
+    ) -> Vec<Option<Provenance>> {
         let none = || vec![None; views.len()];
         let set = self.samples.set();
         let Some(prices) = self.workers.first_prices().filter(|_| stands_still(set)) else { return none() };
         let bundles: Vec<Option<Vec<(u64, FaceMask)>>> =
-            views.iter().map(|(view, survey)| self.bundle_within(view, survey.as_ref()?)).collect();
+            views.iter().map(|(view, estimate)| self.bundle_within(view, estimate.as_ref()?)).collect();
         let mut faces: BTreeMap<u64, FaceMask> = BTreeMap::new();
         for (camera, wanted) in bundles.iter().flatten().flatten() {
             let faces = faces.entry(*camera).or_insert(FaceMask::NONE);
@@ -35,7 +38,7 @@ impl Cluster<'_> {
         }
         let whole: f64 = faces.values().map(|faces| faces.share()).sum();
         let sample_ms = SAMPLE_OVER_VIEW * prices.direct.ms(set.rig.sample_texels());
-        let saved_ms = |(view, _): &(View, Option<Survey>)| {
+        let saved_ms = |(view, _): &(View, Option<CoverageEstimate>)| {
             let per_pixel = u64::from(samples_per_pixel(&view.plan));
             let pixels = u64::from(view.width) * u64::from(view.height) * per_pixel;
             prices.direct.ms(pixels) - prices.warp.ms(pixels)
@@ -60,10 +63,10 @@ impl Cluster<'_> {
     }
 
     /// The cameras that would bring a view within the bound of its request.
-    fn bundle_within(&self, view: &View, survey: &Survey) -> Option<Vec<(u64, FaceMask)>> {
-        let bundle = self.bundle(survey).filter(|bundle| !bundle.is_empty())?;
+    fn bundle_within(&self, view: &View, estimate: &CoverageEstimate) -> Option<Vec<(u64, FaceMask)>> {
+        let bundle = self.bundle(estimate).filter(|bundle| !bundle.is_empty())?;
         let cameras: Vec<u64> = bundle.iter().map(|(camera, _)| *camera).collect();
-        let (excess, _) = predicted_excess(Some(survey.coverage(&cameras)), 1.0);
+        let (excess, _) = predicted_excess(Some(estimate.coverage(&cameras)), 1.0);
         (excess <= Aim::of(&view.plan).max_excess).then_some(bundle)
     }
 }
