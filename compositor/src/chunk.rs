@@ -14,7 +14,7 @@ use crate::batch::Batch;
 use crate::draw_batch::{FixedBindings, PieceDraw, SharedBindings, SplatBuffers, SplatCall, Variant};
 use crate::layout::{Chunk, Piece};
 use crate::lights::light_about;
-use crate::passes::mend::COUNTER_WORDS;
+use crate::passes::second_pass::COUNTER_WORDS;
 use crate::prepare::{ChunkOffsets, PreparedView};
 use crate::sample_store::SampleStore;
 use crate::targets::{ChunkOutputs, TargetPool};

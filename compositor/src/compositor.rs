@@ -19,10 +19,10 @@ use crate::passes::bounds::BoundsPass;
 use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::passes::fill::FillPass;
 use crate::passes::highlight::HighlightPass;
-use crate::passes::mend::MendPass;
 use crate::passes::mips::MipsPass;
 use crate::passes::reproject::ReprojectPass;
 use crate::passes::resolve::ResolvePass;
+use crate::passes::second_pass::SecondPass;
 use crate::passes::sky_mask::SkyMaskPass;
 use crate::passes::splat::SplatPass;
 use crate::prepare::PreparedView;
@@ -45,7 +45,7 @@ pub struct GpuCompositor {
     reproject: ReprojectPass,
     fill: FillPass,
     sky_mask: SkyMaskPass,
-    mend: MendPass,
+    second_pass: SecondPass,
     highlight: HighlightPass,
     build_pyramid: BuildPyramidPass,
     searches: BTreeMap<Search, SearchPipelines>,
@@ -108,7 +108,7 @@ impl GpuCompositor {
             reproject: ReprojectPass::new(&gpu),
             fill: FillPass::new(&gpu),
             sky_mask: SkyMaskPass::default(),
-            mend: MendPass::default(),
+            second_pass: SecondPass::default(),
             highlight: HighlightPass::default(),
             build_pyramid: BuildPyramidPass::new(&gpu),
             searches: BTreeMap::new(),
@@ -204,7 +204,7 @@ impl GpuCompositor {
             pipelines.record(gpu, &mut commands, draws)?;
             if search == Search::Splat {
                 pauses.pause(&mut commands)?;
-                self.mend.record(gpu, &mut commands, draws)?;
+                self.second_pass.record(gpu, &mut commands, draws)?;
                 pauses.pause(&mut commands)?;
                 self.highlight.record(gpu, &mut commands, draws)?;
             }

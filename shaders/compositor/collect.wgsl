@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/mend.rs: lists the pixels of a piece that the warp marked, for `mend.wgsl` and
+// Program of compositor/src/passes/second_pass.rs: lists the pixels of a piece that the warp marked, for `second_pass.wgsl` and
 // `highlight.wgsl`.
 
 import package::shared::fetch::view;

@@ -1,5 +1,5 @@
 // Program of compositor/src/search_pipelines.rs: a pixel has the depth of its cell, and the colour of the sample that splatted
-// it. Pixels that this does not settle are marked for `mend.wgsl`.
+// it. Pixels that this does not settle are marked for `second_pass.wgsl`.
 //
 // This program has no loop, no list and no rare case. Quirk: both-sides.
 
