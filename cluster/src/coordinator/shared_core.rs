@@ -372,13 +372,13 @@ impl SharedCore {
         }
     }
 
-    /// Makes the estimate that the core wants of a new view, without holding the core's lock. An estimate for a bundle is
+    /// Makes the estimate that the core wants of a new view, without holding the core's lock. An estimate for a camera set is
     /// taken on another thread, since no client waits for it.
     fn estimate(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<CoverageEstimate>> {
         let sight = self.sight.as_ref()?;
-        let (wanted, for_bundle) =
+        let (wanted, for_camera_set) =
             self.read(|core| (core.estimate_wanted(view, last), core.camera_set_estimate_wanted(view)));
-        if let Some(wanted) = for_bundle {
+        if let Some(wanted) = for_camera_set {
             let (shared, sight, view) = (self.clone(), sight.clone(), view.clone());
             tokio::task::spawn_blocking(move || {
                 let estimate = Box::new(wanted.make(&view, sight.as_ref()));

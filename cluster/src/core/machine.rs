@@ -144,7 +144,7 @@ impl Core {
         self.cluster().estimate_wanted(view, last)
     }
 
-    /// The estimate that tells which bundle of samples would have served a view. No client waits for it;
+    /// The estimate that tells which camera set would have served a view. No client waits for it;
     /// [`Event::Estimated`] brings the result. `None` for most views: a few per tick are enough.
     pub fn camera_set_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
         self.views.camera_set_estimate_wanted(view, self.cluster())
@@ -362,7 +362,7 @@ impl Core {
                 self.samples.learn_holes(&camera, &used, uncovered, pixels);
             }
             Output::Saved { cameras, secs } => self.samples.credit(&cameras, secs, &self.workers),
-            Output::WouldSave { cameras, secs } => self.samples.learn_bundle(cameras, secs),
+            Output::WouldSave { cameras, secs } => self.samples.learn_camera_set(cameras, secs),
         }
     }
 

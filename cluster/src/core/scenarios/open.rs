@@ -306,7 +306,7 @@ fn a_moving_session_changes_its_way_at_most_once_in_two_seconds() {
 }
 
 #[test]
-fn a_bundle_has_the_faces_that_views_look_at_and_is_extended_where_they_look_elsewhere() {
+fn a_camera_set_has_the_faces_that_views_look_at_and_is_extended_where_they_look_elsewhere() {
     let mut sim = measured(40.0, 10.0);
     let second = |sim: &mut Sim, view: &View| {
         let mut warped = None;

@@ -52,7 +52,7 @@ use admission::Admission;
 use load::Load;
 use pending::{InFlight, Pending, Waiting};
 
-/// Most estimates for bundles in a tick. Each stands for the views since the last one.
+/// Most estimates for camera sets in a tick. Each stands for the views since the last one.
 const MOST_CAMERA_SET_ESTIMATES: u32 = 8;
 
 /// Counts of views since the coordinator started.
@@ -99,9 +99,9 @@ pub(super) struct Views {
     models: Vec<Arc<Model>>,
     /// Corrections of the models' costs.
     pace: Pace,
-    /// Estimates for bundles that are left in this tick.
+    /// Estimates for camera sets that are left in this tick.
     camera_set_estimates_left: Cell<u32>,
-    /// Views from triangles since the last estimate for a bundle.
+    /// Views from triangles since the last estimate for a camera set.
     without_estimate: u32,
     /// What is asked of the cluster.
     load: Load,
@@ -236,7 +236,7 @@ impl Views {
         self.pressure
     }
 
-    /// The estimate that tells which bundle of samples would have served a view. `None` for most views: a few per tick
+    /// The estimate that tells which camera set would have served a view. `None` for most views: a few per tick
     /// are enough.
     pub(super) fn camera_set_estimate_wanted(
         &self,
@@ -249,7 +249,7 @@ impl Views {
         Some(wanted)
     }
 
-    /// Processes an estimate for a bundle. `pixels` counts sub-pixels. The bundle would have saved time for this view
+    /// Processes an estimate for a camera set. `pixels` counts sub-pixels. The camera set would have saved time for this view
     /// and for the similar ones since the last estimate.
     pub(super) fn learn_camera_set_estimate(
         &mut self,
@@ -259,7 +259,7 @@ impl Views {
     ) -> Option<Output> {
         let saved_secs = cluster.saved_secs(pixels)?;
         let views = f64::from(std::mem::take(&mut self.without_estimate));
-        let cameras = cluster.bundle(estimate)?;
+        let cameras = cluster.camera_set(estimate)?;
         Some(Output::WouldSave { cameras, secs: views * saved_secs })
     }
 }

@@ -27,7 +27,7 @@ const AROUND: usize = 24;
 /// Most cameras of held samples in an estimate.
 const MOST_HELD: usize = 8;
 
-/// The finest level of refinement that a bundle may have: finer cameras serve too few viewers.
+/// The finest level of refinement that a camera set may have: finer cameras serve too few viewers.
 const FINEST_LEVEL: u32 = 2;
 
 /// Views of a worker whose price is not known.
@@ -75,7 +75,7 @@ impl Cluster<'_> {
         EstimateRequest::of(self.samples.set(), repeated, candidates, frames)
     }
 
-    /// The estimate that tells which bundle of samples would have served a view; `None` if no bundle can pay.
+    /// The estimate that tells which camera set would have served a view; `None` if no camera set can pay.
     pub(in crate::core) fn camera_set_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
@@ -96,7 +96,7 @@ impl Cluster<'_> {
         held.take(MOST_HELD).collect()
     }
 
-    /// Cameras near a viewer for a bundle, held or not: the corners of the viewer's cell, then refinements.
+    /// Cameras near a viewer for a camera set, held or not: the corners of the viewer's cell, then refinements.
     fn cameras_around(&self, camera: &Camera) -> Vec<u64> {
         let rig = &self.samples.set().rig;
         let own = rig.nearest_among(camera, MOST_HELD, CandidateCameras::default());
@@ -123,9 +123,10 @@ impl Cluster<'_> {
 
     /// The cameras whose samples would have kept the view's bound, each with the faces in which it shows the view: only the
     /// rig's own if these are enough. `None` if no cameras would.
-    pub(super) fn bundle(&self, estimate: &CoverageEstimate) -> Option<Faces> {
+    pub(super) fn camera_set(&self, estimate: &CoverageEstimate) -> Option<Faces> {
         let own = estimate.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
-        let meets_coverage = |bundle: &Vec<u64>| predicted_excess(Some(estimate.coverage(bundle)), 1.0).1;
+        let meets_coverage =
+            |camera_set: &Vec<u64>| predicted_excess(Some(estimate.coverage(camera_set)), 1.0).1;
         let any = || Some(estimate.choose(|_| true, MOST_SAMPLES)).filter(meets_coverage);
         let cameras = Some(own).filter(meets_coverage).or_else(any)?;
         let with_faces = cameras.into_iter().map(|index| (index, estimate.faces(index)));
