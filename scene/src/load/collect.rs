@@ -3,12 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
-use super::bundle::{Bundle, folder_of};
 use super::parts::Format;
 use super::paths::{Files, Finder, Folder};
+use super::scene_files::{SceneFiles, folder_of};
 use super::{LoadError, gltf, obj, ply};
 
-impl Bundle {
+impl SceneFiles {
     /// Reads the main file and, following its references, all others. Missing ones are recorded; the loader decides
     /// whether the scene can do without.
     pub(super) fn collect(files: &dyn Files, main: &str) -> Result<Self, LoadError> {
@@ -92,7 +92,7 @@ pub(super) fn split(path: &Path) -> Result<Folder, LoadError> {
 pub fn bundle_files(path: impl AsRef<Path>) -> Result<Vec<(String, PathBuf)>, LoadError> {
     let path = path.as_ref();
     let folder = split(path)?;
-    let bundle = Bundle::collect(&folder, &folder.main)
+    let bundle = SceneFiles::collect(&folder, &folder.main)
         .map_err(|error| LoadError::new(path.display().to_string(), error.reason))?;
     Ok(bundle.files.into_keys().map(|name| (name.clone(), folder.path.join(name))).collect())
 }

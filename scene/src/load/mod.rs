@@ -5,7 +5,6 @@
 
 mod backdrop;
 mod bulbs;
-mod bundle;
 mod collect;
 mod environment;
 mod error;
@@ -19,6 +18,7 @@ mod parts;
 mod paths;
 mod ply;
 mod polygon;
+mod scene_files;
 mod tangents;
 
 use std::collections::BTreeMap;
@@ -29,12 +29,12 @@ use bytes::Bytes;
 use crate::scene::{Instance, RigKind};
 use crate::{Lighting, Material, Scene, Sky};
 
-use bundle::Bundle;
 pub use collect::bundle_files;
 pub use environment::{decode_environment, load_environment};
 pub use error::LoadError;
 use parts::{Format, Parts, Warnings};
 use paths::InMemory;
+use scene_files::SceneFiles;
 
 /// Loads a scene from a file and the files that it refers to.
 ///
@@ -44,7 +44,7 @@ pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     let path = path.as_ref();
     let shown = path.display().to_string();
     let folder = collect::split(path)?;
-    let scene = Bundle::collect(&folder, &folder.main).and_then(|bundle| load(&bundle));
+    let scene = SceneFiles::collect(&folder, &folder.main).and_then(|bundle| load(&bundle));
     let mut scene = scene.map_err(|error| LoadError::new(&shown, error.reason))?;
     scene.name = shown;
     Ok(scene)
@@ -56,10 +56,10 @@ pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
 /// # Errors
 /// One line that names the file and the reason.
 pub fn load_bundle(name: &str, files: &BTreeMap<String, Bytes>) -> Result<Scene, LoadError> {
-    load(&Bundle::collect(&InMemory(files), name)?)
+    load(&SceneFiles::collect(&InMemory(files), name)?)
 }
 
-fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
+fn load(bundle: &SceneFiles) -> Result<Scene, LoadError> {
     let mut warnings = Warnings::default();
     bundle.warn_of_substitutes(&mut warnings);
     let parts = match bundle.format {

@@ -4,7 +4,7 @@ use base64::Engine;
 use bytes::Bytes;
 use gltf::json;
 
-use crate::load::bundle::Bundle;
+use crate::load::scene_files::SceneFiles;
 
 /// Limit of a scene's memory: a factor on the bundle's size, for arrays shared by several meshes, and a number of
 /// bytes for small files.
@@ -16,7 +16,7 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    pub(super) fn for_bundle(bundle: &Bundle) -> Self {
+    pub(super) fn for_files(bundle: &SceneFiles) -> Self {
         Self { left: (bundle.len() as u64).saturating_mul(MOST_GROWTH.0).saturating_add(MOST_GROWTH.1) }
     }
 
@@ -41,7 +41,7 @@ pub(super) fn file_of(uri: &str) -> String {
 }
 
 /// The content of a URI: a file of the bundle, or inline data.
-pub(super) fn fetch(bundle: &Bundle, uri: &str) -> Result<Bytes, String> {
+pub(super) fn fetch(bundle: &SceneFiles, uri: &str) -> Result<Bytes, String> {
     let Some(data) = uri.strip_prefix("data:") else {
         return bundle.get("", &file_of(uri)).map(|(_, bytes)| bytes.clone());
     };

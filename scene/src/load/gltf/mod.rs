@@ -19,8 +19,8 @@ use std::collections::BTreeSet;
 
 use bytes::Bytes;
 
-use super::bundle::Bundle;
 use super::parts::{Parts, Warnings};
+use super::scene_files::SceneFiles;
 use document::Document;
 use lookup::{Budget, file_of};
 
@@ -33,7 +33,7 @@ pub(super) fn references(bytes: &Bytes) -> Result<BTreeSet<String>, String> {
 }
 
 /// Reads the default scene of a document.
-pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
+pub(super) fn load(bundle: &SceneFiles, warnings: &mut Warnings) -> Result<Parts, String> {
     let document = Document::parse(bundle.main_bytes())?;
     document.check_extensions()?;
     for extension in document.ignored_extensions() {
@@ -44,7 +44,7 @@ pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, St
             .add("texture coordinates and colours of morph targets are not supported: they stay as they are");
     }
     let root = &document.root;
-    let mut budget = Budget::for_bundle(bundle);
+    let mut budget = Budget::for_files(bundle);
     let reader = accessor::Reader::new(&document, bundle, budget.left);
 
     let mut hierarchy = nodes::Hierarchy::new(root, &mut budget, warnings)?;

@@ -12,7 +12,7 @@ use crate::SceneHash;
 type Reference = (String, String);
 
 /// A main file and the files it refers to.
-pub(super) struct Bundle {
+pub(super) struct SceneFiles {
     /// Name of the main file.
     pub(super) main: String,
     /// The main file's format.
@@ -25,7 +25,7 @@ pub(super) struct Bundle {
     pub(super) found: HashMap<Reference, Result<Found, String>>,
 }
 
-impl Bundle {
+impl SceneFiles {
     /// The main file's content.
     pub(super) fn main_bytes(&self) -> &Bytes {
         &self.files[&self.main]
