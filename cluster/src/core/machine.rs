@@ -389,7 +389,7 @@ impl Core {
 
     /// Assigns roles by a split.
     fn divide(&mut self, split: Split, actions: &mut Vec<Action>) {
-        self.workers.divide(split, &self.samples.stakes(), actions);
+        self.workers.divide(split, &self.samples.sample_counts(), actions);
     }
 
     /// Sends changed prefetch lists.
