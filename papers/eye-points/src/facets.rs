@@ -266,6 +266,19 @@ fn chance(instance: u32, primitive: u32) -> f64 {
     argus_sampler::plug::mixed(u64::from(instance) << 32 | u64::from(primitive))
 }
 
+/// Whether a cut-out is open somewhere.
+pub(crate) trait Openings: Sync {
+    /// Whether rays pass through a point of a facet.
+    fn is_open(&self, facet: &Facet, point: DVec3) -> bool;
+}
+
+impl Openings for Cutouts {
+    fn is_open(&self, facet: &Facet, point: DVec3) -> bool {
+        let [second, third] = facet.weights(point);
+        self.let_through([facet.instance, facet.primitive], second as f32, third as f32)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use argus_scene::procedural::{mirrors, rooms, terrain, with_balls};
@@ -344,18 +357,5 @@ mod tests {
         assert!((kept - expected).abs() < 4.0 * expected.sqrt(), "{kept} of {expected}");
         assert_eq!(some.all, cut(&scene, true, sparse).2.all);
         assert!(some.all.iter().filter(|p| p.whole_cell).all(|piece| piece.rows().cells() == 1));
-    }
-}
-
-/// Whether a cut-out is open somewhere.
-pub(crate) trait Openings: Sync {
-    /// Whether rays pass through a point of a facet.
-    fn is_open(&self, facet: &Facet, point: DVec3) -> bool;
-}
-
-impl Openings for Cutouts {
-    fn is_open(&self, facet: &Facet, point: DVec3) -> bool {
-        let [second, third] = facet.weights(point);
-        self.let_through([facet.instance, facet.primitive], second as f32, third as f32)
     }
 }
