@@ -5,6 +5,7 @@ use std::process::{ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use argus_gpu::quirks::worker_environment;
 use tokio::process::{Child, Command};
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -143,14 +144,7 @@ fn start(count: usize, file: &Path, preload: Option<&str>) -> anyhow::Result<Chi
     for (name, ..) in settings::variables() {
         command.env_remove(name);
     }
-    // The software driver would start a thread per core in every worker; the workers share the cores instead.
-    if std::env::var_os("LP_NUM_THREADS").is_none() {
-        command.env("LP_NUM_THREADS", (cores() / count).max(1).to_string());
-    }
-    // Mesa's device selection layer prints errors without a desktop session; Argus selects its device itself.
-    if std::env::var_os("NODEVICE_SELECT").is_none() {
-        command.env("NODEVICE_SELECT", "1");
-    }
+    command.envs(worker_environment(cores() / count));
     command.spawn().with_context(|| format!("cannot start {}", program.display()))
 }
 

@@ -16,9 +16,9 @@ use tonic::Code;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 
+use crate::ClientError;
 use crate::credentials::{Bearer, Credentials};
 use crate::error::root_cause;
-use crate::{ClientError, ClusterStatus};
 
 /// Time limit for a connection to a worker, and again for its handshake. The server relays frames that cannot be
 /// fetched, and this may delay a frame by no more than three seconds.
@@ -170,7 +170,7 @@ impl Client {
     /// [`ClientError::Refused`] if this client's token lacks the role admin. [`ClientError::Server`] if the
     /// server cannot be
     /// reached or is not a coordinator.
-    pub async fn status(&self) -> Result<ClusterStatus, ClientError> {
+    pub async fn status(&self) -> Result<v1::StatusResponse, ClientError> {
         let mut cluster = ClusterClient::with_interceptor(self.channel(), self.0.bearer.clone());
         let response = cluster.status(v1::StatusRequest {}).await?;
         Ok(response.into_inner())

@@ -18,7 +18,7 @@ pub struct SceneRef {
 
 /// One fetched file of a scene's bundle.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct BundleFile {
+pub struct SceneFile {
     /// Path relative to the bundle's root, with `/` between parts and without `..`; checked on arrival.
     pub name: String,
     /// Its contents.
@@ -78,7 +78,7 @@ pub trait SceneOpener: Send + Sync + 'static {
     ///
     /// # Errors
     /// Why it cannot be opened, in one line.
-    fn open_bundle(&self, reference: &SceneRef, files: Vec<BundleFile>) -> Result<Arc<Scene>, String>;
+    fn open_bundle(&self, reference: &SceneRef, files: Vec<SceneFile>) -> Result<Arc<Scene>, String>;
 }
 
 /// Makes the two roles on this machine's device. Called on the worker's render thread. Called again after the device

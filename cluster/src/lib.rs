@@ -32,5 +32,5 @@ pub mod untrusted;
 mod wire;
 pub mod worker;
 
-pub use interfaces::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource};
+pub use interfaces::{RoleFactory, SceneFile, SceneOpener, SceneRef, SceneSource};
 pub use observe::LIVE;

@@ -48,7 +48,7 @@ fn ask(core: &mut Core, view: View, now: Uptime) {
         client: "c".into(),
         view: Box::new(view),
         deadline: None,
-        survey: None,
+        estimate: None,
         last: None,
     };
     core.step(event, now);

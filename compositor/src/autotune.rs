@@ -12,7 +12,7 @@ pub(crate) struct Autotune {
     decided: Option<SearchBackend>,
 }
 
-/// Rounds of each program. The first is not counted, because drivers compile in it.
+/// Rounds of each program. The first is not counted: quirk `compiled-at-first-use`.
 const ROUNDS: usize = 4;
 
 /// Fewest sub-pixels of a batch that is timed.

@@ -8,7 +8,7 @@ use argus_scene::{Cancel, Frame, Plan, PlaneKind, RenderError, Search, Stage, Vi
 use crate::GpuCompositor;
 use crate::batch::Batch;
 use crate::compositor::ChunkWork;
-use crate::draw_batch::{DrawBatch, SharedBindings, Variant};
+use crate::draw_batch::{DrawBatch, Variant};
 use crate::knobs::SearchBackend;
 use crate::layout::Chunk;
 
@@ -52,7 +52,7 @@ impl BareFetch {
         let work = compositor.begin_chunk(chunk, batch);
         let ChunkWork { inputs, targets, .. } = &work;
         let GpuCompositor { gpu, sample_store, fixed, resolve, .. } = compositor;
-        let shared = &SharedBindings::new(sample_store, fixed, inputs, chunk, batch)?;
+        let shared = &inputs.bindings(sample_store, fixed, chunk, batch)?;
         let mut commands = gpu.commands("fetch colours");
         for (&(_, variant), pieces) in &inputs.draws {
             let pieces = &inputs.pieces(pieces, chunk, batch);
@@ -60,7 +60,7 @@ impl BareFetch {
             let draws = &DrawBatch { variant, search_backend, shared, splat: &inputs.splat, pieces, targets };
             self.record(gpu, &mut commands, draws)?;
         }
-        resolve.record(&mut commands, chunk, batch, targets);
+        resolve.record(&mut commands, chunk, |piece| batch.view(piece).exposure(), targets);
         compositor.end_chunk(work, chunk, batch, commands)
     }
 

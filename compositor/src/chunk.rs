@@ -11,12 +11,12 @@ use argus_shaders::layout::shared::Light;
 use bytemuck::Zeroable as _;
 
 use crate::batch::Batch;
-use crate::draw_batch::{PieceDraw, SplatBuffers, Variant};
+use crate::draw_batch::{FixedBindings, PieceDraw, SharedBindings, SplatBuffers, SplatCall, Variant};
 use crate::layout::{Chunk, Piece};
 use crate::lights::light_about;
-use crate::passes::mend::COUNTER_WORDS;
-use crate::passes::splat::SplatCall;
+use crate::passes::second_pass::COUNTER_WORDS;
 use crate::prepare::{ChunkOffsets, PreparedView};
+use crate::sample_store::SampleStore;
 use crate::targets::{ChunkOutputs, TargetPool};
 
 /// Everything that the passes of a chunk read.
@@ -24,7 +24,7 @@ use crate::targets::{ChunkOutputs, TargetPool};
 pub(crate) struct ChunkInputs {
     /// A [`ViewUniform`] a piece.
     views: wgpu::Buffer,
-    pub(crate) lights: wgpu::Buffer,
+    lights: wgpu::Buffer,
     pub(crate) blocks: wgpu::Buffer,
     pub(crate) splat: SplatBuffers,
     cell_bytes: u64,
@@ -110,8 +110,26 @@ impl ChunkInputs {
     }
 
     /// The fill of each piece that has cells.
-    pub(crate) fn fills(&self) -> Vec<Fill> {
-        self.fills.values().copied().collect()
+    pub(crate) fn fills(&self) -> impl Iterator<Item = Fill> {
+        self.fills.values().copied()
+    }
+
+    /// The bindings of a chunk, whose pieces have one pool, one set of reflection probes and one environment map.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] if the samples of its views are not held.
+    pub(crate) fn bindings<'a>(
+        &'a self,
+        sample_store: &'a SampleStore,
+        fixed: &'a FixedBindings,
+        chunk: &Chunk,
+        batch: &'a Batch<'_>,
+    ) -> Result<SharedBindings<'a>, RenderError> {
+        let view = chunk.pieces.first().map(|piece| batch.view(piece));
+        let pool = sample_store.pool(view.map_or(0, |view| view.pool))?;
+        let probes = view.and_then(|view| view.probes.as_ref()).map(|(_, probes)| &**probes);
+        let environment = view.and_then(|view| view.environment.as_deref());
+        Ok(SharedBindings { pool, fixed, lights: &self.lights, probes, environment })
     }
 
     /// The pieces of one pipeline with their uniforms.

@@ -11,7 +11,7 @@ use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, S
 use crate::autotune::Autotune;
 use crate::batch::{Batch, milliseconds};
 use crate::chunk::{ChunkInputs, Pauses};
-use crate::draw_batch::{DrawBatch, FixedBindings, SharedBindings};
+use crate::draw_batch::{DrawBatch, FixedBindings};
 use crate::knobs::{CompositorKnobs, SearchBackend};
 use crate::layout::Chunk;
 use crate::pass_plan::{PassPlan, pass_plan};
@@ -19,10 +19,10 @@ use crate::passes::bounds::BoundsPass;
 use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::passes::fill::FillPass;
 use crate::passes::highlight::HighlightPass;
-use crate::passes::mend::MendPass;
 use crate::passes::mips::MipsPass;
 use crate::passes::reproject::ReprojectPass;
 use crate::passes::resolve::ResolvePass;
+use crate::passes::second_pass::SecondPass;
 use crate::passes::sky_mask::SkyMaskPass;
 use crate::passes::splat::SplatPass;
 use crate::prepare::PreparedView;
@@ -45,7 +45,7 @@ pub struct GpuCompositor {
     reproject: ReprojectPass,
     fill: FillPass,
     sky_mask: SkyMaskPass,
-    mend: MendPass,
+    second_pass: SecondPass,
     highlight: HighlightPass,
     build_pyramid: BuildPyramidPass,
     searches: BTreeMap<Search, SearchPipelines>,
@@ -108,7 +108,7 @@ impl GpuCompositor {
             reproject: ReprojectPass::new(&gpu),
             fill: FillPass::new(&gpu),
             sky_mask: SkyMaskPass::default(),
-            mend: MendPass::default(),
+            second_pass: SecondPass::default(),
             highlight: HighlightPass::default(),
             build_pyramid: BuildPyramidPass::new(&gpu),
             searches: BTreeMap::new(),
@@ -181,14 +181,15 @@ impl GpuCompositor {
         let gpu = &Arc::clone(&self.gpu);
         let work = self.begin_chunk(chunk, batch);
         let ChunkWork { inputs, targets, .. } = &work;
-        let shared = &SharedBindings::new(&self.sample_store, &self.fixed, inputs, chunk, batch)?;
+        let shared = &inputs.bindings(&self.sample_store, &self.fixed, chunk, batch)?;
         let mut commands = gpu.commands("compose views");
         if inputs.has_cells() {
             inputs.clear_cells(&mut commands);
-            self.splat.record(&mut commands, inputs, shared.pool)?;
+            let ChunkInputs { splat, blocks, splats, words, reprojects, .. } = inputs;
+            self.splat.record(&mut commands, splat, blocks, splats, shared.pool)?;
             pauses.pause(&mut commands)?;
-            self.reproject.record(&mut commands, inputs);
-            self.fill.record(&mut commands, inputs);
+            self.reproject.record(&mut commands, splat, words, reprojects);
+            self.fill.record(&mut commands, splat, inputs.fills());
             pauses.pause(&mut commands)?;
         }
         for (&(search, variant), pieces) in &inputs.draws {
@@ -203,13 +204,13 @@ impl GpuCompositor {
             pipelines.record(gpu, &mut commands, draws)?;
             if search == Search::Splat {
                 pauses.pause(&mut commands)?;
-                self.mend.record(gpu, &mut commands, draws)?;
+                self.second_pass.record(gpu, &mut commands, draws)?;
                 pauses.pause(&mut commands)?;
                 self.highlight.record(gpu, &mut commands, draws)?;
             }
             pauses.pause(&mut commands)?;
         }
-        self.resolve.record(&mut commands, chunk, batch, targets);
+        self.resolve.record(&mut commands, chunk, |piece| batch.view(piece).exposure(), targets);
         self.end_chunk(work, chunk, batch, commands)
     }
 

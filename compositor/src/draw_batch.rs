@@ -2,14 +2,11 @@
 
 use argus_gpu::{Bindable, ColorTarget, ComputeCall, EnvironmentTexture, ReflectionProbes, wgpu};
 use argus_scene::{PlaneKind, RenderError};
-use argus_shaders::layout::compositor::Fill;
+use argus_shaders::layout::compositor::{Fill, Splat};
 
-use crate::batch::Batch;
-use crate::chunk::ChunkInputs;
 use crate::knobs::SearchBackend;
-use crate::layout::{Chunk, Piece};
+use crate::layout::Piece;
 use crate::pool::Pool;
-use crate::sample_store::SampleStore;
 use crate::targets::{CONFIDENCE_FORMAT, ChunkTargets, LINEAR_FORMAT, RANGE_FORMAT, SRGB_FORMAT};
 
 /// What decides which pipeline draws a piece.
@@ -96,24 +93,6 @@ pub(crate) struct SharedBindings<'a> {
 }
 
 impl<'a> SharedBindings<'a> {
-    /// The bindings of a chunk, whose pieces have one pool, one set of reflection probes and one environment map.
-    ///
-    /// # Errors
-    /// [`RenderError::Internal`] if the samples of its views are not held.
-    pub(crate) fn new(
-        sample_store: &'a SampleStore,
-        fixed: &'a FixedBindings,
-        inputs: &'a ChunkInputs,
-        chunk: &Chunk,
-        batch: &'a Batch<'_>,
-    ) -> Result<Self, RenderError> {
-        let view = chunk.pieces.first().map(|piece| batch.view(piece));
-        let pool = sample_store.pool(view.map_or(0, |view| view.pool))?;
-        let probes = view.and_then(|view| view.probes.as_ref()).map(|(_, probes)| &**probes);
-        let environment = view.and_then(|view| view.environment.as_deref());
-        Ok(Self { pool, fixed, lights: &inputs.lights, probes, environment })
-    }
-
     /// All resources under their names in WGSL.
     pub(crate) fn bindings(&self) -> Result<Vec<NamedBinding<'a>>, RenderError> {
         let probes = self.probes.unwrap_or(&self.fixed.no_probes);
@@ -181,6 +160,15 @@ pub(crate) struct SplatBuffers {
     pub(crate) depths: wgpu::Buffer,
     /// Pixels that the warp did not settle: `shaders/shared/unsettled.wgsl`.
     pub(crate) unsettled: wgpu::Buffer,
+}
+
+/// One dispatch of a splat.
+#[derive(Debug)]
+pub(crate) struct SplatCall {
+    pub(crate) splat: Splat,
+    pub(crate) block_count: u32,
+    /// Whether texels are farther apart than cells, so that they are splatted as squares.
+    pub(crate) sparse: bool,
 }
 
 /// One piece and its uniforms.

@@ -57,7 +57,7 @@ pub(crate) fn pass_plan(
         row("mask sky", is(Search::Splat), "cells that no texel came near are sky if the samples say so"),
         row(name(Search::Splat), is(Search::Splat), &searched),
         row("collect pixels", is(Search::Splat), "pixels that the warp left over are listed"),
-        row("mend pixels", is(Search::Splat), "pixels that one sample did not settle are tried in all"),
+        row("second pass", is(Search::Splat), "pixels that one sample did not settle are tried in all"),
         row(
             "add highlights",
             is(Search::Splat) && glossy,

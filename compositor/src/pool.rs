@@ -10,7 +10,6 @@ use argus_gpu::{Gpu, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 
 use crate::arrays::{Array, Arrays, PoolClass};
-use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::pyramid::{self, Pyramids};
 
 /// The samples of one class.
@@ -112,7 +111,7 @@ impl Pool {
             *due = due.saturating_sub(1);
             let mut commands = gpu.commands("grow sample pool");
             match &self.arrays {
-                // New layers copy any old layer. Otherwise wgpu would clear all unwritten layers at once.
+                // New layers copy any old layer: quirk `cleared-layers`.
                 Some(arrays) => {
                     let from = arrays.array(plane);
                     growth.arrays.array(plane).copy_layer(
@@ -163,27 +162,19 @@ impl Pool {
         }
     }
 
-    /// Builds the missing pyramids of some layers.
+    /// The pyramids, allocated at the first call. [`crate::passes::build_pyramid::BuildPyramidPass::make`] builds them.
     ///
     /// # Errors
-    /// Whatever the device fails with.
-    pub(crate) fn make_pyramids(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        pass: &BuildPyramidPass,
-        layers: impl Iterator<Item = u32>,
-    ) -> Result<(), RenderError> {
-        let mut pyramids = match self.pyramids.take() {
+    /// [`RenderError::Invalid`] if the levels of a sample exceed the device's texture size.
+    pub(crate) fn pyramids_mut(&mut self, gpu: &Gpu) -> Result<&mut Pyramids, RenderError> {
+        let pyramids = match self.pyramids.take() {
             Some(pyramids) => pyramids,
             None => Pyramids::new(gpu, self.class.size, self.capacity)?,
         };
-        let made =
-            self.view(PlaneKind::InverseRange).and_then(|plane| pyramids.make(gpu, pass, plane, layers));
-        self.pyramids = Some(pyramids);
-        made
+        Ok(self.pyramids.insert(pyramids))
     }
 
-    /// The pyramids, once [`Pool::make_pyramids`] has built them.
+    /// The pyramids, once a pyramid search has built them.
     ///
     /// # Errors
     /// [`RenderError::Internal`] if they were never built.

@@ -12,11 +12,11 @@ use bytemuck::Zeroable;
 use glam::DVec2;
 
 use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
+use crate::draw_batch::SplatCall;
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
 use crate::knobs::CompositorKnobs;
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
-use crate::passes::splat::SplatCall;
 use crate::reprojection::Reprojection;
 use crate::sample_store::{HeldSample, SampleStore};
 

@@ -1,16 +1,14 @@
 //! Pyramids of samples' nearest surfaces. They are built when a pyramid search first reads a sample.
 
-use std::sync::Arc;
-
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{InvalidField, RenderError};
 
-use crate::passes::build_pyramid::{BuildPyramidPass, TILE};
+/// Texels on a side of the tile that a workgroup reduces to one cell.
+pub(crate) const TILE: u32 = 64;
 
 /// The pyramids of one pool's samples, one a layer.
 #[derive(Debug)]
 pub(crate) struct Pyramids {
-    size: [u32; 2],
     /// All levels of a sample side by side: `shaders/shared/levels.wgsl`.
     pub(crate) view: wgpu::TextureView,
     /// Whether a layer's pyramid is built.
@@ -57,31 +55,17 @@ impl Pyramids {
             dimension: Some(wgpu::TextureViewDimension::D2Array),
             ..Default::default()
         });
-        Ok(Self { size, view, made: vec![false; layers as usize] })
+        Ok(Self { view, made: vec![false; layers as usize] })
     }
 
-    /// Builds the missing pyramids of some layers from the samples' inverse range.
-    ///
-    /// # Errors
-    /// Whatever the device fails with.
-    pub(crate) fn make(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        pass: &BuildPyramidPass,
-        inverse_range: &wgpu::TextureView,
-        layers: impl Iterator<Item = u32>,
-    ) -> Result<(), RenderError> {
-        let missing: Vec<u32> = layers.filter(|&layer| !self.made[layer as usize]).collect();
-        if missing.is_empty() {
-            return Ok(());
-        }
-        let mut commands = gpu.commands("make pyramids");
-        for &layer in &missing {
-            pass.record(&mut commands, inverse_range, self.size, &self.view, layer);
-        }
-        commands.submit().wait()?;
-        missing.iter().for_each(|&layer| self.made[layer as usize] = true);
-        Ok(())
+    /// Whether a layer's pyramid is built.
+    pub(crate) fn is_made(&self, layer: u32) -> bool {
+        self.made[layer as usize]
+    }
+
+    /// Marks the pyramids of layers as built.
+    pub(crate) fn set_made(&mut self, layers: &[u32]) {
+        layers.iter().for_each(|&layer| self.made[layer as usize] = true);
     }
 
     /// Marks a layer's pyramid as missing, because its sample was released.

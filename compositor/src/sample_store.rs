@@ -210,7 +210,7 @@ impl SampleStore {
             while let Some(upload) = self.uploads.get_mut(&sample.id).filter(|upload| !upload.is_recorded()) {
                 let Some(pool) = &mut self.pools[upload.pool] else { break };
                 let program = upload.record(context, pool, sample, &mut submission)?;
-                // Drivers compile a program at its first use, so a step with a new program ends the submission.
+                // A step with a new program ends the submission: quirk `compiled-at-first-use`.
                 let is_new = program.is_some_and(|program| self.used.insert(program));
                 if is_new || submission.weight >= WORTH_SUBMITTING {
                     self.settle(std::mem::replace(&mut submission, Submission::new(context.gpu)))?;
@@ -299,7 +299,7 @@ impl SampleStore {
         within_memory(self.bytes + pools.map(bytes).sum::<u64>(), knobs)?;
         let layers = samples.iter().map(|held| held.layer);
         match self.pools.get_mut(first.pool) {
-            Some(Some(pool)) => pool.make_pyramids(gpu, pass, layers),
+            Some(Some(pool)) => pass.make(gpu, pool, layers),
             _ => Err(RenderError::Internal("a held sample has no pool".to_owned())),
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use argus_proto::chunks::{
-    BundleAssembler, FrameAssembler, FrameMeta, PixelAssembler, Received, SampleAssembler, TracedFrame,
+    FrameAssembler, FrameMeta, PixelAssembler, Received, SampleAssembler, SceneFilesAssembler, TracedFrame,
     bundle_chunks, frame_chunks, pixel_chunks, procedural_chunk, sample_chunks, trace_job, trace_requests,
 };
 use argus_proto::v1;
@@ -187,10 +187,10 @@ pub fn scenes_corpus() -> Vec<Vec<u8>> {
 
 /// A worker's side of a scene; the names of its files must stay within a folder.
 pub fn scenes(bytes: &[u8]) -> Result<(), String> {
-    let mut assembler = BundleAssembler::new(HASH, 1 << 16);
+    let mut assembler = SceneFilesAssembler::new(HASH, 1 << 16);
     each(bytes, |chunk: v1::SceneChunk| {
         let bundle = assembler.push(chunk).map_err(|error| error.to_string())?;
-        if let Some(argus_proto::chunks::BundleSource::Files { files, .. }) =
+        if let Some(argus_proto::chunks::SceneFilesSource::Files { files, .. }) =
             bundle.map(|bundle| bundle.source)
         {
             let files: BTreeMap<String, Bytes> = files.into_iter().collect();

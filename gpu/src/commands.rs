@@ -3,11 +3,10 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use argus_shaders::{Access, Binding};
-
+use crate::bindings::{Bindable, Bound};
 use crate::readback::{self, Copy};
 use crate::timing::Timings;
-use crate::{ComputePipeline, Finished, Gpu, GpuError, PendingReadback, RenderPipeline};
+use crate::{ComputePipeline, Finished, Gpu, GpuError, PendingReadback, RenderPipeline, quirks};
 
 /// A submission that is being recorded.
 ///
@@ -182,7 +181,7 @@ impl Commands {
             end += copy.size();
             copy
         });
-        let buffer = (end > 0).then(|| self.gpu.readback.take(&self.gpu, end));
+        let buffer = (end > 0).then(|| self.gpu.readback.take(&self.gpu.device, end));
         if let Some(buffer) = &buffer {
             for (source, copy) in self.sources.iter().zip(&copies) {
                 source.record(&mut self.encoder, buffer, copy);
@@ -257,83 +256,6 @@ impl Source {
     }
 }
 
-/// A resource that can be bound under a WGSL name.
-pub trait Bindable {
-    /// The wgpu binding.
-    fn resource(&self) -> wgpu::BindingResource<'_>;
-}
-
-impl Bindable for wgpu::Buffer {
-    fn resource(&self) -> wgpu::BindingResource<'_> {
-        self.as_entire_binding()
-    }
-}
-
-impl Bindable for wgpu::BufferBinding<'_> {
-    fn resource(&self) -> wgpu::BindingResource<'_> {
-        wgpu::BindingResource::Buffer(self.clone())
-    }
-}
-
-impl Bindable for wgpu::TextureView {
-    fn resource(&self) -> wgpu::BindingResource<'_> {
-        wgpu::BindingResource::TextureView(self)
-    }
-}
-
-impl Bindable for wgpu::Sampler {
-    fn resource(&self) -> wgpu::BindingResource<'_> {
-        wgpu::BindingResource::Sampler(self)
-    }
-}
-
-/// The bindings of a call so far, and those that its program declares.
-struct Bound<'a> {
-    label: &'a str,
-    declared: &'a [Binding],
-    entries: Vec<(Binding, wgpu::BindingResource<'a>)>,
-}
-
-impl<'a> Bound<'a> {
-    fn new(label: &'a str, declared: &'a [Binding]) -> Self {
-        Self { label, declared, entries: Vec::with_capacity(declared.len()) }
-    }
-
-    /// Panics for a name that the entry point does not use.
-    fn bind(&mut self, name: &str, writes: bool, resource: wgpu::BindingResource<'a>) {
-        let Some(binding) = self.declared.iter().find(|b| b.name == name) else {
-            panic!("{} does not use `{name}`", self.label)
-        };
-        assert_eq!(writes, binding.access != Access::Read, "{}: access of `{name}`", self.label);
-        self.entries.push((*binding, resource));
-    }
-
-    /// The bind groups. Panics for a declared name that is not bound.
-    fn groups(&self, gpu: &Gpu, layouts: &[(u32, wgpu::BindGroupLayout)]) -> Vec<(u32, wgpu::BindGroup)> {
-        for declared in self.declared {
-            let given = self.entries.iter().any(|(b, _)| b.name == declared.name);
-            assert!(given, "{}: `{}` is not bound", self.label, declared.name);
-        }
-        layouts
-            .iter()
-            .map(|(group, layout)| {
-                let entries: Vec<_> = self
-                    .entries
-                    .iter()
-                    .filter(|(binding, _)| binding.group == *group)
-                    .map(|(binding, resource)| wgpu::BindGroupEntry {
-                        binding: binding.index,
-                        resource: resource.clone(),
-                    })
-                    .collect();
-                let descriptor =
-                    wgpu::BindGroupDescriptor { label: Some(self.label), layout, entries: &entries };
-                (*group, gpu.device.create_bind_group(&descriptor))
-            })
-            .collect()
-    }
-}
-
 /// A compute pass of several dispatches.
 pub struct ComputePass<'a> {
     gpu: &'a Gpu,
@@ -398,12 +320,12 @@ impl<'a> ComputeCall<'a> {
         self.record(|pass| pass.dispatch_workgroups(groups[0], groups[1], groups[2]));
     }
 
-    /// Dispatches at least that many invocations in workgroups of 64. Workgroups are spread over two dimensions, because
-    /// one has at most 65,535. The program computes its index with `shared/linear.wgsl` and must check bounds.
+    /// Dispatches at least that many invocations in workgroups of 64. Workgroups are spread over two dimensions
+    /// ([`quirks::MAX_WORKGROUPS`]). The program computes its index with `shared/linear.wgsl` and must check bounds.
     pub fn dispatch_linear(self, invocations: u64) {
         debug_assert_eq!(self.pipeline.workgroup_size(), [64, 1, 1], "{}", self.pipeline.label);
         let groups = invocations.div_ceil(64);
-        let across = groups.min(1 << 15);
+        let across = groups.min(quirks::WORKGROUPS_ACROSS);
         self.dispatch([across as u32, groups.div_ceil(across.max(1)) as u32, 1]);
     }
 

@@ -7,8 +7,8 @@ use argus_scene::Stage;
 use parking_lot::Mutex;
 use wgpu::{Backends, DeviceType, Features, InstanceFlags};
 
-use crate::GpuError;
-use crate::readback::ReadbackPool;
+use crate::readback_pool::ReadbackPool;
+use crate::{GpuError, quirks};
 
 /// Options for opening a device.
 #[derive(Debug, Clone, Default)]
@@ -33,13 +33,6 @@ pub struct Gpu {
     longest_pass: Mutex<Option<Stage>>,
     pub(crate) readback: ReadbackPool,
 }
-
-/// Most milliseconds of a pass. Drivers that also serve a display reset the device after a submission of two seconds or
-/// more.
-///
-/// Passes are bounded by sampler tiles of 2048² sub-samples, compositor chunks of 4 million sub-pixels, the queues of
-/// traversals, and 2²⁹ pairs of triangle and view for brute-force maps.
-pub const LONGEST_PASS_MS: f64 = 1000.0;
 
 /// Required features.
 const REQUIRED: Features =
@@ -113,7 +106,12 @@ impl Gpu {
 
     /// Whether the adapter is a software driver (CPU).
     pub fn is_software(&self) -> bool {
-        self.adapter.device_type == DeviceType::Cpu
+        quirks::is_software(&self.adapter)
+    }
+
+    /// Workgroups for a list of unknown length, of which `most` are useful.
+    pub fn list_workgroups(&self, most: u32) -> u32 {
+        quirks::list_workgroups(&self.adapter, most)
     }
 
     /// Adapter information of the driver.
@@ -133,7 +131,7 @@ impl Gpu {
     }
 
     /// The longest pass so far, milliseconds of the device's clock. `None` without timestamps or passes. See
-    /// [`LONGEST_PASS_MS`].
+    /// [`quirks::LONGEST_PASS_MS`].
     pub fn longest_pass(&self) -> Option<Stage> {
         self.longest_pass.lock().clone()
     }

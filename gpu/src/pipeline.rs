@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use argus_shaders::{Binding, EntryPoint, Program};
 
-use crate::Gpu;
+use crate::{Gpu, quirks};
 
 /// A compute pipeline with the reflection of its entry point.
 #[derive(Debug, Clone)]
@@ -62,8 +62,8 @@ impl Gpu {
         self.compute_pipeline_with(program, entry, &[])
     }
 
-    /// A pipeline with values for the program's `override`s. Constants are folded; a branch on a uniform may cost both
-    /// sides on the software driver.
+    /// A pipeline with values for the program's `override`s. Constants are folded, branches on
+    /// uniforms may not be: `both-sides` in [`quirks`].
     ///
     /// # Panics
     /// If the program has no such entry point (a typo).
@@ -77,7 +77,7 @@ impl Gpu {
     }
 
     /// A pipeline like [`Self::compute_pipeline_with`] without the checks of indices and the counters of loops that wgpu adds.
-    /// On an H200 they cost a tracer of rays 1% of its time (64 invocations a workgroup, stacks in its memory).
+    /// What they cost: `runtime-checks` in [`quirks`].
     ///
     /// # Safety
     /// Every loop of the program must end, and every index must be within its array.
@@ -90,9 +90,9 @@ impl Gpu {
         entry: &str,
         constants: &[(&str, f64)],
     ) -> ComputePipeline {
-        let checks = wgpu::ShaderRuntimeChecks::unchecked();
         // SAFETY: the caller vouches for loops and indices.
-        let module = unsafe { self.device.create_shader_module_trusted(descriptor(program), checks) };
+        let module =
+            unsafe { self.device.create_shader_module_trusted(descriptor(program), quirks::UNCHECKED()) };
         self.compute_pipeline_of(&module, program, entry, constants)
     }
 
@@ -112,8 +112,7 @@ impl Gpu {
             entry_point: Some(entry.name),
             compilation_options: wgpu::PipelineCompilationOptions {
                 constants,
-                // Every program writes workgroup memory before it reads it, and zeroing costs a barrier.
-                zero_initialize_workgroup_memory: false,
+                zero_initialize_workgroup_memory: quirks::ZEROES_WORKGROUP_MEMORY,
             },
             cache: None,
         });

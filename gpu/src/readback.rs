@@ -1,44 +1,12 @@
-//! Readback through a pool of mappable buffers. A steady stream of frames allocates nothing.
+//! Waits for submissions and reads their results back.
 
 use std::sync::mpsc;
 
 use argus_scene::Stage;
 use bytes::Bytes;
-use parking_lot::Mutex;
 
 use crate::timing::Timings;
 use crate::{Gpu, GpuError};
-
-/// Idle readback buffers.
-#[derive(Debug, Default)]
-pub(crate) struct ReadbackPool {
-    free: Mutex<Vec<wgpu::Buffer>>,
-}
-
-/// Most bytes of idle buffers. Beyond it a returned buffer is dropped.
-const MAX_IDLE_BYTES: u64 = 256 << 20;
-
-impl ReadbackPool {
-    /// A mappable buffer of at least `size` bytes: the smallest suitable idle one, or a new one.
-    pub(crate) fn take(&self, gpu: &Gpu, size: u64) -> wgpu::Buffer {
-        let mut free = self.free.lock();
-        let fits = |b: &wgpu::Buffer| b.size() >= size && b.size() <= 4 * size.max(64 << 10);
-        let best = (0..free.len()).filter(|&i| fits(&free[i])).min_by_key(|&i| free[i].size());
-        if let Some(index) = best {
-            return free.swap_remove(index);
-        }
-        drop(free);
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        gpu.buffer("readback", size.next_power_of_two(), usage)
-    }
-
-    fn give_back(&self, buffer: wgpu::Buffer) {
-        let mut free = self.free.lock();
-        if free.iter().map(wgpu::Buffer::size).sum::<u64>() + buffer.size() <= MAX_IDLE_BYTES {
-            free.push(buffer);
-        }
-    }
-}
 
 /// A readback of a submission. [`Finished::take`] returns its bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -118,8 +86,7 @@ pub(crate) fn collect(
         return Err(fault);
     }
     let Some(buffer) = buffer else { return Ok(Finished { stages: Vec::new(), results: Vec::new() }) };
-    // The callback runs inside a poll, of this or of another thread. Another thread may have taken it just before this
-    // poll, so wait for it.
+    // Another thread's poll may run the callback: quirk `late-map-callbacks`.
     let mapped = receive.recv_timeout(CALLBACK_PATIENCE).or_else(|_| {
         let _ = gpu.device.poll(wgpu::PollType::wait_indefinitely());
         receive.recv_timeout(CALLBACK_PATIENCE)

@@ -58,7 +58,7 @@ impl Timings {
     pub(crate) fn passes<'a>(&'a self, timestamps: &'a [u8]) -> impl Iterator<Item = (&'a str, f64)> {
         self.names.iter().zip(timestamps.chunks_exact(16)).map(|(name, pair)| {
             let at = |i: usize| u64::from_le_bytes(pair[i..i + 8].try_into().unwrap_or_default());
-            // A driver may reset its clock between the two; the time is then 0.
+            // Never negative: quirk `odd-timestamps`.
             let ms = at(8).saturating_sub(at(0)) as f64 * f64::from(self.period_ns) * 1e-6;
             (name.as_str(), ms)
         })

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::InvalidField;
-use crate::reflection::map_size;
+use crate::probe_map::map_size;
 
 /// A client's viewpoint: an ideal pinhole, looking from `eye` to `target`.
 ///

@@ -1,6 +1,6 @@
 //! Meshes whose vertices move: by morph targets, by the joints of a skin, and by transforms that flatten them.
 //!
-//! A [`Deformation`] keeps the mesh's shape at rest, and [`Scene::posed`] makes the scene whose meshes have their shapes
+//! A [`Deformation`] keeps the mesh's shape at rest, and [`crate::Scene::posed`] makes the scene whose meshes have their shapes
 //! of a time. Targets are added first, then joints move the vertices (glTF 2.0, sections 3.7.2.2 and 3.7.3.3). The
 //! vertices of a skinned mesh are in world space, so its node does not move it. A transform without an inverse would
 //! leave an instance without rays and normals. So the vertices of a mesh under such a transform are in world space, too.
@@ -9,12 +9,9 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3, Vec3, Vec4};
 
-#[cfg(feature = "loaders")]
-use crate::Pose;
-use crate::animation::Drivers;
+use crate::Bounds;
 #[cfg(feature = "loaders")]
 use crate::animation::{Animation, Node, Rest, Track};
-use crate::{Bounds, Mesh, Scene};
 
 /// A transform is flat if its determinant is at most this share of the cube of its size (Frobenius norm).
 const FLAT: f64 = 1e-6;
@@ -24,7 +21,7 @@ const FLAT: f64 = 1e-6;
 pub struct Deformation {
     /// The vertices before anything moves them, mesh space.
     pub rest: Shape,
-    /// Index into [`Scene::nodes`] of the node whose channels drive the weights of targets.
+    /// Index into [`crate::Scene::nodes`] of the node whose channels drive the weights of targets.
     pub node: u32,
     /// Displacements of vertices.
     pub targets: Vec<MorphTarget>,
@@ -41,13 +38,13 @@ pub struct Deformation {
 /// What moves of a mesh.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Shape {
-    /// As [`Mesh::origin`].
+    /// As [`crate::Mesh::origin`].
     pub origin: DVec3,
-    /// As [`Mesh::positions`].
+    /// As [`crate::Mesh::positions`].
     pub positions: Vec<Vec3>,
-    /// As [`Mesh::normals`].
+    /// As [`crate::Mesh::normals`].
     pub normals: Vec<Vec3>,
-    /// As [`Mesh::tangents`].
+    /// As [`crate::Mesh::tangents`].
     pub tangents: Vec<Vec4>,
 }
 
@@ -76,7 +73,7 @@ pub struct Skin {
 /// A node that moves vertices.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Joint {
-    /// Index into [`Scene::nodes`].
+    /// Index into [`crate::Scene::nodes`].
     pub node: u32,
     /// The inverse of its transform at which the mesh was bound to it.
     pub joint_from_mesh: DAffine3,
@@ -139,7 +136,7 @@ impl Deformation {
     }
 
     /// The shape of a mesh with these triangles, when its nodes are at `world` and its targets have `weights`.
-    fn shape(&self, indices: &[u32], world: &[DAffine3], weights: &[f32]) -> Shape {
+    pub(crate) fn shape(&self, indices: &[u32], world: &[DAffine3], weights: &[f32]) -> Shape {
         let node = world.get(self.node as usize).copied().unwrap_or(DAffine3::IDENTITY);
         let mut shape = self.morphed(weights);
         match &self.skin {
@@ -247,102 +244,6 @@ fn level(shape: &mut Shape, indices: &[u32]) {
         let [a, b, c] = triangle.map(|i| shape.positions[i as usize].as_dvec3());
         if let Some(normal) = (b - a).cross(c - a).try_normalize() {
             triangle.iter().for_each(|&i| shape.normals[i as usize] = normal.as_vec3());
-        }
-    }
-}
-
-impl Scene {
-    /// For each mesh, whether time changes its shape.
-    pub fn deforming_meshes(&self) -> Vec<bool> {
-        if self.meshes.iter().all(|mesh| mesh.deformation.is_none()) {
-            return vec![false; self.meshes.len()];
-        }
-        let drivers = self.drivers();
-        let moved = self.moved(&drivers);
-        let moves = |node: u32| moved.get(node as usize).copied().unwrap_or(false);
-        let lasts = |node: u32| {
-            drivers.get(&node).and_then(|driven| driven[3]).is_some_and(|(by, _)| by.length_secs() > 0.0)
-        };
-        let deforms = |mesh: &Mesh| {
-            mesh.deformation.as_ref().is_some_and(|deformation| {
-                lasts(deformation.node)
-                    || (deformation.flattens && moves(deformation.node))
-                    || deformation.skin.iter().flat_map(|skin| &*skin.joints).any(|joint| moves(joint.node))
-            })
-        };
-        self.meshes.iter().map(deforms).collect()
-    }
-
-    /// Whether time changes the shape of a mesh.
-    pub fn deforms(&self) -> bool {
-        self.deforming_meshes().contains(&true)
-    }
-
-    /// The scene with its meshes in their shapes of a time in seconds: itself, unless it deforms. [`Self::at`] has the
-    /// transforms of that time; those of the result are at time zero.
-    pub fn posed(self: &Arc<Self>, time_secs: f64) -> Arc<Self> {
-        self.reshaped(time_secs).map_or_else(|| Arc::clone(self), Arc::new)
-    }
-
-    /// The scene with its meshes in their shapes of a time in seconds; `None` if it does not deform.
-    pub(crate) fn reshaped(&self, time_secs: f64) -> Option<Self> {
-        let deforming = self.deforming_meshes();
-        deforming.contains(&true).then(|| {
-            let mut scene = self.clone();
-            scene.shape(time_secs, &deforming);
-            scene
-        })
-    }
-
-    /// Sets what depends on time to time zero: instances, lights and shapes.
-    #[cfg(feature = "loaders")]
-    pub(crate) fn begin(&mut self) {
-        let drivers = self.drivers();
-        let world = self.world_from_nodes(&drivers, 0.0);
-        let place = |instance: &crate::Instance| match instance.node {
-            Some(node) => {
-                crate::Instance { world_from_mesh: self.placed(instance, &world[node as usize]), ..*instance }
-            }
-            None => *instance,
-        };
-        self.instances = self.instances.iter().map(place).collect();
-        let Pose { lighting, .. } = self.at(0.0);
-        self.lighting = lighting;
-        let all = vec![true; self.meshes.len()];
-        self.shape(0.0, &all);
-    }
-
-    /// Sets the shapes of some meshes to those of a time.
-    fn shape(&mut self, time_secs: f64, some: &[bool]) {
-        let drivers = self.drivers();
-        let world = self.world_from_nodes(&drivers, time_secs);
-        let shape = |(at, mesh): (usize, &Mesh)| {
-            let deformation = mesh.deformation.as_ref().filter(|_| some[at])?;
-            let weights = self.weights_at(&drivers, deformation, time_secs);
-            Some((at, deformation.shape(&mesh.indices, &world, &weights)))
-        };
-        let shapes: Vec<(usize, Shape)> = self.meshes.iter().enumerate().filter_map(shape).collect();
-        for (at, Shape { origin, positions, normals, tangents }) in shapes {
-            let mesh = &mut self.meshes[at];
-            (mesh.origin, mesh.positions, mesh.normals, mesh.tangents) =
-                (origin, positions, normals, tangents);
-        }
-    }
-
-    /// The weights of a mesh's targets at a time.
-    fn weights_at(&self, drivers: &Drivers<'_>, deformation: &Deformation, time_secs: f64) -> Vec<f32> {
-        let driver = drivers.get(&deformation.node).and_then(|driven| driven[3]);
-        let driven = driver.and_then(|(animation, channel)| channel.weights_at(animation.phase(time_secs)));
-        let usable = |weights: &Vec<f32>| weights.len() == deformation.targets.len();
-        driven.filter(usable).unwrap_or_else(|| deformation.weights.clone())
-    }
-
-    /// The transform of an instance whose node is at `world_from_node`.
-    pub(crate) fn placed(&self, instance: &crate::Instance, world_from_node: &DAffine3) -> DAffine3 {
-        let deformation = self.meshes.get(instance.mesh as usize).and_then(|mesh| mesh.deformation.as_ref());
-        match deformation.is_some_and(|deformation| deformation.is_in_world(world_from_node)) {
-            true => DAffine3::IDENTITY,
-            false => *world_from_node,
         }
     }
 }

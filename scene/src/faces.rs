@@ -17,7 +17,7 @@ pub struct FaceMask(u8);
 const FACES: u32 = 6;
 
 /// Share of a face's half side, beyond its border, within which [`FaceMask::around`] counts a direction as touching the
-/// face. Rays of a survey are about that far apart.
+/// face. Rays of an estimate are about that far apart.
 const MARGIN: f64 = 0.1;
 
 impl FaceMask {

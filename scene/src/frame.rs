@@ -3,35 +3,96 @@
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Output, Plan, SceneHash, SceneState, Specification};
+use crate::{Plan, SceneHash, SceneState, Specification, Stage};
 
-/// One timed step of the work.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Stage {
-    /// A phrase, such as `splat samples`.
-    pub name: String,
-    /// Milliseconds.
-    pub ms: f64,
+/// One image a frame may hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// sRGB, 8 bits.
+    Color,
+    /// Distance from the eye, metres, +inf without a surface.
+    Range,
+    /// 255 where no sample saw the pixel's surface, else 0.
+    Mask,
+    /// Sample of the pixel: 1 + its position in the plan's list; 0 for none.
+    Source,
+    /// Confidence of the pixel: 0 where no sample saw it; else the low seven bits are 127 × (1 − residual). The
+    /// residual is the difference between the searched depth and the sample's own, as a share of the tolerance. The
+    /// highest bit is set where a second sample has the same surface.
+    Confidence,
 }
 
-impl Stage {
-    /// Cost of frames that were discarded because they exceeded the request's error bound.
-    pub const REFUSED: &str = "refused frames";
+impl Output {
+    /// All outputs.
+    pub const ALL: [Self; 5] = [Self::Color, Self::Range, Self::Mask, Self::Source, Self::Confidence];
 
-    /// Names of the stages in which a view waits or travels.
-    const ON_THE_WAY: [&str; 5] = ["samples", "queue", "encode", "relay", Self::DETOUR];
-
-    /// The redirected client's way to the worker that rendered its frame, and back.
-    pub const DETOUR: &str = "detour";
-
-    /// Whether a stage is transport or waiting rather than rendering.
-    pub fn is_on_the_way(name: &str) -> bool {
-        Self::ON_THE_WAY.contains(&name)
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Color => "color",
+            Self::Range => "range",
+            Self::Mask => "mask",
+            Self::Source => "source",
+            Self::Confidence => "confidence",
+        }
     }
 
-    /// A stage with its duration.
-    pub fn new(name: impl Into<String>, ms: f64) -> Self {
-        Self { name: name.into(), ms }
+    /// Bytes of a pixel.
+    pub fn pixel_bytes(self) -> usize {
+        match self {
+            Self::Color => 3,
+            Self::Range => 4,
+            Self::Mask | Self::Source | Self::Confidence => 1,
+        }
+    }
+}
+
+/// A set of [`Output`]s.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+pub struct Outputs {
+    /// sRGB colour.
+    pub color: bool,
+    /// Range.
+    pub range: bool,
+    /// Mask of unresolved pixels.
+    pub mask: bool,
+    /// Index of each pixel's sample.
+    pub source: bool,
+    /// Confidence of each pixel.
+    pub confidence: bool,
+}
+
+impl Outputs {
+    /// Only colour.
+    pub const COLOR: Self = Self { color: true, range: false, mask: false, source: false, confidence: false };
+
+    /// Only the given output.
+    pub fn only(output: Output) -> Self {
+        Self::default().with(output)
+    }
+
+    /// The set with one more output.
+    pub fn with(mut self, output: Output) -> Self {
+        match output {
+            Output::Color => self.color = true,
+            Output::Range => self.range = true,
+            Output::Mask => self.mask = true,
+            Output::Source => self.source = true,
+            Output::Confidence => self.confidence = true,
+        }
+        self
+    }
+
+    /// Whether an output is in the set.
+    pub fn has(self, output: Output) -> bool {
+        match output {
+            Output::Color => self.color,
+            Output::Range => self.range,
+            Output::Mask => self.mask,
+            Output::Source => self.source,
+            Output::Confidence => self.confidence,
+        }
     }
 }
 

@@ -6,30 +6,12 @@
 //! the frame's own camera a view repeats its colours to within rounding.
 
 use bytes::Bytes;
-use serde::{Deserialize, Serialize};
 
 use crate::tone::linear_from_srgb;
 use crate::{
-    Camera, FaceMask, Frame, InvalidField, Limits, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Sample,
-    SampleCamera, SampleId, SurfaceLight,
+    Camera, FaceMask, Frame, FrameSource, InvalidField, Limits, Plan, Plane, PlaneData, PlaneFormat,
+    PlaneKind, Sample, SampleCamera, SampleId,
 };
-
-/// A direct frame that a view is warped from. With the state, specification and device of the warped frame, it is all
-/// that the direct frame's bytes are a function of, so that any worker can render it again.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct FrameSource {
-    /// The frame's viewpoint.
-    pub camera: Camera,
-    /// Pixels in a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Samples per pixel on a regular grid, a square number.
-    pub samples_per_pixel: u32,
-    /// Where sky and indirect light are from. `None` in an order: as the worker has the frame; its reply says which.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub light: Option<SurfaceLight>,
-}
 
 impl FrameSource {
     /// Most frames that a view is warped from.
@@ -168,7 +150,7 @@ mod tests {
 
     use super::*;
     use crate::tone::display_from_radiance;
-    use crate::{Provenance, SceneHash, SceneState, Specification};
+    use crate::{Provenance, SceneHash, SceneState, Specification, SurfaceLight};
 
     fn source(width: u32, height: u32) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);

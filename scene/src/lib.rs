@@ -11,6 +11,7 @@
 //! 0 is the top. Range is the Euclidean distance from the eye; samples store its inverse, 0 for sky.
 
 pub mod animation;
+mod bounds;
 pub mod camera;
 mod closest;
 pub mod deformation;
@@ -18,6 +19,7 @@ mod detail;
 pub mod effects;
 pub mod emitters;
 pub mod environment;
+mod environment_map;
 pub mod error;
 pub mod exposure;
 pub mod extent;
@@ -35,15 +37,20 @@ pub mod material;
 pub mod paraboloid;
 pub mod particles;
 pub mod path;
+mod plan;
+mod pose;
+mod probe_map;
 pub mod reflection;
 pub mod rgb9e5;
 pub mod rig;
 pub mod role;
 pub mod sample;
+mod sample_id;
 mod sampling;
 pub mod scene;
 pub mod shading;
 mod specification;
+mod stage;
 mod surface_light;
 pub mod texture;
 pub mod tone;
@@ -64,17 +71,17 @@ pub mod procedural;
 #[cfg(feature = "reference")]
 pub mod reference;
 
-pub use animation::Pose;
+pub use bounds::Bounds;
 pub use camera::{Camera, OmniLayout, SampleCamera};
 pub use closest::closest_on_triangle;
 pub use detail::Detail;
 pub use effects::{EffectPlan, EffectRequest, Effects, ReflectionRequest};
-pub use environment::{Environment, EnvironmentMap};
+pub use environment::Environment;
+pub use environment_map::{EnvironmentMap, Patch};
 pub use error::{InvalidField, RenderError};
 pub use exposure::{Exposure, Metering};
 pub use faces::{FaceMask, FaceMasks};
-pub use frame::{Frame, Prediction, Provenance, Served, Stage};
-pub use frame_source::FrameSource;
+pub use frame::{Frame, Output, Outputs, Prediction, Provenance, Served};
 pub use history::History;
 pub use indirect::{CellKnobs, Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
 pub use light::{Light, Lighting, Sky};
@@ -86,15 +93,17 @@ pub use load::LoadError;
 pub use material::{AlphaMode, Material, Texture, TextureRef};
 #[cfg(all(feature = "loaders", feature = "procedural"))]
 pub use open::{base_of, in_environment, is_procedural, open, split_environment, with_additions};
+pub use plan::{FrameSource, Holes, Plan, Search, Warp};
+pub use pose::Pose;
 pub use reflection::{ProbeEye, ProbeSource, ReflectionCost, ReflectionProbeSet, Reflections, Reflector};
 pub use rig::{Rig, RigKnobs};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
-pub use sample::{
-    Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Version,
-};
+pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleSet, SampleSetInfo};
+pub use sample_id::{SampleId, SceneState, Version};
 pub use sampling::{MegaViews, Sampling};
-pub use scene::{Bounds, Effect, Instance, Mesh, RigKind, Scene, SceneHash};
+pub use scene::{Effect, Instance, Mesh, RigKind, Scene, SceneHash};
 pub use specification::{Difference, Specification, SpecificationHash, check_sub_samples};
+pub use stage::Stage;
 pub use surface_light::{CellReport, SurfaceLight};
-pub use view::{Holes, Limits, Output, Outputs, Plan, PlanRequest, Preset, Search, View, Warp};
+pub use view::{Limits, PlanRequest, Preset, View};
 pub use visibility::Visibility;

@@ -6,6 +6,9 @@ use glam::{Vec2, Vec3, Vec4};
 
 use crate::shading::dielectric_f0;
 
+/// Alpha from which a surface hides all that is behind it: the rest is below one step of an 8-bit alpha.
+pub const OPAQUE: f32 = 254.0 / 255.0;
+
 /// The meaning of a material's alpha.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AlphaMode {
@@ -250,7 +253,7 @@ impl Material {
         match self.alpha {
             AlphaMode::Opaque => None,
             AlphaMode::Mask(cutoff) => Some(cutoff),
-            AlphaMode::Blend => Some(crate::transparency::OPAQUE),
+            AlphaMode::Blend => Some(OPAQUE),
         }
     }
 }

@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use self::cost::ReflectionCost;
 pub use self::eye::ProbeEye;
 pub use self::lobe::{half_vector, refracted};
+pub use crate::probe_map::{level_sides, map_size};
 use crate::tone::linear_from_srgb;
 use crate::{Bounds, Instance, InvalidField, Material, Rig, Scene, Texture, TextureRef};
 
@@ -78,12 +79,6 @@ impl ProbeSource {
     const BUDGETS: std::ops::RangeInclusive<u32> = 1 << 10..=1 << 27;
 }
 
-/// Texels on a side of a probe's coarsest level, for surfaces of roughness 1. This and `RING` equal those in
-/// `shaders/shared/reflection_probes.wgsl`.
-const COARSEST: u32 = 4;
-/// Texels around a level, so that a bilinear fetch never leaves it.
-const RING: u32 = 1;
-
 /// Largest roughness of a reflector of metal or glass, as a mean over its texture. A rougher one reflects light and dark, but
 /// no image.
 const ROUGHEST: f32 = 0.6;
@@ -137,16 +132,6 @@ impl Reflections {
         };
         InvalidField::within("reflections.most", self.most, 1..=1024).map(drop)
     }
-}
-
-/// Texels on a side of each level of a probe, finest first. Each level has half as many, for rougher surfaces.
-pub fn level_sides(side: u32) -> impl Iterator<Item = u32> {
-    std::iter::successors(Some(side), |side| (*side / 2 >= COARSEST).then_some(*side / 2))
-}
-
-/// Columns and rows of a probe's map: its levels below one another, each with a ring around it.
-pub fn map_size(side: u32) -> [u32; 2] {
-    [side + 2 * RING, level_sides(side).map(|side| side + 2 * RING).sum()]
 }
 
 /// The reflection probes of a scene: their settings and number.

@@ -6,20 +6,22 @@
 //! Beside its own cameras a rig has *refinements*: cameras of the same kind, denser at each level. They fill pixels that
 //! the rig's own samples do not see.
 
-mod greedy;
+pub(crate) mod coverage_estimate;
 mod judged;
 mod lattice;
 mod renewal;
 mod sight;
-pub(crate) mod survey;
+pub(crate) mod target;
 mod tile;
 
 use glam::{DVec3, IVec3};
 use serde::{Deserialize, Serialize};
 
+pub use self::coverage_estimate::{Coverage, CoverageEstimate};
+pub use self::lattice::MAX_LEVEL;
 use self::lattice::Point;
 pub use self::sight::{CandidateCameras, VisibilityQuery};
-pub use self::survey::{Coverage, Survey, Target};
+pub use self::target::Target;
 use self::tile::Tile;
 use crate::scene::RigKind;
 use crate::{Bounds, Camera, InvalidField, OmniLayout, SampleCamera, Scene};
@@ -71,9 +73,6 @@ pub struct RigKnobs {
 
 /// Least number of cameras around a viewpoint that are tested for their visibility of a view.
 const CANDIDATES: usize = 16;
-
-/// Number of levels of refinements. The spacing falls to a sixteenth of that of a viewer's own level.
-pub const MAX_LEVEL: u32 = 4;
 
 /// The finest level that may serve viewers as their own; refinements of it fit into an index.
 const FINEST_OWN: u32 = lattice::FINEST - MAX_LEVEL;
@@ -191,7 +190,7 @@ impl Rig {
     /// queries.
     pub fn own_level(&self, camera: &Camera, sight: Option<&dyn VisibilityQuery>) -> i32 {
         let (Self::Cell { spacing, .. }, Some(sight)) = (*self, sight) else { return 0 };
-        let Some(range) = greedy::median_range(sight, camera) else { return 0 };
+        let Some(range) = sight::median_range(sight, camera) else { return 0 };
         // These saturate; NaN is 0.
         let halvings = (LEAST_RANGE * spacing / range).log2().ceil().max(0.0) as i32;
         let doublings = (range / (MOST_RANGE * spacing)).log2().ceil().max(0.0) as i32;

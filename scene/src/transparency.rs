@@ -23,10 +23,8 @@
 
 use std::collections::BTreeMap;
 
+pub use crate::material::OPAQUE;
 use crate::{AlphaMode, Material, Mesh, Scene};
-
-/// Alpha from which a surface hides all that is behind it: the rest is below one step of an 8-bit alpha.
-pub const OPAQUE: f32 = 254.0 / 255.0;
 
 /// Accumulated alpha from which a ray shows a surface.
 pub const SHOWN_FROM: f32 = 0.5;

@@ -26,12 +26,12 @@ fn bound_tile(@builtin(global_invocation_id) id: vec3u) {
     var least = 0.0;
     var most = 0.0;
     let side = face.tile_side;
-    // The bound is no bare immediate: see `runtime_bound` in shared/fetch.wgsl.
+    // Quirk: uniform-bound.
     for (var i = 0u; i < min(side * side, arrayLength(&tiles) * 0x1000u); i++) {
         let texel = id.xy * side + vec2u(i % side, i / side);
         let inside = all(texel < face.face_size);
         let stored = textureLoad(inverse_range, face.face_offset + min(texel, face.face_size - 1u), face.layer, 0).x;
-        // Positive, finite and not NaN, by its bits.
+        // Positive, finite and not NaN, by its bits. Quirk: folded-nan.
         if inside && (bitcast<u32>(stored) - 1u) < 0x7f7fffffu {
             least = select(min(least, stored), stored, least == 0.0);
             most = max(most, stored);

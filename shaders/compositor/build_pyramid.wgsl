@@ -23,7 +23,7 @@ const BLOCK_LEVELS: u32 = 3u;
 var<private> block: array<f32, 64>;
 var<workgroup> shared_cells: array<f32, 64>;
 
-// Inverse range at a texel. 0 (no surface) unless its bits are those of a positive finite number.
+// Inverse range at a texel. 0 (no surface) unless its bits are those of a positive finite number. Quirk: folded-nan.
 fn surface_at(at: vec2u) -> f32 {
     let last = vec2u(pyramid.width, pyramid.height) - 1u;
     let stored = textureLoad(inverse_range, min(at, last), pyramid.layer, 0).x;

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/mend.rs: lists the pixels of a piece that the warp marked, for `mend.wgsl` and
+// Program of compositor/src/passes/second_pass.rs: lists the pixels of a piece that the warp marked, for `second_pass.wgsl` and
 // `highlight.wgsl`.
 
 import package::shared::fetch::view;
@@ -20,7 +20,7 @@ fn mark_at(place: vec2u) -> u32 {
 
 // Position in the target of pixel number k of the piece.
 fn place_in_target(k: u32) -> vec2u {
-    // In floats, because the software driver divides integers one lane at a time. Exact for the pixels of a piece.
+    // In floats, which are exact for the pixels of a piece. Quirk: slow-division.
     let row = floor((f32(k) + 0.5) / f32(view.piece_size.x));
     return vec2u(view.target_origin) + vec2u(k - u32(row) * view.piece_size.x, u32(row));
 }
@@ -36,7 +36,7 @@ fn add(place: vec2u, mark: u32, first: u32, length: u32, have: vec2u) -> vec2u {
 @compute @workgroup_size(64)
 fn collect_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let segment = segment_of(id.x, groups.x * 64u);
-    // The bound is no bare uniform: see `runtime_bound` in shared/fetch.wgsl.
+    // Quirk: uniform-bound.
     let pixels = min(view.piece_size.x * view.piece_size.y, arrayLength(&unsettled));
     var have = vec2u(0u);
     for (var k = id.x; k < pixels; k += groups.x * 64u) {

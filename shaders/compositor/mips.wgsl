@@ -3,8 +3,7 @@
 // the background.
 //
 // Each level of radiance has a level of the display plane: the exposed sRGB colour, a byte a channel, and whether the
-// surface is glossy. On the software driver, filtering bytes costs a quarter of filtering shared exponents, and most
-// pixels need nothing else.
+// surface is glossy. Most pixels need nothing else. Quirk: slow-shared-exponents.
 
 import package::shared::encode::{display_from_radiance, rgb9e5_from_radiance};
 

@@ -45,7 +45,7 @@ fn pixel(at: vec2f) -> Pixel {
     let fetched = fetch_from(view.samples[seed.source], d, q);
     let settled = span.x < span.y && fetched.agreement >= SETTLED;
     var result = surface_pixel(fetched, seed.source, d);
-    // A loop in place of a branch: the software driver runs both sides of a branch.
+    // A loop in place of a branch. Quirk: both-sides.
     for (var k = 0u; k < runtime_bound(1u) && !settled; k++) {
         result = pixel_elsewhere(d, span, abs(seed.q), seed.source);
     }

@@ -30,7 +30,7 @@ fn mask_block(@builtin(global_invocation_id) id: vec3u) {
     for (var i = 0u; i < runtime_bound(count); i++) {
         any_empty = any_empty || depths[place_of_cell(id.xy, i)] == 0u;
     }
-    // A loop in place of a branch: the software driver skips a loop that none of its eight lanes needs.
+    // A loop in place of a branch. Quirk: both-sides.
     for (var k = 0u; k < runtime_bound(1u) && any_empty; k++) {
         let middle = (vec2f(id.xy) + 0.5) * f32(sky_mask.side) + vec2f(view.cell_origin);
         let is_sky = ray_is_sky(direction_of(middle * view.cell));

@@ -22,8 +22,7 @@ struct ResolveView {
 fn display(pixel: u32) -> u32 {
     let corner = vec2u(pixel % resolve.size.x, pixel / resolve.size.x) * resolve.side;
     let width = resolve.size.x * resolve.side;
-    // The bound is no bare uniform: Mesa's software driver compiles a uniform that bounds a loop into the machine code,
-    // and recompiles for every other value. No tile has 2³² pixels.
+    // No tile has 2³² pixels. Quirk: uniform-bound.
     let side = resolve.side + u32(pixel == 0xffffffffu);
     var sum = vec3f(0.0);
     for (var y = 0u; y < side; y++) {

@@ -23,7 +23,7 @@ struct ScatteredHit {
 @group(0) @binding(2) var<storage, read_write> hits: array<ScatteredHit>;
 // The share of light that passes each ray.
 @group(0) @binding(3) var<storage, read_write> passed: array<f32>;
-// Set if a walk was cut off: the software driver ends loops after 65535 iterations.
+// Set if a walk was cut off. Quirk: loop-limit.
 @group(0) @binding(4) var<storage, read_write> unfinished: atomic<u32>;
 
 const FRONT: u32 = 0x80000000u;

@@ -2,8 +2,7 @@
 // one ray a texel.
 //
 // A texel whose sub-samples all see one triangle is shaded once, at its centre. The other texels are shaded by a second
-// dispatch, in which each invocation searches a run of texels: on the software driver eight invocations run together, and
-// a texel of four triangles would delay seven of one.
+// dispatch, in which each invocation searches a run of texels. Quirk: lockstep.
 
 import package::shared::dominant::{MOST_SUB_SAMPLES, dominant, same_surface};
 import package::shared::encode::{octahedral_from_unit};

@@ -123,7 +123,7 @@ fn find_penumbras(
     let texel = texel_at(at);
     let place = vec2i(i32(at % tile.size.x), i32(at / tile.size.x));
     var is_mixed = false;
-    // The bound is no constant, since a software driver that unrolls the loop compiles for minutes.
+    // The bound is no constant. Quirk: unrolled-loops.
     for (var i = 0u; i < min(SQUARE * SQUARE, arrayLength(&shares)); i++) {
         let there = place + vec2i(i32(i % SQUARE), i32(i / SQUARE)) - REACH;
         if all(there >= vec2i(0)) && all(there < vec2i(tile.size)) {

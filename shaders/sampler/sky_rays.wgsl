@@ -85,7 +85,7 @@ fn smooth_sums(
     let place = i32(select(at % tile.size.x, at / tile.size.x, along_columns));
     let places = i32(select(tile.size.x, tile.size.y, along_columns));
     let step = i32(select(1u, tile.size.x, along_columns));
-    // The bound is no constant, so that drivers do not unroll the loop.
+    // The bound is no constant. Quirk: unrolled-loops.
     for (var by = -filter_reach; by <= min(filter_reach, i32(arrayLength(&unfiltered))); by++) {
         let there = place + by;
         if texel.exists && there >= 0 && there < places {

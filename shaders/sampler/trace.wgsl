@@ -26,7 +26,7 @@ const KIND: u32 = OPAQUE_KIND;
 // Whether cut-outs are traced afterwards and need the distances.
 override has_cutouts: bool = true;
 
-// Tests the opaque triangles of a leaf. Rows are unrolled, because the software driver limits loop iterations.
+// Tests the opaque triangles of a leaf. Rows are unrolled. Quirk: loop-limit.
 fn meet(lane: Lane, tree: u32, leaf: Leaf, found: ptr<function, Found>) {
     var left = subgroupBallot(leaf.seen).x;
     while left != 0u {

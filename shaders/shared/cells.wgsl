@@ -1,4 +1,4 @@
-// Encoding of depth in a view's cells, shared by splat, fill, warp and mend.
+// Encoding of depth in a view's cells, shared by splat, fill, warp and second pass.
 
 // Before gaps are filled, a cell is a u32 that is updated by atomic maximum: the f32 bits of inverse depth (1/metres,
 // along the view's axis) less a handicap. The last three bits are the sample; 20 bits of mantissa are more than a sample

@@ -69,8 +69,7 @@ struct ViewUniform {
     @size(640) samples: array<ViewSample, 8>,
 }
 
-// Samples are cubes; otherwise pinhole images. An override, because the software driver runs both sides of a branch on a
-// uniform.
+// Samples are cubes; otherwise pinhole images. Quirk: both-sides.
 override omni: bool = false;
 
 @group(0) @binding(0) var<uniform> view: ViewUniform;
@@ -89,8 +88,7 @@ fn direction_of(position: vec2f) -> vec3f {
     return view.corner + view.right * position.x + view.down * position.y;
 }
 
-// Returns `bound` unchanged. Mesa's software driver compiles a uniform that bounds a loop into the machine code, and
-// recompiles (tens of milliseconds) for every other value. A bound that depends on a texture's size is not compiled in.
+// Returns `bound` unchanged. Quirk: uniform-bound.
 fn runtime_bound(bound: u32) -> u32 {
     return min(bound, textureNumLayers(inverse_range) * 0x10000u);
 }
@@ -291,7 +289,7 @@ fn ray_is_sky(d: vec3f) -> bool {
     let span = crossing_of_bounds(view.bounds_min, view.bounds_max, d);
     let near = crossing_of_extent(span, d);
     var clear = samples_see_past(d, near);
-    // A loop in place of a branch: the software driver runs both sides of a branch.
+    // A loop in place of a branch. Quirk: both-sides.
     for (var k = 0u; k < runtime_bound(1u) && clear && any(near != span); k++) {
         clear = samples_see_past(d, span);
     }

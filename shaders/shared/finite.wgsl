@@ -1,4 +1,4 @@
-// Removes NaN and infinity. Tests exponent bits, since a compiler may fold x != x.
+// Removes NaN and infinity, by exponent bits. Quirk: folded-nan.
 
 // Each component of x if it is finite, else 0.
 fn finite_or_zero(x: vec3f) -> vec3f {

@@ -1,5 +1,4 @@
-// Layout of a pyramid's levels in one image. Mip levels of a texture fail on the software driver, which reads all four
-// pixels of a quad at the level of the first.
+// Layout of a pyramid's levels in one image, in place of mip levels. Quirk: level-of-quad.
 
 // Levels with cells of 1, 2, 4, … 64 texels on a side. Coarser levels would save less than a step a ray.
 const LEVELS: u32 = 7u;

@@ -125,7 +125,7 @@ fn with_specular(pixel: Pixel) -> Pixel {
     let texel = textureSampleLevel(specular_plane, nearest, pixel.uv, pixel.layer, 0.0);
     stored.a = select(texel.a, stored.a, abs(stored.a - texel.a) < ALIKE);
     var result = pixel;
-    // A loop in place of a branch: the software driver skips a loop that none of its eight pixels needs.
+    // A loop in place of a branch. Quirk: both-sides.
     for (var k = 0u; k < 1u && pixel.range > 0.0 && any(stored.rgb > vec3f(0.0)); k++) {
         let to_eye = -pixel.position / pixel.range;
         let normal = unit_from_octahedral(textureSampleLevel(normal_plane, nearest, pixel.uv, pixel.layer, 0.0).xy);
@@ -145,7 +145,7 @@ fn with_specular(pixel: Pixel) -> Pixel {
         } else {
             sum = specular_sky(surface, to_eye, view.lighting) * seen.a;
         }
-        // The bound is no bare uniform: see `runtime_bound` in fetch.wgsl.
+        // Quirk: uniform-bound.
         let count = min(view.lighting.light_count, arrayLength(&lights));
         for (var i = 0u; i < count; i++) {
             let light = lights[view.first_light + i];
@@ -158,8 +158,7 @@ fn with_specular(pixel: Pixel) -> Pixel {
 
 // Linear 0..1 to sRGB-encoded 0..1; clamps, NaN to 0. A quartic in the fourth root, fitted for the least greatest
 // error over the curve above its linear foot: within 0.009 of a byte's step of the definition (encode.wgsl), so that one
-// byte in a hundred may round the other way. Three pow cost as much as the whole rest of the warp on the software
-// driver (0.9 ms a view of 200x150).
+// byte in a hundred may round the other way. Quirk: slow-pow.
 fn encoded(linear: vec3f) -> vec3f {
     let x = min(select(vec3f(0.0), linear, linear > vec3f(0.0)), vec3f(1.0));
     let r = sqrt(sqrt(x));

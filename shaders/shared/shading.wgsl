@@ -42,8 +42,7 @@ struct Surface {
     lift: f32,
 }
 
-// The sky is `environment_map`. Otherwise a texel is bound in its place and not read. An override, because the software
-// driver runs both sides of a branch on a uniform.
+// The sky is `environment_map`. Otherwise a texel is bound in its place and not read. Quirk: both-sides.
 override has_environment: bool = false;
 
 // All directions, equirectangular: scene/src/environment.rs.

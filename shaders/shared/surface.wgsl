@@ -15,7 +15,7 @@ import package::shared::texture::{
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> lights: array<Light>;
 
-// Features of the scene. Constants, because the software driver runs both sides of every branch that is not constant.
+// Features of the scene. Quirk: both-sides.
 override has_srgb_textures: bool = true;
 override has_linear_textures: bool = true;
 override has_normal_maps: bool = true;

@@ -11,8 +11,7 @@ const TEXEL_LAYER_BITS: u32 = 22;
 const WRAP_REPEAT: u32 = 0;
 const WRAP_CLAMP: u32 = 1;
 
-// A material's reference to a texture. The fields are vectors of four, since the software driver reads one in about the
-// time of a scalar when lanes read different addresses.
+// A material's reference to a texture. The fields are vectors of four. Quirk: slow-scalars.
 struct TextureSlot {
     // Rows of the linear part of the transform from a mesh's uv to the texture's.
     texture_from_uv: vec4f,

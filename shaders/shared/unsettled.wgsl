@@ -1,7 +1,7 @@
-// Layout of the list of a piece's unsettled pixels, shared by collect, mend and highlight. Each invocation has its own
-// segment of the list and its own counters: on the software driver an atomic costs as much as a fetch.
+// Layout of the list of a piece's unsettled pixels, shared by collect, second pass and highlight. Each invocation has its own
+// segment of the list and its own counters. Quirk: slow-atomics.
 //
-// Two counters an invocation come first, then the segments. Pixels to mend are at the front of a segment, glossy pixels
+// Two counters an invocation come first, then the segments. Pixels for the second pass are at the front of a segment, glossy pixels
 // at its back.
 
 import package::shared::fetch::view;

@@ -1,17 +1,6 @@
 //! Rust mirrors of WGSL structs. A test compares the name, offset and size of every field, and the size of every struct,
 //! with the WGSL.
 
-/// Layout of a mirror, for the test.
-#[derive(Debug, Clone, Copy)]
-pub struct Mirror {
-    /// Name of the struct in Rust and in WGSL.
-    pub name: &'static str,
-    /// Size in bytes, which is the stride of an array.
-    pub size: usize,
-    /// Names and offsets of the fields. Fields whose name starts with `_` are padding that WGSL implies.
-    pub fields: &'static [(&'static str, usize)],
-}
-
 /// Declares a `#[repr(C)]` plain-old-data struct and its [`Mirror`].
 #[macro_export]
 macro_rules! mirror {
@@ -36,10 +25,13 @@ macro_rules! mirror {
 pub mod compositor;
 /// Mirrors of the structs of hierarchies and traversals.
 pub mod gpu;
+mod mirror;
 /// Mirrors of the sampler's structs.
 pub mod sampler;
 /// Mirrors of structs in `shared/` that both roles use.
 pub mod shared;
+
+pub use mirror::Mirror;
 
 /// All mirrors, for the test. A mirror that is missing here is not tested.
 pub const MIRRORS: &[&[Mirror]] = &[shared::MIRRORS, gpu::MIRRORS, sampler::MIRRORS, compositor::MIRRORS];

@@ -8,8 +8,7 @@ use argus_scene::{
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::{positive, size};
-use crate::settings::Flags;
-use crate::wiring::HAS_PAPERS;
+use crate::settings::{Flags, HAS_PAPERS};
 
 /// How sample cameras are placed. A flag that is not given follows from the scene.
 #[derive(clap::Args, Debug, Clone)]

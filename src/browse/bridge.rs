@@ -18,7 +18,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout};
 
 use self::flow::{Flow, Image};
 use super::messages::{self, Message as Said};
-use super::pages::{Site, jpeg};
+use super::site::{Site, jpeg};
 
 /// Longest message of a page in bytes. A camera takes about 200.
 pub(super) const MAX_MESSAGE_BYTES: usize = 4096;

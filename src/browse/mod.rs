@@ -9,6 +9,7 @@ mod guard;
 mod messages;
 mod pages;
 mod query;
+mod site;
 
 use std::future::IntoFuture;
 use std::sync::Arc;
@@ -21,7 +22,7 @@ use tokio::net::TcpListener;
 use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
-use self::pages::Site;
+use self::site::Site;
 use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::{args, output, shutdown};

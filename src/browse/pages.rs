@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::{Client, ClientError, RenderOptions};
-use argus_scene::{Camera, Frame, LightLevel, PlanRequest};
+use argus_client::{ClientError, RenderOptions};
+use argus_scene::LightLevel;
 use axum::Router;
 use axum::extract::ws::{WebSocketUpgrade, close_code};
 use axum::extract::{RawQuery, Request, State};
@@ -12,63 +12,16 @@ use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
-use glam::DVec3;
 use serde_json::{Value, json};
-use tokio::sync::Semaphore;
-use tokio_util::sync::CancellationToken;
-use tokio_util::task::TaskTracker;
 
+use super::site::{MAX_FRAMES, MAX_PAGES, Site, jpeg};
 use super::{bridge, guard, messages, query};
-
-/// Largest number of single frames in work.
-const MAX_FRAMES: usize = 16;
-
-/// Largest number of open pages, each with a session of the service.
-const MAX_PAGES: usize = 16;
 
 /// Deadline of a single frame: the first one may wait for samples.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// JPEG quality. Below 90 the edges of textures blur visibly; above it the size doubles.
-const QUALITY: u8 = 90;
-
 /// The header with a frame's description, [`messages::about`].
 const ABOUT: HeaderName = HeaderName::from_static("argus-frame");
-
-/// State shared by all pages.
-pub(super) struct Site {
-    pub(super) client: Client,
-    /// The requested plan of each view, unless it asks for a direct one.
-    pub(super) plan: PlanRequest,
-    /// Whether only this machine can reach the server.
-    local: bool,
-    frames: Semaphore,
-    pages: Arc<Semaphore>,
-    /// Cancelled when pages must end.
-    pub(super) closing: CancellationToken,
-    /// The tasks of open pages.
-    pub(super) open: TaskTracker,
-}
-
-impl Site {
-    pub(super) fn new(client: Client, plan: PlanRequest, local: bool) -> Self {
-        Self {
-            client,
-            plan,
-            local,
-            frames: Semaphore::new(MAX_FRAMES),
-            pages: Arc::new(Semaphore::new(MAX_PAGES)),
-            closing: CancellationToken::new(),
-            open: TaskTracker::new(),
-        }
-    }
-
-    /// The default camera of a view: the scene's first one.
-    pub(super) fn usual_camera(&self) -> Camera {
-        let named = self.client.description().cameras.first();
-        named.map_or(Camera::look_at(DVec3::ONE, DVec3::ZERO), |named| named.camera)
-    }
-}
 
 pub(super) fn router(site: Arc<Site>) -> Router {
     Router::new()
@@ -176,11 +129,4 @@ async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Resp
 
 fn reply(status: StatusCode, reason: impl ToString) -> Response {
     (status, format!("{}\n", reason.to_string())).into_response()
-}
-
-/// Encodes a frame's colour as JPEG. Takes milliseconds: do not call it on an async thread.
-pub(super) fn jpeg(frame: &Frame) -> anyhow::Result<Vec<u8>> {
-    let Some(color) = &frame.color else { anyhow::bail!("the frame has no colour") };
-    argus_proto::jpeg::encode(color, frame.width, frame.height, QUALITY)
-        .ok_or_else(|| anyhow::anyhow!("{} × {} pixels are too many for a JPEG", frame.width, frame.height))
 }

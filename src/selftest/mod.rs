@@ -83,8 +83,8 @@ fn test() -> Report {
     Report { passed, seconds: begin.elapsed().as_secs_f64(), device: description, checks }
 }
 
-/// Checks the longest pass: drivers reset the device for programs that run too long, and these small images must stay far
-/// below that. The software driver has no such limit, and its passes wait for other processes.
+/// Checks the longest pass ([`argus_gpu::quirks`], `long-passes`), which these small images must stay far below. The software driver has
+/// no such limit, and its passes wait for other processes.
 fn longest_pass(gpu: &Gpu, checks: &mut Checks) {
     let Some(pass) = gpu.longest_pass() else {
         return checks.absent("the longest pass", "the device does not time passes".to_owned());

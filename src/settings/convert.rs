@@ -8,8 +8,7 @@ use argus_cluster::{coordinator, core, worker};
 use argus_scene::{MegaViews, ProbeSource, ReflectionRequest, Reflections, Sampling};
 use tempfile::{Builder, NamedTempFile};
 
-use super::{Coordinator, Limits, Settings, Worker};
-use crate::wiring::HAS_PAPERS;
+use super::{Coordinator, HAS_PAPERS, Limits, Settings, Worker};
 
 /// The longest duration that can be set, in seconds: one year, which every clock can represent.
 const MOST_SECS: f64 = 31_536_000.0;

@@ -16,6 +16,9 @@ use serde::{Deserialize, Serialize};
 pub(crate) use convert::{mib, secs};
 pub(crate) use layers::{Flags, Sources, path, variables};
 
+/// Whether this build has the methods of papers.
+pub(crate) const HAS_PAPERS: bool = cfg!(feature = "papers");
+
 /// All settings. Units are in the names.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

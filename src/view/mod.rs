@@ -14,11 +14,11 @@ use argus_proto::Description;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer, cache};
 use argus_scene::{
     Camera, Frame, Indirect, LightEffects, LightLevel, Output, Outputs, Plan, PlanRequest, Provenance,
-    SceneHash, SceneState, Stage, View, metrics,
+    SceneState, View, metrics,
 };
 
 use self::alone::AloneArgs;
-use self::report::Report;
+use self::report::{Report, Taken};
 use crate::exit::bad_arguments;
 use crate::settings::Sources;
 use crate::wiring::{Alone, epoch_of};
@@ -121,24 +121,6 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     }
     report.print(&args.out, args.plan.max_error);
     Ok(())
-}
-
-/// A view that was rendered.
-struct Taken {
-    camera: Camera,
-    frame: Frame,
-    /// The scene's name and hash.
-    scene: (String, SceneHash),
-    /// Scene seconds from one epoch to the next.
-    epoch_secs: f64,
-    /// The worker's name; empty without a service.
-    worker: String,
-    /// Times before the view was rendered, where this process started for it.
-    start: Vec<Stage>,
-    /// Milliseconds that the frame spent within the service.
-    age_ms: f64,
-    total_ms: f64,
-    attempts: u32,
 }
 
 /// Asks a service for the view.

@@ -4,11 +4,30 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use argus_scene::frame::Decision;
-use argus_scene::{Camera, FrameSource, Holes, LightLevel, Plan, Prediction, Served, Specification};
+use argus_scene::{
+    Camera, Frame, FrameSource, Holes, LightLevel, Plan, Prediction, SceneHash, Served, Specification, Stage,
+};
 use serde::Serialize;
 
-use super::Taken;
 use crate::args;
+
+/// A view that was rendered.
+pub(super) struct Taken {
+    pub(super) camera: Camera,
+    pub(super) frame: Frame,
+    /// The scene's name and hash.
+    pub(super) scene: (String, SceneHash),
+    /// Scene seconds from one epoch to the next.
+    pub(super) epoch_secs: f64,
+    /// The worker's name; empty without a service.
+    pub(super) worker: String,
+    /// Times before the view was rendered, where this process started for it.
+    pub(super) start: Vec<Stage>,
+    /// Milliseconds that the frame spent within the service.
+    pub(super) age_ms: f64,
+    pub(super) total_ms: f64,
+    pub(super) attempts: u32,
+}
 
 /// The report of a view.
 #[derive(Serialize)]

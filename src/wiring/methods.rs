@@ -2,9 +2,6 @@
 
 use argus_sampler::plug::Methods;
 
-/// Whether this build has the methods of papers.
-pub(crate) const HAS_PAPERS: bool = cfg!(feature = "papers");
-
 /// Methods for a sampler, beside its own.
 #[cfg(feature = "papers")]
 pub(crate) fn methods() -> Methods {

@@ -9,7 +9,6 @@ mod source;
 
 pub use alone::Alone;
 pub(crate) use alone::epoch_of;
-pub(crate) use methods::HAS_PAPERS;
 pub(crate) use opener::SceneFolder;
 pub(crate) use roles::Device;
 pub(crate) use source::OpenScene;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-use argus_cluster::{BundleFile, SceneOpener, SceneRef};
+use argus_cluster::{SceneFile, SceneOpener, SceneRef};
 use argus_scene::{LoadError, Scene, load, reference};
 
 use super::source::environment_name;
@@ -91,7 +91,7 @@ impl SceneFolder {
 
     /// Keeps a bundle. It is written to a temporary folder and renamed, so that several workers may share the folder
     /// and none sees half a scene.
-    fn keep(&self, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
+    fn keep(&self, reference: &SceneRef, files: &[SceneFile]) -> io::Result<()> {
         let partial = self.folder.join(format!("{}.{}", reference.hash, std::process::id()));
         let _ = std::fs::remove_dir_all(&partial);
         let kept = self.keep_by(&partial, reference, files);
@@ -102,7 +102,7 @@ impl SceneFolder {
         kept
     }
 
-    fn keep_by(&self, partial: &Path, reference: &SceneRef, files: &[BundleFile]) -> io::Result<()> {
+    fn keep_by(&self, partial: &Path, reference: &SceneRef, files: &[SceneFile]) -> io::Result<()> {
         let root = files.first().ok_or(io::ErrorKind::InvalidData)?;
         let kept = self.kept(reference);
         for file in files {
@@ -167,7 +167,7 @@ impl SceneOpener for SceneFolder {
         argus_scene::open(spec).map(Arc::new).map_err(|error| error.to_string())
     }
 
-    fn open_bundle(&self, reference: &SceneRef, files: Vec<BundleFile>) -> Result<Arc<Scene>, String> {
+    fn open_bundle(&self, reference: &SceneRef, files: Vec<SceneFile>) -> Result<Arc<Scene>, String> {
         if let Err(error) = self.keep(reference, &files) {
             // The scene is usable; it will be fetched again next time.
             tracing::warn!("cannot keep the scene in {}: {error}", self.folder.display());
@@ -234,9 +234,9 @@ mod tests {
     }
 
     /// The bundle of an open scene, as a worker receives it.
-    fn bundle(scene: &OpenScene) -> Vec<BundleFile> {
+    fn bundle(scene: &OpenScene) -> Vec<SceneFile> {
         let read =
-            |(name, path): (String, PathBuf)| BundleFile { name, bytes: std::fs::read(path).unwrap().into() };
+            |(name, path): (String, PathBuf)| SceneFile { name, bytes: std::fs::read(path).unwrap().into() };
         scene.files().unwrap().into_iter().map(read).collect()
     }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use argus_client::{Client, RenderOptions};
 use argus_cluster::leadership::LocalRegistry;
-use argus_cluster::{BundleFile, RoleFactory, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
+use argus_cluster::{RoleFactory, SceneFile, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
 use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
@@ -84,7 +84,7 @@ impl SceneOpener for Served {
         Ok(self.0.clone())
     }
 
-    fn open_bundle(&self, _reference: &SceneRef, _files: Vec<BundleFile>) -> Result<Arc<Scene>, String> {
+    fn open_bundle(&self, _reference: &SceneRef, _files: Vec<SceneFile>) -> Result<Arc<Scene>, String> {
         Ok(self.0.clone())
     }
 }

@@ -85,12 +85,12 @@ fn list(value: &Value) -> impl Iterator<Item = &Value> {
     value.as_array().expect("cargo metadata: a list").iter()
 }
 
-fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
 /// Every file of the repository, without build outputs and hidden folders.
-fn files() -> Vec<PathBuf> {
+pub(crate) fn files() -> Vec<PathBuf> {
     walkdir::WalkDir::new(root())
         .into_iter()
         .filter_entry(|entry| {
@@ -103,7 +103,7 @@ fn files() -> Vec<PathBuf> {
         .collect()
 }
 
-fn is_shader(path: &Path) -> bool {
+pub(crate) fn is_shader(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "wgsl" || e == "wesl")
 }
 

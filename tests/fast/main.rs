@@ -4,7 +4,9 @@
 mod cli;
 mod configuration;
 mod dependency_rules;
+mod imports;
 mod manifests;
+mod quirks;
 mod supply_chain;
 #[path = "../support/mod.rs"]
 mod support;

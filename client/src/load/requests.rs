@@ -5,7 +5,7 @@ use tokio::task::JoinSet;
 use tokio::time::{Instant, sleep_until};
 
 use super::report::Tally;
-use super::{Ended, LoadOptions, Schedule};
+use super::schedule::{Ended, LoadOptions, Schedule};
 use crate::{Client, RenderOptions};
 
 /// Sends each view when it is due, regardless of earlier ones. A view that is sent late has less time until its

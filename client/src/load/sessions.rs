@@ -8,7 +8,7 @@ use tokio::sync::mpsc::UnboundedSender;
 use tokio::time::{Instant, sleep_until};
 
 use super::report::Tally;
-use super::{Ended, LoadOptions, Schedule};
+use super::schedule::{Ended, LoadOptions, Schedule};
 use crate::{Client, ClientError, SessionEvent, SessionOptions};
 
 /// Sends each camera when it is due and counts frames. The last camera must be answered, or it has failed. Cameras

@@ -1,5 +1,5 @@
 use argus_scene::scene::NamedCamera;
-use argus_scene::{Bounds, Camera, Limits, Rig, SceneHash};
+use argus_scene::{Bounds, Camera, Limits, PlanRequest, Rig, SceneHash};
 use glam::DVec3;
 
 use super::*;

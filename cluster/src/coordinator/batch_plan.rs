@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{Provenance, View};
 use tokio::time::{Instant, sleep};
 use tracing::warn;
@@ -34,14 +34,15 @@ pub(super) async fn pins(shared: &Arc<SharedCore>, views: Vec<Option<View>>) -> 
     }
     let shared = shared.clone();
     let decided = tokio::task::spawn_blocking(move || {
-        let surveyed = |view: View| -> (View, Option<Survey>) {
-            let wanted = shared.read(|core| core.batch_survey_wanted(&view));
-            let survey = wanted.map(|wanted| wanted.take(&view, sight.as_ref()));
-            (view, survey)
+        let estimated = |view: View| -> (View, Option<CoverageEstimate>) {
+            let wanted = shared.read(|core| core.batch_estimate_wanted(&view));
+            let estimate = wanted.map(|wanted| wanted.make(&view, sight.as_ref()));
+            (view, estimate)
         };
         let is_valid: Vec<bool> = views.iter().map(Option::is_some).collect();
-        let surveyed: Vec<(View, Option<Survey>)> = views.into_iter().flatten().map(surveyed).collect();
-        let mut pins = shared.read(|core| core.batch_pins(&surveyed)).into_iter();
+        let estimated: Vec<(View, Option<CoverageEstimate>)> =
+            views.into_iter().flatten().map(estimated).collect();
+        let mut pins = shared.read(|core| core.batch_pins(&estimated)).into_iter();
         is_valid.into_iter().map(|is_valid| if is_valid { pins.next().flatten() } else { None }).collect()
     });
     decided.await.unwrap_or_else(|error| {

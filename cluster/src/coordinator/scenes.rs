@@ -21,11 +21,11 @@ use crate::SceneSource;
 pub(super) struct ScenesService {
     shared: Arc<SharedCore>,
     /// The bundle while it is being sent. Concurrent fetches share it, and it is dropped after the last one.
-    bundle: Mutex<Weak<Bundle>>,
+    bundle: Mutex<Weak<SceneFiles>>,
 }
 
 /// The scene's files, the root file first.
-struct Bundle {
+struct SceneFiles {
     files: Vec<(String, Bytes)>,
 }
 
@@ -86,13 +86,13 @@ async fn read_once<T: Send + Sync + 'static>(
     Ok(read)
 }
 
-fn read(source: &dyn SceneSource) -> Result<Bundle, Status> {
+fn read(source: &dyn SceneSource) -> Result<SceneFiles, Status> {
     let read = |(name, path): (String, std::path::PathBuf)| match std::fs::read(&path) {
         Ok(bytes) => Ok((name, Bytes::from(bytes))),
         Err(e) => Err(Status::internal(format!("{}: {e}", path.display()))),
     };
     let files = source.files().map_err(Status::internal)?;
-    Ok(Bundle { files: files.into_iter().map(read).collect::<Result<_, Status>>()? })
+    Ok(SceneFiles { files: files.into_iter().map(read).collect::<Result<_, Status>>()? })
 }
 
 #[cfg(test)]

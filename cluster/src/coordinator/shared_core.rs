@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
-use argus_scene::rig::{Survey, VisibilityQuery};
+use argus_scene::rig::{CoverageEstimate, VisibilityQuery};
 use argus_scene::{Prediction, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
@@ -18,7 +18,7 @@ use tracing::{debug, info, warn};
 use super::config::Config;
 use super::frame_metrics::FrameMetrics;
 use super::planning_time::PlanningTime;
-use super::surveys::Surveys;
+use super::recent_estimates::RecentEstimates;
 use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Uptime, ViewId, WorkerId};
@@ -36,7 +36,7 @@ pub(super) struct SharedCore {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) service: ServiceInfo,
     pub(super) channels: Channels,
-    /// Answers rays into the scene, for surveys.
+    /// Answers rays into the scene, for estimates.
     pub(super) sight: Option<Arc<dyn VisibilityQuery>>,
     /// Send timeout of response streams.
     pub(super) read_within: Duration,
@@ -45,7 +45,7 @@ pub(super) struct SharedCore {
     /// Counts of the clients' redirect tickets.
     tickets: RedirectTickets,
     planning: PlanningTime,
-    surveys: Surveys,
+    estimates: RecentEstimates,
     /// Cancelled on shutdown, when endless streams must end.
     pub(super) closing: CancellationToken,
     /// The lease, while this coordinator holds it.
@@ -149,7 +149,7 @@ impl SharedCore {
             frame_metrics: FrameMetrics::default(),
             tickets: RedirectTickets::default(),
             planning: PlanningTime::default(),
-            surveys: Surveys::default(),
+            estimates: RecentEstimates::default(),
             closing: CancellationToken::new(),
             lease: Mutex::new(None),
             fresh: Box::new(fresh),
@@ -342,7 +342,7 @@ impl SharedCore {
     ) -> (ViewId, UnboundedReceiver<CoreReply>) {
         let (sender, replies) = unbounded_channel();
         let planning = self.planning.begin(&view);
-        let survey = self.survey(&view, last.as_deref());
+        let estimate = self.estimate(&view, last.as_deref());
         let mut state = self.state.lock();
         let view_id = ViewId(state.next_id);
         state.next_id += 1;
@@ -352,7 +352,7 @@ impl SharedCore {
                 state.views.insert(view_id, sender);
                 self.step_locked(
                     &mut state,
-                    Event::Requested { view_id, client, view: Box::new(view), deadline, survey, last },
+                    Event::Requested { view_id, client, view: Box::new(view), deadline, estimate, last },
                 );
             }
         }
@@ -372,21 +372,21 @@ impl SharedCore {
         }
     }
 
-    /// Takes the survey that the core wants of a new view, without holding the core's lock. A survey for a bundle is
+    /// Makes the estimate that the core wants of a new view, without holding the core's lock. An estimate for a camera set is
     /// taken on another thread, since no client waits for it.
-    fn survey(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<Survey>> {
+    fn estimate(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<CoverageEstimate>> {
         let sight = self.sight.as_ref()?;
-        let (wanted, for_bundle) =
-            self.read(|core| (core.survey_wanted(view, last), core.bundle_survey_wanted(view)));
-        if let Some(wanted) = for_bundle {
+        let (wanted, for_camera_set) =
+            self.read(|core| (core.estimate_wanted(view, last), core.camera_set_estimate_wanted(view)));
+        if let Some(wanted) = for_camera_set {
             let (shared, sight, view) = (self.clone(), sight.clone(), view.clone());
             tokio::task::spawn_blocking(move || {
-                let survey = Box::new(wanted.take(&view, sight.as_ref()));
+                let estimate = Box::new(wanted.make(&view, sight.as_ref()));
                 let pixels = u64::from(view.width) * u64::from(view.height);
-                shared.step(Event::Surveyed { pixels, survey });
+                shared.step(Event::Estimated { pixels, estimate });
             });
         }
-        wanted.map(|wanted| self.surveys.take(wanted, view, sight.as_ref()))
+        wanted.map(|wanted| self.estimates.make(wanted, view, sight.as_ref()))
     }
 
     /// Redirects a client to a worker for a request. `number` counts the session's redirects. `None` if clients

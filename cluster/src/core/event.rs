@@ -7,7 +7,7 @@ use std::time::Duration;
 use argus_proto::Fault;
 use argus_scene::effects::EffectCost;
 use argus_scene::frame::{Decision, Provenance, Reason};
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{FaceMask, LightLevel, Plan, Prediction, SampleId, SceneState, View, Visibility};
 use serde::Serialize;
 
@@ -235,17 +235,17 @@ pub enum Event {
         view: Box<View>,
         /// Time until the answer is worthless; `None`: no deadline.
         deadline: Option<Duration>,
-        /// A survey of the view, if [`super::Core::survey_wanted`] asked for one.
-        survey: Option<Box<Survey>>,
+        /// An estimate of the view, if [`super::Core::estimate_wanted`] asked for one.
+        estimate: Option<Box<CoverageEstimate>>,
         /// The session's last view, if there is one.
         last: Option<Box<LastView>>,
     },
-    /// A survey that [`super::Core::bundle_survey_wanted`] asked for was taken.
-    Surveyed {
+    /// An estimate that [`super::Core::camera_set_estimate_wanted`] asked for was made.
+    Estimated {
         /// Pixels of the view, with sub-pixels.
         pixels: u64,
-        /// The survey.
-        survey: Box<Survey>,
+        /// The estimate.
+        estimate: Box<CoverageEstimate>,
     },
     /// The header of a frame that must be judged arrived. [`Action::Deliver`] or another [`Action::Dispatch`]
     /// follows.

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use argus_proto::Fault;
 use argus_proto::v1::StatusResponse;
 use argus_scene::effects::EffectCost;
-use argus_scene::rig::{Survey, VisibilityQuery};
+use argus_scene::rig::{CoverageEstimate, VisibilityQuery};
 use argus_scene::{Provenance, SampleSetInfo, Version, View};
 
 use super::config::Config;
@@ -17,7 +17,7 @@ use super::quality::Model;
 use super::samples::Samples;
 use super::status;
 use super::time::Uptime;
-use super::views::{Answer, Cluster, NewView, Output, SurveyWanted, Views};
+use super::views::{Answer, Cluster, EstimateRequest, NewView, Output, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
@@ -138,21 +138,21 @@ impl Core {
         self.views.check_session(client)
     }
 
-    /// The survey that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
+    /// The estimate that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
     /// is not open, or no worker holds a sample nearby.
-    pub fn survey_wanted(&self, view: &View, last: Option<&LastView>) -> Option<SurveyWanted> {
-        self.cluster().survey_wanted(view, last)
+    pub fn estimate_wanted(&self, view: &View, last: Option<&LastView>) -> Option<EstimateRequest> {
+        self.cluster().estimate_wanted(view, last)
     }
 
-    /// The survey that tells which bundle of samples would have served a view. No client waits for it;
-    /// [`Event::Surveyed`] brings the result. `None` for most views: a few per tick are enough.
-    pub fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
-        self.views.bundle_survey_wanted(view, self.cluster())
+    /// The estimate that tells which camera set would have served a view. No client waits for it;
+    /// [`Event::Estimated`] brings the result. `None` for most views: a few per tick are enough.
+    pub fn camera_set_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
+        self.views.camera_set_estimate_wanted(view, self.cluster())
     }
 
-    /// The survey that tells which samples would serve a view of a batch.
-    pub fn batch_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
-        self.cluster().bundle_survey_wanted(view)
+    /// The estimate that tells which samples would serve a view of a batch.
+    pub fn batch_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
+        self.cluster().camera_set_estimate_wanted(view)
     }
 
     /// Whether it is known what views cost from triangles and from samples.
@@ -160,8 +160,8 @@ impl Core {
         self.workers.first_prices().is_some()
     }
 
-    /// The pins of a batch's views, which are given with their surveys; `None` for those from triangles.
-    pub fn batch_pins(&self, views: &[(View, Option<Survey>)]) -> Vec<Option<Provenance>> {
+    /// The pins of a batch's views, which are given with their estimates; `None` for those from triangles.
+    pub fn batch_pins(&self, views: &[(View, Option<CoverageEstimate>)]) -> Vec<Option<Provenance>> {
         self.cluster().batch_pins(views)
     }
 
@@ -197,13 +197,13 @@ impl Core {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.lose(worker, now, &mut actions),
-            Event::Requested { view_id, client, view, deadline, survey, last } => {
+            Event::Requested { view_id, client, view, deadline, estimate, last } => {
                 self.samples.wake(now, self.views.needed_versions());
-                let new = NewView { view_id, client, view: &view, deadline, survey, last };
+                let new = NewView { view_id, client, view: &view, deadline, estimate, last };
                 self.on_views(now, &mut actions, |views, cluster| views.submit(new, cluster, now));
             }
-            Event::Surveyed { pixels, survey } => self.on_views(now, &mut actions, |views, cluster| {
-                views.learn_bundle_survey(pixels, &survey, cluster)
+            Event::Estimated { pixels, estimate } => self.on_views(now, &mut actions, |views, cluster| {
+                views.learn_camera_set_estimate(pixels, &estimate, cluster)
             }),
             Event::Judged { view_id, attempt, observed, ms } => {
                 self.on_views(now, &mut actions, |views, cluster| {
@@ -362,7 +362,7 @@ impl Core {
                 self.samples.learn_holes(&camera, &used, uncovered, pixels);
             }
             Output::Saved { cameras, secs } => self.samples.credit(&cameras, secs, &self.workers),
-            Output::WouldSave { cameras, secs } => self.samples.learn_bundle(cameras, secs),
+            Output::WouldSave { cameras, secs } => self.samples.learn_camera_set(cameras, secs),
         }
     }
 
@@ -389,7 +389,7 @@ impl Core {
 
     /// Assigns roles by a split.
     fn divide(&mut self, split: Split, actions: &mut Vec<Action>) {
-        self.workers.divide(split, &self.samples.stakes(), actions);
+        self.workers.divide(split, &self.samples.sample_counts(), actions);
     }
 
     /// Sends changed prefetch lists.

@@ -18,25 +18,13 @@ use tower::{Layer, Service};
 use tracing::warn;
 use webpki::EndEntityCert;
 
+use super::tokens::Rank;
 use super::{CLUSTER_NAME, Security};
 use crate::incoming::ConnectionInfo;
 use crate::rate_limited_log::RateLimitedLog;
 
 /// Hint when a refused connection may find a slot.
 const COME_AGAIN: Duration = Duration::from_secs(1);
-
-/// The rank of a caller. Each includes the ones before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Rank {
-    /// May check health, and redeem tickets.
-    Anybody,
-    /// May request views.
-    View,
-    /// May read status and metrics.
-    Admin,
-    /// May act as a process of the cluster.
-    Member,
-}
 
 /// The caller, in the extensions of every admitted request.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -5,10 +5,21 @@ use std::sync::Arc;
 
 use subtle::{Choice, ConditionallySelectable, ConstantTimeEq};
 
-use super::guard::Rank;
-
 /// Shortest accepted token: 128 bits are 32 characters in hexadecimal and 22 in base 64.
 const LEAST_TOKEN: usize = 22;
+
+/// The rank of a caller. Each includes the ones before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Rank {
+    /// May check health, and redeem tickets.
+    Anybody,
+    /// May request views.
+    View,
+    /// May read status and metrics.
+    Admin,
+    /// May act as a process of the cluster.
+    Member,
+}
 
 /// Tokens of clients, each with a role and a name for the log. They are kept as hashes of one length, so that
 /// comparisons take constant time.

@@ -19,6 +19,7 @@ mod histories;
 mod join;
 mod meter;
 mod node;
+mod order;
 mod packed;
 pub mod policy;
 mod prefetch;

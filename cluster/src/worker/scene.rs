@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::chunks::{Bundle, BundleAssembler, BundleSource};
+use argus_proto::chunks::{SceneFiles, SceneFilesAssembler, SceneFilesSource};
 use argus_proto::convert::scene_hash_bytes;
 use argus_proto::v1;
 use argus_proto::v1::scenes_client::ScenesClient;
@@ -14,7 +14,7 @@ use tracing::info;
 
 use super::config::RunError;
 use super::node::Node;
-use crate::{BundleFile, SceneOpener, SceneRef};
+use crate::{SceneFile, SceneOpener, SceneRef};
 
 /// Greatest number of attempts to fetch a scene.
 const ATTEMPTS: u32 = 3;
@@ -62,19 +62,19 @@ async fn blocking<T: Send + 'static>(
     tokio::task::spawn_blocking(work).await.map_err(|e| format!("the loader failed: {e}"))?
 }
 
-fn open(opener: &dyn SceneOpener, reference: &SceneRef, bundle: Bundle) -> Result<Arc<Scene>, String> {
+fn open(opener: &dyn SceneOpener, reference: &SceneRef, bundle: SceneFiles) -> Result<Arc<Scene>, String> {
     match bundle.source {
-        BundleSource::Procedural(spec) => opener.open_procedural(&spec),
-        BundleSource::Files { root, files } => {
-            let mut files: Vec<BundleFile> =
-                files.into_iter().map(|(name, bytes)| BundleFile { name, bytes }).collect();
+        SceneFilesSource::Procedural(spec) => opener.open_procedural(&spec),
+        SceneFilesSource::Files { root, files } => {
+            let mut files: Vec<SceneFile> =
+                files.into_iter().map(|(name, bytes)| SceneFile { name, bytes }).collect();
             files.sort_by_key(|file| file.name != root);
             opener.open_bundle(reference, files)
         }
     }
 }
 
-async fn fetch(node: &Node, reference: &SceneRef, coordinator: Channel) -> Result<Bundle, String> {
+async fn fetch(node: &Node, reference: &SceneRef, coordinator: Channel) -> Result<SceneFiles, String> {
     let mut last = String::new();
     for attempt in 0..ATTEMPTS {
         if attempt > 0 {
@@ -88,11 +88,11 @@ async fn fetch(node: &Node, reference: &SceneRef, coordinator: Channel) -> Resul
     Err(format!("the coordinator did not send the scene: {last}"))
 }
 
-async fn fetch_once(node: &Node, reference: &SceneRef, coordinator: Channel) -> Result<Bundle, String> {
+async fn fetch_once(node: &Node, reference: &SceneRef, coordinator: Channel) -> Result<SceneFiles, String> {
     let request = v1::FetchRequest { scene_hash: scene_hash_bytes(reference.hash) };
     let text = |status: tonic::Status| status.message().to_owned();
     let mut chunks = ScenesClient::new(coordinator).fetch(request).await.map_err(text)?.into_inner();
-    let mut assembler = BundleAssembler::new(reference.hash, node.config.max_bundle_bytes);
+    let mut assembler = SceneFilesAssembler::new(reference.hash, node.config.max_bundle_bytes);
     while let Some(chunk) = chunks.message().await.map_err(text)? {
         if let Some(bundle) = assembler.push(chunk).map_err(|e| e.to_string())? {
             return Ok(bundle);

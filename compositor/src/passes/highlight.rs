@@ -6,9 +6,9 @@ use argus_gpu::{Commands, ComputePipeline, Gpu};
 use argus_scene::RenderError;
 
 use crate::draw_batch::{DrawBatch, NamedBinding, Variant};
-use crate::passes::mend::groups;
+use crate::passes::second_pass::groups;
 
-/// One dispatch a piece, after the mend pass has listed its glossy pixels.
+/// One dispatch a piece, after the second pass has listed its glossy pixels.
 #[derive(Debug, Default)]
 pub(crate) struct HighlightPass(BTreeMap<Variant, ComputePipeline>);
 

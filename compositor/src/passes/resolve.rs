@@ -3,8 +3,7 @@
 use argus_gpu::{ColorTarget, Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
 use argus_shaders::layout::compositor::Resolve;
 
-use crate::batch::Batch;
-use crate::layout::Chunk;
+use crate::layout::{Chunk, Piece};
 use crate::targets::{CONFIDENCE_FORMAT, ChunkTargets, RANGE_FORMAT, SRGB_FORMAT};
 
 /// One draw a piece.
@@ -32,12 +31,13 @@ impl ResolvePass {
         Self { pipelines: [pipeline(&formats[..2]), pipeline(&formats)] }
     }
 
-    /// Averages sub-pixels into pixels. Records nothing if the chunk is not supersampled.
+    /// Averages sub-pixels into pixels. `exposure` is the factor of a piece from radiance to display-linear. Records
+    /// nothing if the chunk is not supersampled.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
         chunk: &Chunk,
-        batch: &Batch<'_>,
+        exposure: impl Fn(&Piece) -> f32,
         targets: &ChunkTargets,
     ) {
         let ChunkTargets { pixels, sub_pixels: Some(sub_pixels), outputs } = targets else { return };
@@ -47,12 +47,11 @@ impl ResolvePass {
         let colors = if outputs.confidence { &colors[..] } else { &colors[..2] };
         let mut pass = commands.render("average sub-pixels", colors, None);
         for piece in &chunk.pieces {
-            let exposure = batch.view(piece).exposure();
             let resolve = Resolve {
                 source_origin: piece.fine_target(),
                 target_origin: piece.target,
                 side: piece.side,
-                exposure,
+                exposure: exposure(piece),
             };
             pass.viewport(piece.target[0], piece.target[1], piece.part.width, piece.part.height);
             let raw = pass

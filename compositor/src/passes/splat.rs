@@ -1,10 +1,11 @@
 //! Program: `shaders/compositor/splat.wgsl`. Projects the texels of samples into the cells of a view.
 
-use argus_gpu::{Commands, ComputePipeline, Gpu};
+use argus_gpu::quirks::MAX_WORKGROUPS;
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::Splat;
 
-use crate::chunk::ChunkInputs;
+use crate::draw_batch::{SplatBuffers, SplatCall};
 use crate::pool::Pool;
 
 /// One dispatch a view, sample and face.
@@ -13,18 +14,6 @@ pub(crate) struct SplatPass {
     points: ComputePipeline,
     squares: ComputePipeline,
 }
-
-/// One dispatch.
-#[derive(Debug)]
-pub(crate) struct SplatCall {
-    pub(crate) splat: Splat,
-    pub(crate) block_count: u32,
-    /// Whether texels are farther apart than cells, so that they are splatted as squares.
-    pub(crate) sparse: bool,
-}
-
-/// Most workgroups of a dispatch in one dimension. A splat has one a block of texels.
-const MAX_GROUPS: u32 = 65_535;
 
 impl SplatPass {
     pub(crate) fn new(gpu: &Gpu) -> Self {
@@ -35,10 +24,11 @@ impl SplatPass {
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
-        inputs: &ChunkInputs,
+        splat: &SplatBuffers,
+        blocks: &wgpu::Buffer,
+        calls: &[SplatCall],
         pool: &Pool,
     ) -> Result<(), RenderError> {
-        let calls = &inputs.splats;
         for (name, pipeline, sparse) in
             [("splat samples", &self.points, false), ("splat squares", &self.squares, true)]
         {
@@ -48,14 +38,14 @@ impl SplatPass {
             commands
                 .compute(name, pipeline)
                 .read("inverse_range", pool.view(PlaneKind::InverseRange)?)
-                .read("blocks", &inputs.blocks)
-                .write("cells", &inputs.splat.cells)
+                .read("blocks", blocks)
+                .write("cells", &splat.cells)
                 .each(|pass| {
                     for call in calls.iter().filter(|call| call.sparse == sparse) {
-                        for begin in (0..call.block_count).step_by(MAX_GROUPS as usize) {
+                        for begin in (0..call.block_count).step_by(MAX_WORKGROUPS as usize) {
                             let splat = Splat { first_block: call.splat.first_block + begin, ..call.splat };
                             pass.set_immediates(0, bytemuck::bytes_of(&splat));
-                            pass.dispatch_workgroups((call.block_count - begin).min(MAX_GROUPS), 1, 1);
+                            pass.dispatch_workgroups((call.block_count - begin).min(MAX_WORKGROUPS), 1, 1);
                         }
                     }
                 });

@@ -3,9 +3,9 @@
 use argus_scene::closest_on_triangle;
 use rayon::prelude::*;
 
-use super::MappedReflector;
 use super::cells::Point;
 use super::facets::Pieces;
+use argus_sampler::plug::MappedReflector;
 
 /// How points come into maps. All ways give the same maps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

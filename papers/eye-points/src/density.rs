@@ -3,8 +3,9 @@
 use argus_scene::closest_on_triangle;
 use glam::DVec3;
 
+use super::Eye;
 use super::shadows::shadow_density;
-use super::{Eye, MappedReflector};
+use argus_sampler::plug::MappedReflector;
 
 /// The rule by which density follows reflectors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

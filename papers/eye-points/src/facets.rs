@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::cells::{Grid, Rows};
 use super::density::{Density, density_at, distance};
-use argus_sampler::plug::{MappedReflector, Side};
+use argus_sampler::plug::{Cutouts, MappedReflector, Side};
 
 use super::Eye;
 
@@ -264,6 +264,19 @@ impl Cutter<'_> {
 /// A number in 0..1 for a triangle, the same in every frame.
 fn chance(instance: u32, primitive: u32) -> f64 {
     argus_sampler::plug::mixed(u64::from(instance) << 32 | u64::from(primitive))
+}
+
+/// Whether a cut-out is open somewhere.
+pub(crate) trait Openings: Sync {
+    /// Whether rays pass through a point of a facet.
+    fn is_open(&self, facet: &Facet, point: DVec3) -> bool;
+}
+
+impl Openings for Cutouts {
+    fn is_open(&self, facet: &Facet, point: DVec3) -> bool {
+        let [second, third] = facet.weights(point);
+        self.let_through([facet.instance, facet.primitive], second as f32, third as f32)
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use argus_scene::procedural::{rooms, with_balls};
 use argus_scene::{Instance, Lighting, Scene};
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::facets::Facet;
+use super::facets::{Facet, Openings};
 use super::tests::{by_brute_force, eye_of, reflectors_of};
 use argus_sampler::plug::ReflectionRays;
 
@@ -180,7 +180,7 @@ fn a_curved_reflector_and_an_eye_in_the_mirrors_plane_have_no_mirrored_camera() 
 /// Squares of a metre, every second of which is open.
 struct Checkers;
 
-impl Cut for Checkers {
+impl Openings for Checkers {
     fn is_open(&self, _: &Facet, point: DVec3) -> bool {
         (point.x.floor() + point.y.floor()).rem_euclid(2.0) == 0.0
     }

@@ -47,7 +47,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{Scene, Stage};
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 use rayon::prelude::*;
 
 use argus_sampler::plug::{Cutouts, IndexMaps, MappedReflector, Requests, ShadingPoint, Side};
@@ -68,19 +68,6 @@ pub use reflectors::{Eye, LARGEST_SIDE, curved_reflector, map_side};
 pub use requests::{Lookups, ReflectivePixel};
 pub use shadows::{LARGEST_SHADOW_SIDE, is_lit, light_map, light_points, shadow_side};
 use splat::Splats;
-
-/// Whether a cut-out is open somewhere.
-pub(crate) trait Cut: Sync {
-    /// Whether rays pass through a point of a facet.
-    fn is_open(&self, facet: &Facet, point: DVec3) -> bool;
-}
-
-impl Cut for Cutouts {
-    fn is_open(&self, facet: &Facet, point: DVec3) -> bool {
-        let [second, third] = facet.weights(point);
-        self.let_through([facet.instance, facet.primitive], second as f32, third as f32)
-    }
-}
 
 /// A scene at a pose, prepared for points.
 pub struct PointScene {

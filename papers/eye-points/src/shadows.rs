@@ -8,8 +8,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::DVec3;
 
-use super::{Eye, MappedReflector};
-use argus_sampler::plug::IndexMaps;
+use super::Eye;
+use argus_sampler::plug::{IndexMaps, MappedReflector};
 
 /// Largest side of a light point's map, as in the paper (section 5.2).
 pub const LARGEST_SHADOW_SIDE: u32 = 1024;

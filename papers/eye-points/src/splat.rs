@@ -7,9 +7,8 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Cut;
 use super::cells::Point;
-use super::facets::{Facet, Pieces};
+use super::facets::{Facet, Openings, Pieces};
 use argus_sampler::plug::{FACES, IndexMaps, MappedReflector, face_of, in_face};
 
 /// Texels that the bounds of a cell are widened by, against rounding.
@@ -26,7 +25,7 @@ pub(super) struct Splats<'a> {
     /// First point of each piece, and the number of all.
     pub(super) first: &'a [u32],
     pub(super) reflectors: &'a [MappedReflector],
-    pub(super) cut: &'a dyn Cut,
+    pub(super) cut: &'a dyn Openings,
 }
 
 impl Splats<'_> {
@@ -126,7 +125,7 @@ impl Splats<'_> {
     pub(super) fn rasterise(
         facets: &[Facet],
         reflectors: &[MappedReflector],
-        cut: &dyn Cut,
+        cut: &dyn Openings,
         maps: &IndexMaps,
     ) {
         facets.par_iter().enumerate().with_max_len(64).for_each(|(index, facet)| {

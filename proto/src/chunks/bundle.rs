@@ -12,18 +12,18 @@ use crate::v1::{self, bundle_header::Source};
 
 /// A scene from its coordinator. The receiver must open it and compare its hash.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Bundle {
+pub struct SceneFiles {
     /// The name given by the coordinator's user.
     pub name: String,
     /// The expected hash of the opened scene.
     pub hash: SceneHash,
     /// The source of the scene.
-    pub source: BundleSource,
+    pub source: SceneFilesSource,
 }
 
 /// The source of a scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum BundleSource {
+pub enum SceneFilesSource {
     /// A generated scene, such as `terrain:500000`.
     Procedural(String),
     /// Files by their names relative to the bundle's root, parts separated by `/`.
@@ -80,7 +80,7 @@ fn header_chunk(name: &str, hash: SceneHash, source: Source) -> v1::SceneChunk {
 
 /// Reassembles a bundle.
 #[derive(Debug)]
-pub struct BundleAssembler {
+pub struct SceneFilesAssembler {
     hash: SceneHash,
     max_bytes: u64,
     partial: Option<Partial>,
@@ -98,7 +98,7 @@ struct Partial {
     current: Option<(String, Gather)>,
 }
 
-impl BundleAssembler {
+impl SceneFilesAssembler {
     /// Accepts the scene with this hash, in files of at most `max_bytes` together.
     pub fn new(hash: SceneHash, max_bytes: u64) -> Self {
         Self { hash, max_bytes, partial: None }
@@ -108,7 +108,7 @@ impl BundleAssembler {
     ///
     /// # Errors
     /// A [`WireError`] if the chunk is malformed; the stream is then unusable.
-    pub fn push(&mut self, chunk: v1::SceneChunk) -> Result<Option<Bundle>, WireError> {
+    pub fn push(&mut self, chunk: v1::SceneChunk) -> Result<Option<SceneFiles>, WireError> {
         use v1::scene_chunk::Body;
         match (required(chunk.body, "chunk.body")?, &mut self.partial) {
             (Body::Header(header), None) => return self.begin(header),
@@ -124,7 +124,7 @@ impl BundleAssembler {
         }
     }
 
-    fn begin(&mut self, header: v1::BundleHeader) -> Result<Option<Bundle>, WireError> {
+    fn begin(&mut self, header: v1::BundleHeader) -> Result<Option<SceneFiles>, WireError> {
         let scene = required(header.scene, "bundle.scene")?;
         let hash = scene_hash(&scene.hash, "bundle.scene.hash")?;
         if hash != self.hash {
@@ -132,7 +132,7 @@ impl BundleAssembler {
         }
         match required(header.source, "bundle.source")? {
             Source::Procedural(spec) => {
-                Ok(Some(Bundle { name: scene.name, hash, source: BundleSource::Procedural(spec) }))
+                Ok(Some(SceneFiles { name: scene.name, hash, source: SceneFilesSource::Procedural(spec) }))
             }
             Source::Files(bundle) => {
                 if bundle.total_bytes > self.max_bytes {
@@ -205,15 +205,15 @@ impl Partial {
         Ok(())
     }
 
-    fn finish(self, hash: SceneHash) -> Result<Bundle, WireError> {
+    fn finish(self, hash: SceneHash) -> Result<SceneFiles, WireError> {
         if self.bytes_due != 0 {
             return Err(WireError::field("bundle.total_bytes", "is more than its files have"));
         }
         if !self.names.contains(&self.root) {
             return Err(WireError::field("bundle.root", format!("{} is not in the bundle", self.root)));
         }
-        let source = BundleSource::Files { root: self.root, files: self.files };
-        Ok(Bundle { name: self.name, hash, source })
+        let source = SceneFilesSource::Files { root: self.root, files: self.files };
+        Ok(SceneFiles { name: self.name, hash, source })
     }
 }
 

@@ -8,7 +8,7 @@ mod frame;
 mod pixels;
 mod sample;
 
-pub use bundle::{Bundle, BundleAssembler, BundleSource, bundle_chunks, procedural_chunk};
+pub use bundle::{SceneFiles, SceneFilesAssembler, SceneFilesSource, bundle_chunks, procedural_chunk};
 pub use frame::{FrameAssembler, FrameMeta, frame_chunks};
 pub use pixels::{
     MAX_TRACE_PIXELS, PixelAssembler, TracedFrame, joined, pixel_chunks, trace_job, trace_requests,

@@ -307,8 +307,11 @@ fn a_sample_on_a_device_is_not_sent() {
     assert_eq!(sample_hash(&sample).unwrap_err(), WireError::OnDevice(sample.id));
 }
 
-fn unbundle(max_bytes: u64, chunks: impl IntoIterator<Item = v1::SceneChunk>) -> Result<Bundle, WireError> {
-    let mut assembler = BundleAssembler::new(SceneHash([3; 32]), max_bytes);
+fn unbundle(
+    max_bytes: u64,
+    chunks: impl IntoIterator<Item = v1::SceneChunk>,
+) -> Result<SceneFiles, WireError> {
+    let mut assembler = SceneFilesAssembler::new(SceneHash([3; 32]), max_bytes);
     let mut bundle = None;
     for chunk in chunks {
         bundle = bundle.or(assembler.push(chunk)?);
@@ -331,9 +334,9 @@ fn bundles_and_procedural_scenes_survive() {
     let chunks = bundle_chunks("rooms/room.gltf", hash, "room.gltf", files()).unwrap();
     let bundle = unbundle(u64::MAX, chunks).unwrap();
     assert_eq!(bundle.name, "rooms/room.gltf");
-    assert_eq!(bundle.source, BundleSource::Files { root: "room.gltf".to_owned(), files: files() });
+    assert_eq!(bundle.source, SceneFilesSource::Files { root: "room.gltf".to_owned(), files: files() });
     let bundle = unbundle(0, [procedural_chunk("terrain", hash, "terrain:500000")]).unwrap();
-    assert_eq!(bundle.source, BundleSource::Procedural("terrain:500000".to_owned()));
+    assert_eq!(bundle.source, SceneFilesSource::Procedural("terrain:500000".to_owned()));
     assert!(unbundle(0, [procedural_chunk("terrain", SceneHash([4; 32]), "terrain")]).is_err());
 }
 

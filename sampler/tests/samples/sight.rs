@@ -6,7 +6,7 @@ use std::sync::Arc;
 use argus_sampler::PacketSight;
 use argus_scene::procedural::{mirrors, terrain};
 use argus_scene::reference::SceneSight;
-use argus_scene::rig::{Survey, Target, VisibilityQuery};
+use argus_scene::rig::{CoverageEstimate, Target, VisibilityQuery};
 use argus_scene::{AddedLight, Camera, LightChoice, Rig, Scene};
 use glam::{DVec2, DVec3};
 
@@ -81,8 +81,8 @@ fn packets_of_rays_answer_as_single_rays_do() {
 }
 
 #[test]
-fn a_survey_far_from_the_origin_is_that_near_it() {
-    let surveyed = |away: DVec3| {
+fn an_estimate_far_from_the_origin_is_that_near_it() {
+    let estimated = |away: DVec3| {
         let mut scene = terrain(3000);
         scene.instances.iter_mut().for_each(|instance| instance.world_from_mesh.translation += away);
         let (scene, eye) = (Arc::new(scene), terrain(3000).default_camera());
@@ -90,11 +90,11 @@ fn a_survey_far_from_the_origin_is_that_near_it() {
         let sight = PacketSight::new(&scene);
         let rig = Rig::Cell { origin: away, spacing: 8.0, face: 128 };
         let near = rig.nearest(&camera, 8);
-        let mut survey = Survey::new(&camera, [320, 240], &sight, 0.0);
-        near.iter().for_each(|&index| survey.judge(&rig, index, &sight, 0.0, 1.5));
-        (survey.coverage(&near), survey.choose(|_| true, 4))
+        let mut estimate = CoverageEstimate::new(&camera, [320, 240], &sight, 0.0);
+        near.iter().for_each(|&index| estimate.judge(&rig, index, &sight, 0.0, 1.5));
+        (estimate.coverage(&near), estimate.choose(|_| true, 4))
     };
-    assert_eq!(surveyed(DVec3::new(1048576.0, -131072.0, 2097152.0)), surveyed(DVec3::ZERO));
+    assert_eq!(estimated(DVec3::new(1048576.0, -131072.0, 2097152.0)), estimated(DVec3::ZERO));
 }
 
 #[test]

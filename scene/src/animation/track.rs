@@ -17,7 +17,7 @@ enum Place {
 
 impl Channel {
     /// Which of translation, rotation, scale and weights it drives: 0 to 3.
-    pub(super) fn property(&self) -> usize {
+    pub(crate) fn property(&self) -> usize {
         match self.track {
             Track::Translation(_) => 0,
             Track::Rotation(_) => 1,
@@ -27,7 +27,7 @@ impl Channel {
     }
 
     /// Whether it has keys and as many values as needed.
-    pub(super) fn is_whole(&self) -> bool {
+    pub(crate) fn is_whole(&self) -> bool {
         let values = match &self.track {
             Track::Translation(values) | Track::Scale(values) => values.len(),
             Track::Rotation(values) => values.len(),
@@ -114,7 +114,7 @@ impl Channel {
     }
 
     /// Smallest and largest weights of all targets. A Hermite curve lies within its Bézier points. `None` for other channels.
-    pub(super) fn weights_hull(&self) -> Option<[Vec<f32>; 2]> {
+    pub(crate) fn weights_hull(&self) -> Option<[Vec<f32>; 2]> {
         let Track::Weights(values) = &self.track else { return None };
         let targets = self.targets();
         let mut hull = [vec![f32::INFINITY; targets], vec![f32::NEG_INFINITY; targets]];
@@ -154,7 +154,7 @@ impl Channel {
 }
 
 /// Scales to unit length; the identity if that is impossible.
-pub(super) fn unit(q: DQuat) -> DQuat {
+pub(crate) fn unit(q: DQuat) -> DQuat {
     let most = q.x.abs().max(q.y.abs()).max(q.z.abs()).max(q.w.abs());
     // Divided by the largest part first, since squares of tiny numbers are zero. Written so that NaN fails.
     if most > 0.0 && most.is_finite() { (q / most).normalize() } else { DQuat::IDENTITY }
@@ -162,14 +162,14 @@ pub(super) fn unit(q: DQuat) -> DQuat {
 
 /// The angle in radians between two unit quaternions along the shorter arc, and the sign of the second one on that
 /// arc. Uses the tangent, which stays exact where the textbook's cosine is flat.
-pub(super) fn arc(a: DQuat, b: DQuat) -> (f64, DQuat) {
+pub(crate) fn arc(a: DQuat, b: DQuat) -> (f64, DQuat) {
     let b = if a.dot(b) < 0.0 { -b } else { b };
     (2.0 * (a - b).length().atan2((a + b).length()), b)
 }
 
 /// Interpolates along the shorter arc between unit quaternions (Shoemake, "Animating rotation with quaternion
 /// curves", 1985).
-pub(super) fn slerp(a: DQuat, b: DQuat, share: f64) -> DQuat {
+pub(crate) fn slerp(a: DQuat, b: DQuat, share: f64) -> DQuat {
     let (angle, b) = arc(a, b);
     let sine = angle.sin();
     if sine < 1e-9 {

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-use super::EffectKind;
+use super::row::EffectKind;
 use crate::{Indirect, InvalidField, LightEffects, Metering, ReflectionCost, Reflections, Scene};
 
 /// Which of the effects that can be switched a sample set has.

@@ -7,10 +7,9 @@ use glam::Vec3;
 use super::lights::{
     OPEN_SKY, brightest, caster, contrast, distance_of_boxes, half_angle, irradiance, lost_to_itself,
 };
+use super::request::{EffectCosts, EffectRequest, Effects, ReflectionRequest};
+use super::row::{Causes, EffectKind, EffectRow, Paid, bytes};
 use super::surfaces::{Body, bodies};
-use super::{
-    Causes, EffectCosts, EffectKind, EffectRequest, EffectRow, Effects, Paid, ReflectionRequest, bytes,
-};
 use crate::transparency::transparent_meshes;
 use crate::{
     AlphaMode, Indirect, Light, LightEffects, Material, PathKnobs, ReflectionCost, Reflections, Scene,

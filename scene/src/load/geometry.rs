@@ -2,7 +2,9 @@
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
-use super::{Warnings, normals, tangents};
+use super::normals::pick;
+use super::parts::Warnings;
+use super::{normals, tangents};
 use crate::{Mesh, TextureRef};
 
 /// How missing normals are made.
@@ -176,13 +178,6 @@ impl RawMesh {
         pick(&mut self.uvs2, &order);
         pick(&mut self.colors, &order);
         order
-    }
-}
-
-/// Moves element `order[i]` to `i`; an empty array stays empty.
-pub(super) fn pick<T: Copy>(values: &mut Vec<T>, order: &[u32]) {
-    if !values.is_empty() {
-        *values = order.iter().map(|&i| values[i as usize]).collect();
     }
 }
 

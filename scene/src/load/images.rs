@@ -2,6 +2,7 @@
 
 mod decode;
 mod ktx2;
+mod size;
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -9,11 +10,12 @@ use std::sync::Arc;
 use bytes::Bytes;
 use rayon::prelude::*;
 
-use super::Warnings;
+use super::parts::Warnings;
 use crate::material::{Filter, TextureUse, Wrap};
 use crate::{Material, Texture, TextureRef};
 use decode::ImageFile;
-pub(super) use decode::{Pixels, Size};
+pub(super) use decode::Pixels;
+pub(super) use size::Size;
 
 /// Limit in bytes of a scene's decoded textures; further ones are dropped.
 const MOST_DECODED: u64 = 8 << 30;

@@ -8,8 +8,8 @@ use bytes::Bytes;
 use glam::{Vec2, Vec4};
 use rayon::prelude::*;
 
-use super::Warnings;
 use super::images::{Pixels, Size, decode_used};
+use super::parts::Warnings;
 use crate::material::{Filter, Wrap};
 use crate::{AlphaMode, Texture, TextureRef};
 

@@ -5,7 +5,7 @@
 
 mod backdrop;
 mod bulbs;
-mod bundle;
+mod collect;
 mod environment;
 mod error;
 mod geometry;
@@ -14,9 +14,11 @@ mod images;
 mod maps;
 mod normals;
 mod obj;
+mod parts;
 mod paths;
 mod ply;
 mod polygon;
+mod scene_files;
 mod tangents;
 
 use std::collections::BTreeMap;
@@ -24,94 +26,15 @@ use std::path::Path;
 
 use bytes::Bytes;
 
-use crate::animation::{Animation, Node};
-use crate::scene::{Instance, NamedCamera, RigKind};
-use crate::{Light, Lighting, Material, Mesh, Scene, Sky, Texture};
+use crate::scene::{Instance, RigKind};
+use crate::{Lighting, Material, Scene, Sky};
 
-use bundle::Bundle;
-pub use bundle::bundle_files;
+pub use collect::bundle_files;
 pub use environment::{decode_environment, load_environment};
 pub use error::LoadError;
+use parts::{Format, Parts, Warnings};
 use paths::InMemory;
-
-/// Some editors begin text with this mark.
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
-
-/// A file format.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Format {
-    Gltf,
-    Obj,
-    Ply,
-}
-
-impl Format {
-    /// Detects the format by the first bytes, or else by the extension.
-    fn detect(name: &str, bytes: &[u8]) -> Result<Self, String> {
-        if bytes.is_empty() {
-            return Err("the file is empty".to_owned());
-        }
-        if bytes.starts_with(b"glTF") {
-            return Ok(Self::Gltf);
-        }
-        let text = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes);
-        if text.starts_with(b"ply\n") || text.starts_with(b"ply\r") {
-            return Ok(Self::Ply);
-        }
-        let extension = name.rsplit_once('.').map_or("", |(_, extension)| extension);
-        match extension.to_ascii_lowercase().as_str() {
-            "gltf" | "glb" => Ok(Self::Gltf),
-            "obj" => Ok(Self::Obj),
-            "ply" => Ok(Self::Ply),
-            _ => Err("is no scene format known here (.glb, .gltf, .obj, .ply)".to_owned()),
-        }
-    }
-}
-
-/// The content of a file, as read by a format's loader.
-#[derive(Default)]
-struct Parts {
-    meshes: Vec<Mesh>,
-    instances: Vec<Instance>,
-    materials: Vec<Material>,
-    textures: Vec<Texture>,
-    nodes: Vec<Node>,
-    animations: Vec<Animation>,
-    lights: Vec<Light>,
-    cameras: Vec<NamedCamera>,
-}
-
-/// Warnings, bounded in number since a hostile file could cause any number.
-#[derive(Default)]
-struct Warnings {
-    lines: Vec<String>,
-    more: usize,
-}
-
-impl Warnings {
-    const MOST: usize = 64;
-
-    fn add(&mut self, line: impl AsRef<str>) {
-        if self.lines.len() < Self::MOST {
-            self.lines.push(error::one_line(line.as_ref()));
-        } else {
-            self.more += 1;
-        }
-    }
-
-    fn into_lines(mut self) -> Vec<String> {
-        if self.more > 0 {
-            self.lines.push(format!("and {} more warnings", self.more));
-        }
-        self.lines
-    }
-}
-
-/// Text of a file as UTF-8, or else as Latin-1.
-fn text_of(bytes: &[u8]) -> String {
-    let latin = || bytes.iter().map(|&byte| char::from(byte)).collect();
-    std::str::from_utf8(bytes).map_or_else(|_| latin(), str::to_owned)
-}
+use scene_files::SceneFiles;
 
 /// Loads a scene from a file and the files that it refers to.
 ///
@@ -120,8 +43,8 @@ fn text_of(bytes: &[u8]) -> String {
 pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
     let path = path.as_ref();
     let shown = path.display().to_string();
-    let folder = bundle::split(path)?;
-    let scene = Bundle::collect(&folder, &folder.main).and_then(|bundle| load(&bundle));
+    let folder = collect::split(path)?;
+    let scene = SceneFiles::collect(&folder, &folder.main).and_then(|bundle| load(&bundle));
     let mut scene = scene.map_err(|error| LoadError::new(&shown, error.reason))?;
     scene.name = shown;
     Ok(scene)
@@ -133,10 +56,10 @@ pub fn load_path(path: impl AsRef<Path>) -> Result<Scene, LoadError> {
 /// # Errors
 /// One line that names the file and the reason.
 pub fn load_bundle(name: &str, files: &BTreeMap<String, Bytes>) -> Result<Scene, LoadError> {
-    load(&Bundle::collect(&InMemory(files), name)?)
+    load(&SceneFiles::collect(&InMemory(files), name)?)
 }
 
-fn load(bundle: &Bundle) -> Result<Scene, LoadError> {
+fn load(bundle: &SceneFiles) -> Result<Scene, LoadError> {
     let mut warnings = Warnings::default();
     bundle.warn_of_substitutes(&mut warnings);
     let parts = match bundle.format {

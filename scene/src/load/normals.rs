@@ -2,8 +2,14 @@
 
 use glam::{DVec3, Vec3};
 
-use super::geometry::pick;
 use crate::Mesh;
+
+/// Moves element `order[i]` to `i`; an empty array stays empty.
+pub(super) fn pick<T: Copy>(values: &mut Vec<T>, order: &[u32]) {
+    if !values.is_empty() {
+        *values = order.iter().map(|&i| values[i as usize]).collect();
+    }
+}
 
 /// Normal of a triangle with twice its area as length, in f64, since squares of large coordinates overflow.
 fn area_normal(mesh: &Mesh, triangle: [u32; 3]) -> DVec3 {

@@ -7,10 +7,20 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use image::{ImageBuffer, Rgb};
 
-use super::SkyLight;
-use super::xml::{Xml, numbers};
+use super::xml::{Xml, numbers, rgb};
 use crate::shading::{sky_ambient, sky_radiance};
 use crate::{Light, Sky};
+
+/// Radiance of the exported sky.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SkyLight {
+    /// As it is seen: [`crate::shading::sky_radiance`].
+    #[default]
+    Seen,
+    /// The sky that lights an unoccluded matt surface exactly as [`crate::shading::sky_ambient`] approximates it. It tells a
+    /// fault of the export from that approximation.
+    Ambient,
+}
 
 /// Columns of the sky's panorama.
 const SKY_COLUMNS: u32 = 64;
@@ -149,11 +159,6 @@ pub(super) fn look_at(xml: &mut Xml, from: DVec3, to: DVec3) {
 pub(super) fn look_at_element(xml: &mut Xml, from: DVec3, to: DVec3, up: DVec3) {
     let list = |v: DVec3| v.to_array().map(|x| x.to_string()).join(", ");
     xml.leaf("lookat", &[("origin", &list(from)), ("target", &list(to)), ("up", &list(up))]);
-}
-
-/// Colour as an attribute's value.
-pub(super) fn rgb(color: Vec3) -> String {
-    numbers(color.to_array().map(f64::from))
 }
 
 /// A directional light with an angular radius: a disc far away that faces the scene.

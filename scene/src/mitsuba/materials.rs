@@ -5,8 +5,7 @@ use std::io;
 use glam::{Vec3, Vec4};
 
 use super::bitmaps::Bitmaps;
-use super::lights::rgb;
-use super::xml::Xml;
+use super::xml::{Xml, rgb};
 use crate::{AlphaMode, Material};
 
 /// A material as one mesh needs it.

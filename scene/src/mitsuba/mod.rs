@@ -28,6 +28,7 @@ use glam::{DVec3, Vec3, Vec4};
 use serde::Serialize;
 
 use self::bitmaps::Bitmaps;
+pub use self::lights::SkyLight;
 use self::lights::{Space, write_area, write_light, write_sky};
 use self::materials::{Colors, Look};
 pub use self::matt::matt;
@@ -40,17 +41,6 @@ use crate::{Bounds, Camera, Instance, Material, Mesh, Pose, Scene};
 const FAR_FROM_ZERO: f64 = 1e4;
 /// Distance between the two layers of a double-sided emitter, as a share of its coordinates.
 const LAYER: f32 = 1e-5;
-
-/// Radiance of the exported sky.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum SkyLight {
-    /// As it is seen: [`crate::shading::sky_radiance`].
-    #[default]
-    Seen,
-    /// The sky that lights an unoccluded matt surface exactly as [`crate::shading::sky_ambient`] approximates it. It tells a
-    /// fault of the export from that approximation.
-    Ambient,
-}
 
 /// A view to export.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use glam::Vec3;
+
 /// XML text in the making.
 pub(super) struct Xml {
     text: String,
@@ -66,4 +68,9 @@ impl Xml {
 /// Numbers separated by spaces.
 pub(super) fn numbers(values: impl IntoIterator<Item = f64>) -> String {
     values.into_iter().map(|value| value.to_string()).collect::<Vec<_>>().join(" ")
+}
+
+/// Colour as an attribute's value.
+pub(super) fn rgb(color: Vec3) -> String {
+    numbers(color.to_array().map(f64::from))
 }

@@ -12,28 +12,12 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
+use super::Hit;
 use super::corners::Corners;
-use super::{Hit, Tracer};
-use crate::emitters::{EmittersByPower, emitters};
+use super::tracer::{DirectLight, Lit, Tracer};
+use crate::Pose;
 use crate::light_sampling::{cosine_direction, disc_point, r2, shadow_ray, terminator_lift};
 use crate::shading::{Surface, diffuse_radiance, incident, reflected_light, sky_ambient, sky_radiance};
-use crate::{LightEffects, Pose};
-
-/// How the reference traces direct light.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DirectLight {
-    /// Effects that are traced; the rest are as in [`crate::shading`].
-    pub effects: LightEffects,
-    /// Rays to each light, and ten times as many to sky and emitters together, for each visible point; at least 1.
-    pub rays: u32,
-}
-
-/// Direct light of a tracer, with the emitters of its pose.
-#[derive(Debug, Clone)]
-pub(super) struct Lit {
-    light: DirectLight,
-    emitters: EmittersByPower,
-}
 
 /// Light that reaches a surface.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,16 +28,6 @@ pub(super) struct Arriving {
     pub(super) lights: Vec<f32>,
     /// Unblocked share of the sky's light.
     pub(super) sky: f32,
-}
-
-impl Lit {
-    fn new(light: DirectLight, tracer: &Tracer) -> Self {
-        let all = match light.effects.emitters {
-            true => emitters(&tracer.scene, &tracer.pose.instances, &tracer.textures),
-            false => Vec::new(),
-        };
-        Self { light, emitters: EmittersByPower::new(all) }
-    }
 }
 
 impl Tracer {

@@ -33,11 +33,9 @@ mod triangle;
 
 pub use self::image::{ReferenceImage, SurfaceImage};
 pub use indirect::Indirect;
-pub use light::DirectLight;
-pub use reflection::Reflecting;
 pub use search::{Hit, Seen};
 pub use sight::SceneSight;
-pub use tracer::Tracer;
+pub use tracer::{DirectLight, Reflecting, Tracer};
 
 /// Version of the tracer's images. Raise it when the same scene and camera give another image: stored images of an
 /// older version are not used.

@@ -8,20 +8,10 @@
 
 use glam::{DVec3, Vec3};
 
-use super::{Hit, Tracer};
+use super::Hit;
+use super::tracer::{Reflecting, Tracer};
 use crate::reflection::{half_vector, refracted};
 use crate::shading::{Surface, dielectric_f0, reflected_around, sky_radiance};
-
-/// Instances that reflect and refract the scene, and the number of rays.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Reflecting {
-    /// Rays per lobe.
-    pub rays: u32,
-    /// Most reflections one after another, at least 1.
-    pub bounces: u32,
-    /// Reflecting instances, ascending; the rest reflect only the sky.
-    pub instances: Vec<u32>,
-}
 
 /// Distance of a ray's start from its surface, as a share of the distance from the eye.
 const OFF_SURFACE: f64 = 1e-7;

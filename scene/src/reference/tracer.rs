@@ -7,15 +7,51 @@ use rayon::prelude::*;
 
 use super::boxes::BoxTree;
 use super::corners::Corners;
-use super::light::Lit;
 use super::placed::{MeshTree, Placed, place};
-use super::reflection::Reflecting;
 use super::search::{Hit, Partial, SAME_PLACE, Search, Seen, is_met_at, order, precedes};
 use super::triangle::{Crossing, ShearedRay};
+use crate::emitters::{EmittersByPower, emitters};
 use crate::shading::{diffuse_radiance, reflected_lights, reflected_sky, sky_radiance};
 use crate::texture::{MipChain, mip_chains, transform_uv};
 use crate::transparency::{Layer, cut};
-use crate::{Bounds, Material, Mesh, Pose, Scene, TextureRef};
+use crate::{Bounds, LightEffects, Material, Mesh, Pose, Scene, TextureRef};
+
+/// How the reference traces direct light.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DirectLight {
+    /// Effects that are traced; the rest are as in [`crate::shading`].
+    pub effects: LightEffects,
+    /// Rays to each light, and ten times as many to sky and emitters together, for each visible point; at least 1.
+    pub rays: u32,
+}
+
+/// Direct light of a tracer, with the emitters of its pose.
+#[derive(Debug, Clone)]
+pub(super) struct Lit {
+    pub(super) light: DirectLight,
+    pub(super) emitters: EmittersByPower,
+}
+
+impl Lit {
+    pub(super) fn new(light: DirectLight, tracer: &Tracer) -> Self {
+        let all = match light.effects.emitters {
+            true => emitters(&tracer.scene, &tracer.pose.instances, &tracer.textures),
+            false => Vec::new(),
+        };
+        Self { light, emitters: EmittersByPower::new(all) }
+    }
+}
+
+/// Instances that reflect and refract the scene, and the number of rays.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Reflecting {
+    /// Rays per lobe.
+    pub rays: u32,
+    /// Most reflections one after another, at least 1.
+    pub bounces: u32,
+    /// Reflecting instances, ascending; the rest reflect only the sky.
+    pub instances: Vec<u32>,
+}
 
 /// A scene prepared for rays.
 ///

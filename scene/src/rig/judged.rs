@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::VisibilityQuery;
-use super::survey::{Target, added};
+use super::target::{Target, added};
 use crate::camera::{Face, OmniLayout, cube_face_of};
 use crate::{FaceMask, SampleCamera};
 

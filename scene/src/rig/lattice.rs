@@ -2,6 +2,9 @@
 
 use glam::IVec3;
 
+/// Number of levels of refinements. The spacing falls to a sixteenth of that of a viewer's own level.
+pub const MAX_LEVEL: u32 = 4;
+
 /// Coordinates are stored with this offset, in 20 bits each; the level follows them.
 const BIAS: i32 = 1 << 19;
 const MASK: u64 = (1 << 20) - 1;

@@ -1,4 +1,4 @@
-//! A survey of a view that reuses the survey of an earlier view near it.
+//! An estimate of a view that reuses the estimate of an earlier view near it.
 //!
 //! A camera's visibility of a point does not depend on the viewer. So points in both views keep the results of their
 //! rays, and new rays are sent only for the rest of the view. A viewer who walks or turns mostly sees the same points
@@ -8,16 +8,17 @@
 use glam::{DVec2, DVec3};
 
 use super::VisibilityQuery;
+use super::coverage_estimate::{CoverageEstimate, GRID, RAYS, place, ray_at};
 use super::judged::RayResults;
-use super::survey::{GRID, RAYS, Survey, Target, place, ray_at};
+use super::target::Target;
 use crate::Camera;
 
 /// A point is kept until the viewer has moved by this share of its distance. Nearer surfaces then hide it by less than a
 /// cell of the grid, which is 0.13 wide at distance 1 for a field of view of 60°.
 const MOST_MOVED: f64 = 0.1;
 
-impl Survey {
-    /// The survey of another view, at a time in seconds, with as many kept targets as possible.
+impl CoverageEstimate {
+    /// The estimate of another view, at a time in seconds, with as many kept targets as possible.
     pub fn renewed(
         &self,
         camera: &Camera,
@@ -29,7 +30,7 @@ impl Survey {
             true => self.kept(camera, size),
             false => [None; RAYS],
         };
-        let mut survey = Self::without_targets(camera, size, time_secs);
+        let mut estimate = Self::without_targets(camera, size, time_secs);
         let rays: Vec<u32> = (0..RAYS as u32).filter(|ray| kept[*ray as usize].is_none()).collect();
         let [width, height] = size;
         let cell = DVec2::new(f64::from(width), f64::from(height)) / DVec2::from(GRID.map(f64::from));
@@ -45,10 +46,10 @@ impl Survey {
                     (new.next().unwrap_or_else(|| Target::Sky(direction())), camera.eye)
                 }
             };
-            survey.targets.push(target);
-            survey.met_from.push(from);
+            estimate.targets.push(target);
+            estimate.met_from.push(from);
         }
-        survey.reach = survey.mean_range();
+        estimate.reach = estimate.mean_range();
         let moved = |mask: u64| {
             let kept = kept.iter().enumerate();
             let bits = kept.filter_map(|(ray, before)| Some((mask >> (*before)? & 1) << ray));
@@ -59,12 +60,12 @@ impl Survey {
         let judged = self.judged.iter().map(|judged| (judged.index, judged.results()));
         let earlier =
             self.results.iter().filter(|(at, _)| self.judged.iter().all(|judged| judged.index != *at));
-        survey.results = judged.chain(earlier.copied()).map(|(at, results)| (at, moved(results))).collect();
-        survey.results.retain(|(_, results)| results.asked != 0);
-        survey
+        estimate.results = judged.chain(earlier.copied()).map(|(at, results)| (at, moved(results))).collect();
+        estimate.results.retain(|(_, results)| results.asked != 0);
+        estimate
     }
 
-    /// For each ray of another view, the index of a target of this survey in the ray's cell of the view.
+    /// For each ray of another view, the index of a target of this estimate in the ray's cell of the view.
     fn kept(&self, camera: &Camera, [width, height]: [u32; 2]) -> [Option<usize>; RAYS] {
         let mut kept = [None; RAYS];
         let (view_from_world, half) = (camera.view_from_world(), camera.tan_half_fov(width, height));
@@ -100,7 +101,7 @@ impl Survey {
         if count > 0.0 { sum / count } else { 0.0 }
     }
 
-    /// Distance of a view from this survey's view; 0 for the same view.
+    /// Distance of a view from this estimate's view; 0 for the same view.
     pub fn apart(&self, camera: &Camera) -> f64 {
         let moved = self.eye.distance(camera.eye) / (MOST_MOVED * self.reach).max(f64::MIN_POSITIVE);
         let turned = self.ahead.distance((camera.target - camera.eye).normalize());
@@ -168,10 +169,10 @@ mod tests {
 
     const SIZE: [u32; 2] = [320, 240];
 
-    fn judged(mut survey: Survey, room: &Room, camera: &Camera) -> Survey {
+    fn judged(mut estimate: CoverageEstimate, room: &Room, camera: &Camera) -> CoverageEstimate {
         let rig = Rig::Cell { origin: room.middle, spacing: 2.0, face: 512 };
-        survey.judge_few(&rig, &rig.nearest(camera, 8), 4, (room, survey.time_secs), 1.5);
-        survey
+        estimate.judge_few(&rig, &rig.nearest(camera, 8), 4, (room, estimate.time_secs), 1.5);
+        estimate
     }
 
     fn camera(room: &Room, step: f64) -> Camera {
@@ -180,10 +181,10 @@ mod tests {
     }
 
     #[test]
-    fn the_same_view_again_sends_no_ray_and_gives_the_same_survey() {
+    fn the_same_view_again_sends_no_ray_and_gives_the_same_estimate() {
         let room = Room::at(DVec3::ZERO);
         let here = camera(&room, 0.0);
-        let first = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);
+        let first = judged(CoverageEstimate::new(&here, SIZE, &room, 0.0), &room, &here);
         assert_eq!(room.rays()[0], RAYS);
         let again = judged(first.renewed(&here, SIZE, &room, 0.0), &room, &here);
         assert_eq!(room.rays(), [0, 0]);
@@ -198,20 +199,20 @@ mod tests {
     fn a_viewer_who_walks_and_turns_sends_few_rays_for_the_same_coverage() {
         for middle in [DVec3::ZERO, DVec3::new(1e6, -2e6, 3e6)] {
             let room = Room::at(middle);
-            let mut survey = Survey::new(&camera(&room, 0.0), SIZE, &room, 0.0);
+            let mut estimate = CoverageEstimate::new(&camera(&room, 0.0), SIZE, &room, 0.0);
             let (mut rays, mut apart) = (0, 0.0_f64);
             for step in 1..=20 {
                 room.rays();
                 let here = camera(&room, f64::from(step));
-                survey = judged(survey.renewed(&here, SIZE, &room, 0.0), &room, &here);
+                estimate = judged(estimate.renewed(&here, SIZE, &room, 0.0), &room, &here);
                 rays += room.rays().iter().sum::<usize>();
-                let anew = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);
-                let [renewed, whole] = [&survey, &anew].map(|s| s.coverage(&s.choose(|_| true, 4)));
+                let anew = judged(CoverageEstimate::new(&here, SIZE, &room, 0.0), &room, &here);
+                let [renewed, whole] = [&estimate, &anew].map(|s| s.coverage(&s.choose(|_| true, 4)));
                 apart =
                     apart.max((renewed.covered - whole.covered).abs().max((renewed.fine - whole.fine).abs()));
-                assert!(survey.results.len() < 64);
+                assert!(estimate.results.len() < 64);
             }
-            // A survey without an earlier one sends 48 rays and about 60 more.
+            // An estimate without an earlier one sends 48 rays and about 60 more.
             assert!(rays < 20 * 50, "{rays} rays at {middle}");
             assert!(apart <= 6.0 / RAYS as f64, "{apart} at {middle}");
         }
@@ -221,7 +222,7 @@ mod tests {
     fn at_another_time_or_place_no_target_is_kept() {
         let room = Room::at(DVec3::ZERO);
         let here = camera(&room, 0.0);
-        let first = judged(Survey::new(&here, SIZE, &room, 0.0), &room, &here);
+        let first = judged(CoverageEstimate::new(&here, SIZE, &room, 0.0), &room, &here);
         room.rays();
         let later = first.renewed(&here, SIZE, &room, 1.0);
         assert_eq!((room.rays()[0], later.results.len()), (RAYS, 0));

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::MAX_LEVEL;
+use super::lattice::MAX_LEVEL;
 use crate::{Bounds, Camera};
 
 /// Refined cameras of one tile: level l has 4·2ˡ azimuths and 2ˡ elevations.

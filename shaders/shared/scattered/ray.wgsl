@@ -56,7 +56,7 @@ fn is_finite(v: vec3f) -> bool {
     return all((bitcast<vec3u>(v) & vec3u(0x7f800000u)) != vec3u(0x7f800000u));
 }
 
-// Whether there is a ray. Tests bits, since a compiler may fold comparisons with NaN.
+// Whether there is a ray, by bits. Quirk: folded-nan.
 fn is_ray(ray: ScatteredRay) -> bool {
     let most = bitcast<u32>(ray.most);
     let has_length = most > 0u && most <= 0x7f800000u;

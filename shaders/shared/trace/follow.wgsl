@@ -1,8 +1,7 @@
 // Traversal of all placed trees by a packet. The importing program defines which triangles it looks for (KIND), and how a
 // packet intersects the triangles of a leaf (meet).
 //
-// The software driver executes a loop's body once even if it should not run, and once more if the loop ends at its head. So
-// each body starts with the leaf, and checks that there is one.
+// Each body of a loop starts with the leaf, and checks that there is one. Quirk: loop-body-once.
 
 import package::program::{KIND, meet};
 import package::shared::trace::found::{Found, Lane, farthest, limit_of};

@@ -25,8 +25,7 @@ struct Found {
     triangle: array<u32, 8>,
     // Index in `placed`.
     tree: array<u32, 8>,
-    // A loop was cut off: the software driver ends loops after 65535 iterations of all loops of a program. The hits are then
-    // invalid.
+    // A loop was cut off, so that the hits are invalid. Quirk: loop-limit.
     is_cut: bool,
 }
 

@@ -1,8 +1,7 @@
 //! No branch inside a loop, and so no loop's end, depends on nothing but uniforms.
 //!
-//! Mesa's software driver (lavapipe, since 22.2) replaces such uniforms by their values and compiles the program
-//! anew for every draw or dispatch that comes with another buffer: 45 ms and more, where the work itself takes
-//! one. A comparison with anything that is no uniform, such as the length of a storage array, keeps it from that.
+//! Quirk `uniform-bound` of `gpu/src/quirks.rs`. A comparison with anything that is no uniform, such as the length of a
+//! storage array, keeps the software driver from it.
 
 use crate::Program;
 use naga::{AddressSpace, Block, Expression, Function, Handle, Module, Statement, Type, TypeInner};

@@ -41,7 +41,7 @@ pub(super) use placement::Placement;
 use super::config::Config;
 use super::event::{Source, WorkerId};
 use super::time::Uptime;
-use super::workers::{Stake, Worker, Workers};
+use super::workers::{SampleCounts, Worker, Workers};
 use calibrated_error::CalibratedError;
 use cameras::Cameras;
 use directory::Directory;
@@ -180,14 +180,14 @@ impl Samples {
         self.set.epoch_secs == 0.0 && self.set.rig.level(id.camera) > Some(own_level.max(0) as u32)
     }
 
-    /// What each worker would lose by another role.
-    pub(super) fn stakes(&self) -> HashMap<WorkerId, Stake> {
-        let held = self.locations.holdings().map(|(worker, held)| (worker, Stake { held, owned: 0 }));
-        let mut stakes: HashMap<WorkerId, Stake> = held.collect();
+    /// The samples that each worker would lose by another role.
+    pub(super) fn sample_counts(&self) -> HashMap<WorkerId, SampleCounts> {
+        let held = self.locations.holdings().map(|(worker, held)| (worker, SampleCounts { held, owned: 0 }));
+        let mut sample_counts: HashMap<WorkerId, SampleCounts> = held.collect();
         for (worker, owned) in self.directory.owned() {
-            stakes.entry(worker).or_default().owned = owned;
+            sample_counts.entry(worker).or_default().owned = owned;
         }
-        stakes
+        sample_counts
     }
 
     /// Whether prefetch lists may have changed.

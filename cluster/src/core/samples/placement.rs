@@ -180,7 +180,7 @@ impl Placement {
         }
     }
 
-    /// Places these faces of a camera of a bundle that is worth its price. `pixels` is its worth per view, in pixels of holes.
+    /// Places these faces of a camera of a camera set that is worth its price. `pixels` is its worth per view, in pixels of holes.
     pub(super) fn invest(&mut self, index: u64, faces: FaceMask, pixels: f64) {
         let site = self.sites.entry(index).or_default();
         site.pixels += pixels;

@@ -1,6 +1,6 @@
 //! Batches: one decision for all views, whatever the load.
 
-use argus_scene::rig::{Survey, Target, VisibilityQuery};
+use argus_scene::rig::{CoverageEstimate, Target, VisibilityQuery};
 use argus_scene::{
     Camera, LightLevel, Outputs, Plan, PlanRequest, Preset, Rig, SampleSetInfo, SceneState, Version, View,
 };
@@ -46,19 +46,19 @@ fn report(sim: &mut Sim, id: WorkerId, direct_ms: f64, warp_ms: f64) {
     sim.report(id);
 }
 
-/// Views around one place, with their surveys.
-fn views(sim: &Sim, count: u32) -> Vec<(View, Option<Survey>)> {
+/// Views around one place, with their estimates.
+fn views(sim: &Sim, count: u32) -> Vec<(View, Option<CoverageEstimate>)> {
     let view = |i: u32| {
         let eye = DVec3::new(0.5 + f64::from(i % 7) * 0.1, 1.0, 0.7);
         let camera = Camera::look_at(eye, eye + DVec3::X);
         let plan = PlanRequest::default();
         View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
     };
-    let surveyed = |view: View| {
-        let survey = sim.core.batch_survey_wanted(&view).map(|wanted| wanted.take(&view, &Open));
-        (view, survey)
+    let estimated = |view: View| {
+        let estimate = sim.core.batch_estimate_wanted(&view).map(|wanted| wanted.make(&view, &Open));
+        (view, estimate)
     };
-    (0..count).map(view).map(surveyed).collect()
+    (0..count).map(view).map(estimated).collect()
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn a_batch_comes_from_samples_once_its_views_save_more_than_they_cost() {
 fn a_batch_is_as_fine_and_as_exact_as_its_request_asks() {
     let sim = priced(100.0, 5.0, LightLevel::Full);
     let pins = |plan: PlanRequest| {
-        let of = |(view, survey): (View, Option<Survey>)| (View { plan, ..view }, survey);
+        let of = |(view, estimate): (View, Option<CoverageEstimate>)| (View { plan, ..view }, estimate);
         sim.core.batch_pins(&views(&sim, 2000).into_iter().map(of).collect::<Vec<_>>())
     };
     let finer = pins(PlanRequest { supersampling: Some(2), ..PlanRequest::default() });

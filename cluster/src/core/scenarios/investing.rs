@@ -66,7 +66,7 @@ fn under_load_all_samples_that_pay_are_rendered_at_once_and_views_are_left_to_th
     let begun = pressure(&sim);
     assert!(begun.lacking > 0.5 && begun.asked > 2.0, "{begun:?}");
     assert!(begun.carried_in_ms.is_some_and(|ms| ms > 0.0), "{begun:?}");
-    assert!(begun.samples_coming >= 2, "of several bundles: {begun:?}");
+    assert!(begun.samples_coming >= 2, "of several camera sets: {begun:?}");
     let samplers = rendering(&sim);
     assert_eq!(samplers.len(), 1, "K_fd is one of two");
     for place in 0..6 {

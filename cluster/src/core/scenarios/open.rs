@@ -55,7 +55,7 @@ pub(super) fn view() -> View {
     View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
 }
 
-/// Requests a view, with its survey.
+/// Requests a view, with its estimate.
 pub(super) fn ask(sim: &mut Sim, view: &View) -> ViewId {
     ask_after(sim, view, None)
 }
@@ -64,13 +64,14 @@ pub(super) fn ask(sim: &mut Sim, view: &View) -> ViewId {
 pub(super) fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> ViewId {
     let view_id = ViewId(sim.next);
     sim.next += 1;
-    let survey = sim.core.survey_wanted(view, last.as_ref()).map(|wanted| Box::new(wanted.take(view, &Open)));
-    if let Some(wanted) = sim.core.bundle_survey_wanted(view) {
+    let estimate =
+        sim.core.estimate_wanted(view, last.as_ref()).map(|wanted| Box::new(wanted.make(view, &Open)));
+    if let Some(wanted) = sim.core.camera_set_estimate_wanted(view) {
         let pixels = u64::from(view.width) * u64::from(view.height);
-        sim.step(Event::Surveyed { pixels, survey: Box::new(wanted.take(view, &Open)) });
+        sim.step(Event::Estimated { pixels, estimate: Box::new(wanted.make(view, &Open)) });
     }
     let (client, view, last) = ("a client".into(), Box::new(view.clone()), last.map(Box::new));
-    sim.step(Event::Requested { view_id, client, view, deadline: None, survey, last });
+    sim.step(Event::Requested { view_id, client, view, deadline: None, estimate, last });
     view_id
 }
 
@@ -305,7 +306,7 @@ fn a_moving_session_changes_its_way_at_most_once_in_two_seconds() {
 }
 
 #[test]
-fn a_bundle_has_the_faces_that_views_look_at_and_is_extended_where_they_look_elsewhere() {
+fn a_camera_set_has_the_faces_that_views_look_at_and_is_extended_where_they_look_elsewhere() {
     let mut sim = measured(40.0, 10.0);
     let second = |sim: &mut Sim, view: &View| {
         let mut warped = None;

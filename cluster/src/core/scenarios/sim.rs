@@ -206,7 +206,7 @@ impl Sim {
             }),
         });
         let client = "a client".into();
-        self.step(Event::Requested { view_id, client, view, deadline: None, survey: None, last: None });
+        self.step(Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None });
         view_id
     }
 
@@ -248,7 +248,7 @@ impl Sim {
         let view =
             Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
         let client = "a client".into();
-        self.step(Event::Requested { view_id, client, view, deadline, survey: None, last: None });
+        self.step(Event::Requested { view_id, client, view, deadline, estimate: None, last: None });
         view_id
     }
 

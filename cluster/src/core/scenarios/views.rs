@@ -273,7 +273,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
             }),
         });
         let client = "a client".into();
-        sim.step(Event::Requested { view_id, client, view, deadline: None, survey: None, last: None });
+        sim.step(Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None });
         view_id
     };
     let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{FaceMask, Holes, Plan, Provenance, SampleSetInfo, View, Warp};
 
 use super::cluster::Cluster;
@@ -21,33 +21,36 @@ const LEAST_GAIN: f64 = 1.3;
 const SAMPLE_OVER_VIEW: f64 = 1.25;
 
 impl Cluster<'_> {
-    /// The pins of a batch's views; `None` for those from triangles. Views are given with their surveys, if they have one.
-    pub(in crate::core) fn batch_pins(&self, views: &[(View, Option<Survey>)]) -> Vec<Option<Provenance>> {
+    /// The pins of a batch's views; `None` for those from triangles. Views are given with their estimates, if they have one.
+    pub(in crate::core) fn batch_pins(
+        &self,
+        views: &[(View, Option<CoverageEstimate>)],
+    ) -> Vec<Option<Provenance>> {
         let none = || vec![None; views.len()];
         let set = self.samples.set();
         let Some(prices) = self.workers.first_prices().filter(|_| stands_still(set)) else { return none() };
-        let bundles: Vec<Option<Vec<(u64, FaceMask)>>> =
-            views.iter().map(|(view, survey)| self.bundle_within(view, survey.as_ref()?)).collect();
+        let camera_sets: Vec<Option<Vec<(u64, FaceMask)>>> =
+            views.iter().map(|(view, estimate)| self.camera_set_within(view, estimate.as_ref()?)).collect();
         let mut faces: BTreeMap<u64, FaceMask> = BTreeMap::new();
-        for (camera, wanted) in bundles.iter().flatten().flatten() {
+        for (camera, wanted) in camera_sets.iter().flatten().flatten() {
             let faces = faces.entry(*camera).or_insert(FaceMask::NONE);
             *faces = faces.union(*wanted);
         }
         let whole: f64 = faces.values().map(|faces| faces.share()).sum();
         let sample_ms = SAMPLE_OVER_VIEW * prices.direct.ms(set.rig.sample_texels());
-        let saved_ms = |(view, _): &(View, Option<Survey>)| {
+        let saved_ms = |(view, _): &(View, Option<CoverageEstimate>)| {
             let per_pixel = u64::from(samples_per_pixel(&view.plan));
             let pixels = u64::from(view.width) * u64::from(view.height) * per_pixel;
             prices.direct.ms(pixels) - prices.warp.ms(pixels)
         };
         let saved: f64 =
-            views.iter().zip(&bundles).filter(|(_, b)| b.is_some()).map(|(v, _)| saved_ms(v)).sum();
-        // Written so that a batch without bundles is rendered from triangles.
+            views.iter().zip(&camera_sets).filter(|(_, b)| b.is_some()).map(|(v, _)| saved_ms(v)).sum();
+        // Written so that a batch without camera sets is rendered from triangles.
         if !(saved > LEAST_GAIN * whole * sample_ms) {
             return none();
         }
-        let pin = |(view, bundle): (&View, Vec<(u64, FaceMask)>)| {
-            let cameras: Vec<u64> = bundle.into_iter().map(|(camera, _)| camera).collect();
+        let pin = |(view, camera_set): (&View, Vec<(u64, FaceMask)>)| {
+            let cameras: Vec<u64> = camera_set.into_iter().map(|(camera, _)| camera).collect();
             let ids = cameras.iter().map(|camera| self.samples.served(*camera)).collect();
             let faces = cameras.iter().map(|camera| (*camera, faces[camera])).collect();
             let samples = set.with_reflection_probes(ids);
@@ -55,16 +58,16 @@ impl Cluster<'_> {
             let warp = Warp { samples, faces, supersampling, holes: Holes::Trace, ..Warp::default() };
             Provenance::of_plan(set.scene, set.version.state, Plan::Warp(warp))
         };
-        let with_bundles = views.iter().map(|(view, _)| view).zip(bundles);
-        with_bundles.map(|(view, bundle)| Some(pin((view, bundle?)))).collect()
+        let with_camera_sets = views.iter().map(|(view, _)| view).zip(camera_sets);
+        with_camera_sets.map(|(view, camera_set)| Some(pin((view, camera_set?)))).collect()
     }
 
     /// The cameras that would bring a view within the bound of its request.
-    fn bundle_within(&self, view: &View, survey: &Survey) -> Option<Vec<(u64, FaceMask)>> {
-        let bundle = self.bundle(survey).filter(|bundle| !bundle.is_empty())?;
-        let cameras: Vec<u64> = bundle.iter().map(|(camera, _)| *camera).collect();
-        let (excess, _) = predicted_excess(Some(survey.coverage(&cameras)), 1.0);
-        (excess <= Aim::of(&view.plan).max_excess).then_some(bundle)
+    fn camera_set_within(&self, view: &View, estimate: &CoverageEstimate) -> Option<Vec<(u64, FaceMask)>> {
+        let camera_set = self.camera_set(estimate).filter(|camera_set| !camera_set.is_empty())?;
+        let cameras: Vec<u64> = camera_set.iter().map(|(camera, _)| *camera).collect();
+        let (excess, _) = predicted_excess(Some(estimate.coverage(&cameras)), 1.0);
+        (excess <= Aim::of(&view.plan).max_excess).then_some(camera_set)
     }
 }
 

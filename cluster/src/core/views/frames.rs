@@ -1,10 +1,10 @@
 //! Offers of views that are warped from recent direct frames.
 //!
 //! A direct frame with its range is a sample at no price. A worker that rendered one nearby offers to warp it, and to
-//! trace the pixels that it did not see. Which share those are, and how fine its pixels are, comes from the survey of
+//! trace the pixels that it did not see. Which share those are, and how fine its pixels are, comes from the estimate of
 //! the view, as for samples of a set. Frames that were warped themselves are no sources, so that errors do not add up.
 
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{Camera, FaceMasks, FrameSource, Holes, Plan, Search, View, Warp};
 
 use super::cluster::Cluster;
@@ -13,17 +13,17 @@ use super::pending::Pending;
 use super::planner::{EXCESS_OF_COARSE, LEAST_FINE, Offer};
 use crate::core::workers::Worker;
 
-/// Frames of all workers that are surveyed for a view, nearest first. Each costs as many rays as the view's survey.
-const MOST_SURVEYED: usize = 4;
+/// Frames of all workers that are examined for a view, nearest first. Each costs as many rays as the view's estimate.
+const MOST_EXAMINED: usize = 4;
 
-/// Workers whose frames are considered for a survey.
+/// Workers whose frames are considered for an estimate.
 const MOST_WORKERS: usize = 64;
 
 /// Frames of a plan: a second one sees past the borders of the first.
 const MOST_FRAMES: usize = 2;
 
 /// Least share of the view that the frames see. The rest is traced pixel by pixel. Workers accept frames that miss half as
-/// much again, since a survey has few rays.
+/// much again, since an estimate has few rays.
 const LEAST_SEEN: f64 = 0.9;
 
 /// Greatest share of a direct view's time that warping may take.
@@ -42,11 +42,11 @@ const EXCESS_OF_FRAME: f64 = 0.013;
 /// 0.043 in Sponza, from frames 0.05, 0.2 and 0.8 m aside of surfaces about 6 m away.
 const EXCESS_OF_PARALLAX: f64 = 0.25;
 
-/// Share of the extent's diagonal that counts as much as one radian, in the order in which frames are surveyed.
+/// Share of the extent's diagonal that counts as much as one radian, in the order in which frames are examined.
 const SHARE_OF_A_RADIAN: f64 = 0.1;
 
 impl Cluster<'_> {
-    /// The recent frames to survey for a view that leaves the way open: those nearest to it, of any worker that can warp
+    /// The recent frames to examine for a view that leaves the way open: those nearest to it, of any worker that can warp
     /// them.
     pub(super) fn frames_around(&self, view: &View) -> Vec<FrameSource> {
         let asked = direct_frame(view);
@@ -63,7 +63,7 @@ impl Cluster<'_> {
             .collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         near.dedup_by(|a, b| a.1 == b.1);
-        near.into_iter().map(|(_, frame)| frame).take(MOST_SURVEYED).collect()
+        near.into_iter().map(|(_, frame)| frame).take(MOST_EXAMINED).collect()
     }
 
     /// A worker's offer to warp recent frames of its own, like its offer `base` from triangles. `None` without a frame
@@ -77,19 +77,19 @@ impl Cluster<'_> {
     ) -> Option<Offer> {
         let work = view.pixels.saturating_mul(open.direct.samples_per_pixel.into());
         let cost = worker.report().frame_cost.filter(|_| warping_pays(worker, work))?;
-        let survey = open.survey.as_deref()?;
+        let estimate = open.estimate.as_deref()?;
         let held: Vec<FrameSource> = worker
             .frames()
             .showing(self.samples.set().version.state)
             .filter(|frame| is_alike(frame, &open.direct))
             .copied()
             .collect();
-        let frames = best_of(&held, survey);
+        let frames = best_of(&held, estimate);
         let (numbers, eyes): (Vec<u64>, Vec<_>) =
             frames.iter().map(|frame| (frame.number(), frame.camera.eye)).unzip();
         frames.first()?;
-        let coverage = survey.coverage(&numbers);
-        let parallax = EXCESS_OF_FRAME + EXCESS_OF_PARALLAX * survey.parallax(&eyes);
+        let coverage = estimate.coverage(&numbers);
+        let parallax = EXCESS_OF_FRAME + EXCESS_OF_PARALLAX * estimate.parallax(&eyes);
         let coarse = EXCESS_OF_COARSE * (coverage.covered - coverage.fine);
         let excess = (parallax + coarse) * self.samples.error_factor();
         let meets_coverage = coverage.covered >= LEAST_SEEN && coverage.fine >= LEAST_FINE * coverage.covered;
@@ -127,7 +127,7 @@ impl Cluster<'_> {
 }
 
 /// Whether a worker warps frames so much faster than it renders a view of this many pixels, with sub-pixels, that keeping
-/// and surveying them pays. A small plain scene is simply rendered.
+/// and examining them pays. A small plain scene is simply rendered.
 pub(super) fn warping_pays(worker: &Worker, pixels: u64) -> bool {
     let costs = worker.report().frame_cost.zip(worker.report().direct_cost);
     costs.is_some_and(|(frame, direct)| frame.ms(pixels) <= MOST_SHARE * direct.ms(pixels))
@@ -151,11 +151,11 @@ fn apart(a: &Camera, b: &Camera, metres: f64) -> f64 {
     cosine.min(1.0).acos() + a.eye.distance(b.eye) / metres.max(f64::MIN_POSITIVE)
 }
 
-/// The frames, among those surveyed, that together show most of the view: one if it shows as much as two.
-fn best_of(held: &[FrameSource], survey: &Survey) -> Vec<FrameSource> {
+/// The frames, among those examined, that together show most of the view: one if it shows as much as two.
+fn best_of(held: &[FrameSource], estimate: &CoverageEstimate) -> Vec<FrameSource> {
     let is_held = |number| held.iter().any(|frame| frame.number() == number);
-    let mut numbers = survey.choose(is_held, MOST_FRAMES);
-    let seen = |numbers: &[u64]| survey.coverage(numbers).covered;
+    let mut numbers = estimate.choose(is_held, MOST_FRAMES);
+    let seen = |numbers: &[u64]| estimate.coverage(numbers).covered;
     if numbers.len() > 1 && seen(&numbers[..1]) >= seen(&numbers) {
         numbers.truncate(1);
     }

@@ -14,6 +14,7 @@ mod batch;
 mod choose;
 mod cluster;
 mod dispatch;
+mod estimate_request;
 mod frames;
 mod load;
 mod new_view;
@@ -25,7 +26,6 @@ mod pending;
 pub mod plan;
 pub mod planner;
 mod session_memory;
-mod survey;
 mod target_search;
 mod targets;
 
@@ -34,14 +34,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{Plan, Version, View};
 
 pub(super) use cluster::Cluster;
+pub use estimate_request::EstimateRequest;
 pub(super) use new_view::NewView;
 pub(super) use outcome::Answer;
 pub(super) use output::Output;
-pub use survey::SurveyWanted;
 
 use super::config::Config;
 use super::event::{Client, ViewId};
@@ -52,8 +52,8 @@ use admission::Admission;
 use load::Load;
 use pending::{InFlight, Pending, Waiting};
 
-/// Most surveys for bundles in a tick. Each stands for the views since the last one.
-const MOST_BUNDLE_SURVEYS: u32 = 8;
+/// Most estimates for camera sets in a tick. Each stands for the views since the last one.
+const MOST_CAMERA_SET_ESTIMATES: u32 = 8;
 
 /// Counts of views since the coordinator started.
 #[derive(Debug, Clone, Copy, Default)]
@@ -99,10 +99,10 @@ pub(super) struct Views {
     models: Vec<Arc<Model>>,
     /// Corrections of the models' costs.
     pace: Pace,
-    /// Surveys for bundles that are left in this tick.
-    bundle_surveys_left: Cell<u32>,
-    /// Views from triangles since the last survey for a bundle.
-    unsurveyed: u32,
+    /// Estimates for camera sets that are left in this tick.
+    camera_set_estimates_left: Cell<u32>,
+    /// Views from triangles since the last estimate for a camera set.
+    without_estimate: u32,
     /// What is asked of the cluster.
     load: Load,
     /// What was asked of it, and lacking, at the last tick.
@@ -123,8 +123,8 @@ impl Views {
             due: BTreeSet::new(),
             models: Vec::new(),
             pace: Pace::new(config.smoothing),
-            bundle_surveys_left: Cell::default(),
-            unsurveyed: 0,
+            camera_set_estimates_left: Cell::default(),
+            without_estimate: 0,
             load: Load::default(),
             pressure: Pressure::default(),
             draining: false,
@@ -223,7 +223,7 @@ impl Views {
 
     /// Ends a tick.
     pub(super) fn tick(&mut self, cluster: Cluster<'_>, now: Uptime) -> Pressure {
-        self.bundle_surveys_left.set(MOST_BUNDLE_SURVEYS);
+        self.camera_set_estimates_left.set(MOST_CAMERA_SET_ESTIMATES);
         self.admission.prune(now);
         let lacking = self.load.lacking(cluster.answering(), now);
         let others_carry = lacking > 0.0 && self.load.is_carried_somehow(cluster.without_samplers(), now);
@@ -236,26 +236,30 @@ impl Views {
         self.pressure
     }
 
-    /// The survey that tells which bundle of samples would have served a view. `None` for most views: a few per tick
+    /// The estimate that tells which camera set would have served a view. `None` for most views: a few per tick
     /// are enough.
-    pub(super) fn bundle_survey_wanted(&self, view: &View, cluster: Cluster<'_>) -> Option<SurveyWanted> {
-        let left = self.bundle_surveys_left.get().checked_sub(1)?;
-        let wanted = cluster.bundle_survey_wanted(view)?;
-        self.bundle_surveys_left.set(left);
+    pub(super) fn camera_set_estimate_wanted(
+        &self,
+        view: &View,
+        cluster: Cluster<'_>,
+    ) -> Option<EstimateRequest> {
+        let left = self.camera_set_estimates_left.get().checked_sub(1)?;
+        let wanted = cluster.camera_set_estimate_wanted(view)?;
+        self.camera_set_estimates_left.set(left);
         Some(wanted)
     }
 
-    /// Processes a survey for a bundle. `pixels` counts sub-pixels. The bundle would have saved time for this view
-    /// and for the similar ones since the last survey.
-    pub(super) fn learn_bundle_survey(
+    /// Processes an estimate for a camera set. `pixels` counts sub-pixels. The camera set would have saved time for this view
+    /// and for the similar ones since the last estimate.
+    pub(super) fn learn_camera_set_estimate(
         &mut self,
         pixels: u64,
-        survey: &Survey,
+        estimate: &CoverageEstimate,
         cluster: Cluster<'_>,
     ) -> Option<Output> {
         let saved_secs = cluster.saved_secs(pixels)?;
-        let views = f64::from(std::mem::take(&mut self.unsurveyed));
-        let cameras = cluster.bundle(survey)?;
+        let views = f64::from(std::mem::take(&mut self.without_estimate));
+        let cameras = cluster.camera_set(estimate)?;
         Some(Output::WouldSave { cameras, secs: views * saved_secs })
     }
 }

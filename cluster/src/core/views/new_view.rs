@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{Plan, Preset, SampleId, Version, View};
 
 use super::open_view::OpenView;
@@ -31,8 +31,8 @@ pub(in crate::core) struct NewView<'a> {
     pub(in crate::core) view: &'a View,
     /// Time until the answer is worthless; `None`: no deadline.
     pub(in crate::core) deadline: Option<Duration>,
-    /// A survey of the view, if one was taken.
-    pub(in crate::core) survey: Option<Box<Survey>>,
+    /// An estimate of the view, if one was made.
+    pub(in crate::core) estimate: Option<Box<CoverageEstimate>>,
     /// The session's last view, if there is one.
     pub(in crate::core) last: Option<Box<LastView>>,
 }
@@ -66,13 +66,13 @@ impl Views {
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Output> {
-        let NewView { view_id, client, view, deadline, survey, last } = new;
+        let NewView { view_id, client, view, deadline, estimate, last } = new;
         let Planned { plan, expected, target_search } = planned;
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
         let pixels = u64::from(view.width) * u64::from(view.height);
         self.admission.enter(&client, plan.sub_pixels(pixels), &self.config, now);
-        let open = OpenView::of(view, survey, last);
+        let open = OpenView::of(view, estimate, last);
         let chooses = open.is_none() && view.pin.is_none() && matches!(plan, Plan::Warp(_));
         let pending = Pending {
             own_level: if chooses { cluster.samples.own_level(&view.camera) } else { 0 },

@@ -2,17 +2,17 @@
 
 use std::collections::HashMap;
 
-use argus_scene::rig::{CandidateCameras, Survey};
+use argus_scene::rig::{CandidateCameras, CoverageEstimate};
 use argus_scene::{Camera, Detail, FaceMask, Holes, Plan, SampleId, Search, View, Warp};
 
 use super::cluster::Cluster;
+use super::estimate_request::EstimateRequest;
 use super::load::{Load, Work};
 use super::open_view::OpenView;
 use super::output::Output;
 use super::pending::Pending;
 use super::planner::{MOST_SAMPLES, Offer, excess_of, predicted_excess};
 use super::session_memory::Memory;
-use super::survey::SurveyWanted;
 use crate::core::event::{LastView, Report, Role, WorkerId};
 use crate::core::quality::Cost;
 use crate::core::time::Uptime;
@@ -24,10 +24,10 @@ const MOST_ASKED: usize = 64;
 /// Cameras around a viewer that are checked for held samples, nearest first.
 const AROUND: usize = 24;
 
-/// Most cameras of held samples in a survey.
+/// Most cameras of held samples in an estimate.
 const MOST_HELD: usize = 8;
 
-/// The finest level of refinement that a bundle may have: finer cameras serve too few viewers.
+/// The finest level of refinement that a camera set may have: finer cameras serve too few viewers.
 const FINEST_LEVEL: u32 = 2;
 
 /// Views of a worker whose price is not known.
@@ -59,28 +59,28 @@ type Faces = Vec<(u64, FaceMask)>;
 type CachedPlans = HashMap<Faces, Option<FromSamples>>;
 
 impl Cluster<'_> {
-    /// The survey that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
+    /// The estimate that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
     /// is not open, or no worker holds a sample nearby.
-    pub(in crate::core) fn survey_wanted(
+    pub(in crate::core) fn estimate_wanted(
         &self,
         view: &View,
         last: Option<&LastView>,
-    ) -> Option<SurveyWanted> {
+    ) -> Option<EstimateRequest> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
         // The last frame's samples may no longer be the nearest ones.
         let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
         let repeated = memory.iter().flat_map(Memory::samples).map(|id| id.camera).collect();
         let frames = if open { self.frames_around(view) } else { Vec::new() };
-        SurveyWanted::of(self.samples.set(), repeated, candidates, frames)
+        EstimateRequest::of(self.samples.set(), repeated, candidates, frames)
     }
 
-    /// The survey that tells which bundle of samples would have served a view; `None` if no bundle can pay.
-    pub(in crate::core) fn bundle_survey_wanted(&self, view: &View) -> Option<SurveyWanted> {
+    /// The estimate that tells which camera set would have served a view; `None` if no camera set can pay.
+    pub(in crate::core) fn camera_set_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
         let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };
-        SurveyWanted::of(self.samples.set(), candidates, Vec::new(), Vec::new())
+        EstimateRequest::of(self.samples.set(), candidates, Vec::new(), Vec::new())
     }
 
     /// Cameras near a viewer whose samples are held by a worker, nearest first.
@@ -96,7 +96,7 @@ impl Cluster<'_> {
         held.take(MOST_HELD).collect()
     }
 
-    /// Cameras near a viewer for a bundle, held or not: the corners of the viewer's cell, then refinements.
+    /// Cameras near a viewer for a camera set, held or not: the corners of the viewer's cell, then refinements.
     fn cameras_around(&self, camera: &Camera) -> Vec<u64> {
         let rig = &self.samples.set().rig;
         let own = rig.nearest_among(camera, MOST_HELD, CandidateCameras::default());
@@ -123,12 +123,13 @@ impl Cluster<'_> {
 
     /// The cameras whose samples would have kept the view's bound, each with the faces in which it shows the view: only the
     /// rig's own if these are enough. `None` if no cameras would.
-    pub(super) fn bundle(&self, survey: &Survey) -> Option<Faces> {
-        let own = survey.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
-        let meets_coverage = |bundle: &Vec<u64>| predicted_excess(Some(survey.coverage(bundle)), 1.0).1;
-        let any = || Some(survey.choose(|_| true, MOST_SAMPLES)).filter(meets_coverage);
+    pub(super) fn camera_set(&self, estimate: &CoverageEstimate) -> Option<Faces> {
+        let own = estimate.choose(|index| self.samples.set().rig.level(index) == Some(0), MOST_SAMPLES);
+        let meets_coverage =
+            |camera_set: &Vec<u64>| predicted_excess(Some(estimate.coverage(camera_set)), 1.0).1;
+        let any = || Some(estimate.choose(|_| true, MOST_SAMPLES)).filter(meets_coverage);
         let cameras = Some(own).filter(meets_coverage).or_else(any)?;
-        let with_faces = cameras.into_iter().map(|index| (index, survey.faces(index)));
+        let with_faces = cameras.into_iter().map(|index| (index, estimate.faces(index)));
         // One that shows nothing of the view is no part of it.
         Some(with_faces.filter(|(_, faces)| !faces.is_empty()).collect())
     }
@@ -179,7 +180,8 @@ impl Cluster<'_> {
         let mut ids: Vec<WorkerId> = front.map(|entry| entry.worker).collect();
         if self.workers.queues().anyone().len() > ids.len() {
             let is_of_rig = |index: u64| self.samples.set().rig.level(index).is_some();
-            let best = open.survey.as_ref().and_then(|survey| survey.choose(is_of_rig, 1).first().copied());
+            let best =
+                open.estimate.as_ref().and_then(|estimate| estimate.choose(is_of_rig, 1).first().copied());
             let from = ids.first().copied().unwrap_or(WorkerId(0));
             let holders = best
                 .into_iter()
@@ -290,13 +292,13 @@ impl Cluster<'_> {
         worker.queued_ms(now) + samples + slices + measuring
     }
 
-    /// The surveyed cameras whose samples a worker holds, with the faces that it holds. Without a survey: the nearest
+    /// The judged cameras whose samples a worker holds, with the faces that it holds. Without an estimate: the nearest
     /// cameras, if the worker holds all of them.
     fn held_for(&self, worker: &Worker, view: &Pending, open: &OpenView) -> Faces {
         let faces = |index: u64| self.samples.locations().faces(self.samples.served(index), worker.id());
-        match &open.survey {
-            Some(survey) => {
-                let held = survey.cameras().map(|index| (index, faces(index)));
+        match &open.estimate {
+            Some(estimate) => {
+                let held = estimate.cameras().map(|index| (index, faces(index)));
                 held.filter(|(_, faces)| !faces.is_empty()).collect()
             }
             None => {
@@ -321,11 +323,11 @@ impl Cluster<'_> {
         if self.warp_cost(worker).is_none() || !self.holds_probes(worker) {
             return Vec::new();
         }
-        let best_of = |held: &Faces| match &open.survey {
-            Some(survey) => {
+        let best_of = |held: &Faces| match &open.estimate {
+            Some(estimate) => {
                 let held_of = |index| held.iter().find(|(held, _)| *held == index);
                 let faces = |index| held_of(index).map_or(FaceMask::NONE, |(_, faces)| *faces);
-                self.warp_from(&survey.choose_by_faces(faces, MOST_SAMPLES), open)
+                self.warp_from(&estimate.choose_by_faces(faces, MOST_SAMPLES), open)
             }
             None => self.warp_from(held, open),
         };
@@ -366,7 +368,7 @@ impl Cluster<'_> {
         }
         let ids = cameras.iter().map(|(index, _)| self.samples.served(*index)).collect();
         let samples = self.samples.set().with_reflection_probes(ids);
-        let coverage = open.survey.as_ref().map(|survey| survey.coverage_by_faces(cameras));
+        let coverage = open.estimate.as_ref().map(|estimate| estimate.coverage_by_faces(cameras));
         let (excess, meets_coverage) = predicted_excess(coverage, self.samples.error_factor());
         let search = Search::default();
         let supersampling = open.direct.samples_per_pixel.isqrt();

@@ -1,7 +1,7 @@
 //! State of a view that leaves the way open.
 
 use argus_scene::frame::Decision;
-use argus_scene::rig::Survey;
+use argus_scene::rig::CoverageEstimate;
 use argus_scene::{FrameSource, View};
 
 use super::plan::samples_per_pixel;
@@ -21,8 +21,8 @@ pub(super) struct OpenView {
     /// The direct frame that would answer it.
     pub(super) direct: FrameSource,
     pub(super) aim: Aim,
-    /// A survey of the view, if one was taken.
-    pub(super) survey: Option<Box<Survey>>,
+    /// An estimate of the view, if one was made.
+    pub(super) estimate: Option<Box<CoverageEstimate>>,
     /// The session's memory of its last view.
     pub(super) memory: Option<Memory>,
     /// The planner's latest decision.
@@ -35,13 +35,13 @@ impl OpenView {
     /// Makes the state; `None` for a view that is pinned or whose request names the way.
     pub(super) fn of(
         view: &View,
-        survey: Option<Box<Survey>>,
+        estimate: Option<Box<CoverageEstimate>>,
         last: Option<Box<LastView>>,
     ) -> Option<Box<Self>> {
         let open = view.pin.is_none() && view.plan.leaves_way_open();
         let direct = direct_frame(view);
         let aim = Aim::of(&view.plan);
         let memory = last.and_then(|last| Memory::of(view, *last));
-        open.then(|| Box::new(Self { direct, aim, survey, memory, decision: None, fallback: None }))
+        open.then(|| Box::new(Self { direct, aim, estimate, memory, decision: None, fallback: None }))
     }
 }

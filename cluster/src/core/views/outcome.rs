@@ -33,7 +33,7 @@ impl Views {
         outputs.extend(warped_frames(&view, fell_short));
         outputs.extend(kept_frame(&view, fell_short));
         match (&view.open, ms) {
-            (Some(_), Some(_)) if view.is_direct() => self.unsurveyed += 1,
+            (Some(_), Some(_)) if view.is_direct() => self.without_estimate += 1,
             (Some(_), Some(_)) if !view.needs_samples() => {}
             (Some(open), Some(ms)) => outputs.extend(cluster.savings(&view, open, ms)),
             _ => outputs.extend(holes(&view, uncovered)),

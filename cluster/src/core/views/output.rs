@@ -80,7 +80,7 @@ pub(in crate::core) enum Output {
     },
     /// Samples would have saved rendering time.
     WouldSave {
-        /// The cameras of the bundle, with their faces.
+        /// The cameras of the camera set, with their faces.
         cameras: Vec<(u64, FaceMask)>,
         /// Seconds of one process that would have been saved.
         secs: f64,

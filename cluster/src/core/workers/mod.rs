@@ -1,7 +1,7 @@
 //! Workers: membership, health, queues and roles.
 //!
 //! This part reads neither of the other parts. What it must know of them is an argument: how many samples each worker
-//! holds ([`Stake`]), the size of the largest view, whether samples are wanted. What matters to the other parts is
+//! holds ([`SampleCounts`]), the size of the largest view, whether samples are wanted. What matters to the other parts is
 //! returned, or shown by [`Workers::has_changed`].
 //!
 //! [`balance`] computes how many workers render samples, [`hysteresis`] decides when a better split is worth a
@@ -34,7 +34,7 @@ pub(super) use costs::{MeasuredCosts, Prices};
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
 pub(super) use recent_frames::RecentFrame;
-pub(super) use roles::Stake;
+pub(super) use roles::SampleCounts;
 pub(super) use worker::{PrefetchLists, QueuedView, Worker};
 
 use super::config::Config;

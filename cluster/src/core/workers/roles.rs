@@ -7,9 +7,9 @@ use super::balance::{self, Load, Split};
 use crate::core::event::{Action, Role, WorkerId};
 use crate::core::time::Uptime;
 
-/// What a worker would lose by another role.
+/// The samples that a worker would lose by another role.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(in crate::core) struct Stake {
+pub(in crate::core) struct SampleCounts {
     /// Number of samples that it owns.
     pub(in crate::core) owned: usize,
     /// Number of samples that it holds.
@@ -96,17 +96,17 @@ impl Workers {
     pub(in crate::core) fn divide(
         &mut self,
         split: Split,
-        stakes: &HashMap<WorkerId, Stake>,
+        sample_counts: &HashMap<WorkerId, SampleCounts>,
         actions: &mut Vec<Action>,
     ) {
         self.split = split;
-        let stake = |worker: WorkerId| stakes.get(&worker).copied().unwrap_or_default();
+        let counts_of = |worker: WorkerId| sample_counts.get(&worker).copied().unwrap_or_default();
         let mut ranked: Vec<(u8, usize, WorkerId)> = self
             .members()
             .map(|w| match w.role() {
-                Some(Role::Sampler) => (0, usize::MAX - stake(w.id()).owned, w.id()),
-                Some(Role::Both) => (1, usize::MAX - stake(w.id()).owned, w.id()),
-                _ => (2, stake(w.id()).held, w.id()),
+                Some(Role::Sampler) => (0, usize::MAX - counts_of(w.id()).owned, w.id()),
+                Some(Role::Both) => (1, usize::MAX - counts_of(w.id()).owned, w.id()),
+                _ => (2, counts_of(w.id()).held, w.id()),
             })
             .collect();
         ranked.sort_unstable();

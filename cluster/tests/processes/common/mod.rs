@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use argus_cluster::leadership::{LocalRegistry, Registry};
-use argus_cluster::{BundleFile, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
+use argus_cluster::{SceneFile, SceneOpener, SceneRef, SceneSource, coordinator, core, worker};
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
@@ -91,7 +91,7 @@ impl SceneSource for Source {
 pub struct Opener {
     pub has_nothing: bool,
     pub generated: AtomicUsize,
-    pub fetched: parking_lot::Mutex<Vec<BundleFile>>,
+    pub fetched: parking_lot::Mutex<Vec<SceneFile>>,
 }
 
 impl SceneOpener for Opener {
@@ -104,7 +104,7 @@ impl SceneOpener for Opener {
         Ok(scene(spec))
     }
 
-    fn open_bundle(&self, reference: &SceneRef, files: Vec<BundleFile>) -> Result<Arc<Scene>, String> {
+    fn open_bundle(&self, reference: &SceneRef, files: Vec<SceneFile>) -> Result<Arc<Scene>, String> {
         *self.fetched.lock() = files;
         Ok(scene(&reference.name))
     }

@@ -1,6 +1,6 @@
 //! Errors of hierarchies.
 
-use argus_gpu::GpuError;
+use argus_gpu::{Gpu, GpuError};
 
 /// Most nodes of a hierarchy: child links have 24 bits.
 pub const MAX_NODES: u64 = 1 << 24;
@@ -42,4 +42,18 @@ pub enum HierarchyError {
     /// The device failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+}
+
+/// Checks that an array does not exceed what a program may bind.
+///
+/// # Errors
+/// [`HierarchyError::TooLarge`].
+pub fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), HierarchyError> {
+    let limit = gpu.largest_array();
+    if needed > limit { Err(HierarchyError::TooLarge { what, needed, limit }) } else { Ok(()) }
+}
+
+/// Fails if child links cannot address that many nodes.
+pub(crate) fn numbered(nodes: u64) -> Result<(), HierarchyError> {
+    if nodes > MAX_NODES { Err(HierarchyError::TooManyNodes { nodes }) } else { Ok(()) }
 }

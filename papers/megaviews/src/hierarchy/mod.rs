@@ -14,10 +14,9 @@ mod root;
 pub mod stream;
 mod voxelize;
 
-pub use error::{HierarchyError, MAX_NODES};
+pub(crate) use error::numbered;
+pub use error::{HierarchyError, MAX_NODES, fits};
 pub(crate) use levels::{LevelBuffers, LevelBuilder};
-pub use octree::fits;
-pub(crate) use octree::numbered;
 pub use octree::{Octree, OctreeBuilder, OctreeTimes};
 pub use root::{RootCube, Triangle};
 

@@ -8,7 +8,7 @@ use crate::programs::OCTREE;
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
 use super::voxelize::{Voxelize, first_u32};
-use super::{HierarchyError, LevelBuffers, LevelBuilder, MAX_DEPTH, MAX_NODES, RootCube, Triangle};
+use super::{HierarchyError, LevelBuffers, LevelBuilder, MAX_DEPTH, RootCube, Triangle, fits, numbered};
 use argus_gpu::{ComputePipeline, Gpu, Scan, ScanSums, Sort, SortScratch};
 
 /// Builds octrees. Holds the pipelines.
@@ -68,20 +68,6 @@ pub struct OctreeTimes {
     pub nodes_ms: f64,
     /// Total.
     pub total_ms: f64,
-}
-
-/// Checks that an array does not exceed what a program may bind.
-///
-/// # Errors
-/// [`HierarchyError::TooLarge`].
-pub fn fits(gpu: &Gpu, what: &'static str, needed: u64) -> Result<(), HierarchyError> {
-    let limit = gpu.largest_array();
-    if needed > limit { Err(HierarchyError::TooLarge { what, needed, limit }) } else { Ok(()) }
-}
-
-/// Fails if child links cannot address that many nodes.
-pub(crate) fn numbered(nodes: u64) -> Result<(), HierarchyError> {
-    if nodes > MAX_NODES { Err(HierarchyError::TooManyNodes { nodes }) } else { Ok(()) }
 }
 
 impl OctreeBuilder {

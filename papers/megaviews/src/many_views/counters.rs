@@ -2,8 +2,7 @@
 
 use argus_scene::Stage;
 
-use super::schedule::Step;
-use super::traverse::Part;
+use super::schedule::{Part, Step};
 
 /// Words of the header: whether there are more maps than allocated.
 pub(super) const HEAD: u32 = 8;

@@ -5,7 +5,7 @@ use crate::programs::{FILL, QUEUE, TRAVERSE};
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
 use super::counters::{entry, overflow};
-use super::schedule::Step;
+use super::schedule::{Part, Step};
 use super::view_octree::ViewOctree;
 use super::{Knobs, MapSet, Occlusion};
 use crate::hierarchy::Octree;
@@ -50,49 +50,6 @@ pub struct NodeOwners {
     pub owners: Buffer,
     /// Index of the first view of a list.
     pub first: u32,
-}
-
-/// A part of a frame that is traversed at once.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Part {
-    /// The subtree of a node of the view octree, `level` levels below the root. `path` has three bits a level.
-    Octants { path: u32, level: u32 },
-    /// A range of single views.
-    Views { first: u32, count: u32 },
-}
-
-impl Part {
-    /// Splits a part. Empty for a single view or a leaf of the view octree.
-    pub(super) fn split(self, view_depth: u32) -> Vec<Self> {
-        match self {
-            Self::Octants { path, level } if level < view_depth => {
-                (0..8).map(|octant| Self::Octants { path: path << 3 | octant, level: level + 1 }).collect()
-            }
-            Self::Views { first, count } if count > 1 => {
-                let each = count.div_ceil(8);
-                let part = |at| Self::Views { first: first + at, count: each.min(count - at) };
-                (0..count).step_by(each as usize).map(part).collect()
-            }
-            _ => Vec::new(),
-        }
-    }
-
-    /// The octant of a part's path at a level.
-    fn octant(self, at: u32) -> u32 {
-        match self {
-            Self::Octants { path, level } if at <= level => path >> (3 * (level - at)) & 7,
-            _ => 0,
-        }
-    }
-
-    /// Whether this part counts the pairs of a step. Pairs above a part's node occur in several parts; the first one
-    /// counts them.
-    pub(super) fn counts(self, step: &Step) -> bool {
-        match self {
-            Self::Octants { level, .. } => (step.view_level + 1..=level).all(|at| self.octant(at) == 0),
-            Self::Views { .. } => true,
-        }
-    }
 }
 
 impl Queues {

@@ -9,7 +9,7 @@ use argus_megaviews::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
 use argus_scene::{Bounds, RenderError};
 use glam::Vec3;
 
-use super::Vpl;
+use super::paths::Vpl;
 use argus_megaviews::to_render_error;
 use argus_sampler::plug::Surfaces;
 use argus_scene::indirect::{MapSource, VplKnobs};

@@ -4,7 +4,7 @@ use argus_scene::{Bounds, paraboloid};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::Vpl;
+use super::paths::Vpl;
 use argus_sampler::plug::{PacketTracer, Surfaces, mixed};
 
 /// Distances as f32 bits, two hemispheres of `side`² texels a VPL. The largest f32 without a hit, and in directions that

@@ -50,22 +50,10 @@ use crate::passes::{
     AdoptMaps, CullVpls, FilterIndirect, Gather, Gathered, Imperfect, IndirectScratch, Maps, blocks,
 };
 use emitters::Emitters;
+use paths::Vpl;
 
 // As many as users may ask for.
 const _: () = assert!(MOST_GROUPS == argus_scene::indirect::MOST_VPL_GROUPS, "one number of groups");
-
-/// A virtual point light: a surface point with cosine-distributed flux.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Vpl {
-    /// World space, metres; slightly off its surface.
-    pub(crate) position: DVec3,
-    /// Unit normal of the lit side; zero for a particle, which is omnidirectional.
-    pub(crate) normal: Vec3,
-    /// Watts.
-    pub(crate) flux: Vec3,
-    /// Number of reflections so far; 0 on an emissive surface.
-    pub(crate) bounces: u32,
-}
 
 /// Report on a scene's indirect light by VPLs.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,11 +8,23 @@ use argus_scene::light_sampling::{cosine_direction, disc_point};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Vpl;
 use super::emitters::Emitters;
 use super::sequence::Path;
 use argus_sampler::plug::{PacketTracer, Surfaces};
 use argus_scene::indirect::VplKnobs;
+
+/// A virtual point light: a surface point with cosine-distributed flux.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Vpl {
+    /// World space, metres; slightly off its surface.
+    pub(crate) position: DVec3,
+    /// Unit normal of the lit side; zero for a particle, which is omnidirectional.
+    pub(crate) normal: Vec3,
+    /// Watts.
+    pub(crate) flux: Vec3,
+    /// Number of reflections so far; 0 on an emissive surface.
+    pub(crate) bounces: u32,
+}
 
 /// Paths traced in parallel at a time. They are consumed in order.
 const BATCH: u32 = 1024;

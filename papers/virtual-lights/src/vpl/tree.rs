@@ -4,7 +4,7 @@
 
 use glam::{DVec3, Vec3};
 
-use super::Vpl;
+use super::paths::Vpl;
 
 /// A group of VPLs.
 #[derive(Debug, Clone, Copy, PartialEq)]

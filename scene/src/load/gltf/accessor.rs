@@ -11,8 +11,9 @@ use json::accessor::{ComponentType, Type};
 use json::validation::Checked;
 
 use super::compressed::{self, DracoPart};
-use super::{Document, fetch, get};
-use crate::load::bundle::Bundle;
+use super::document::Document;
+use super::lookup::{fetch, get};
+use crate::load::scene_files::SceneFiles;
 
 /// Bytes that an element takes at most while its primitive is read.
 const MOST_ELEMENT: u64 = 2 * 68;
@@ -21,7 +22,7 @@ const MOST_ELEMENT: u64 = 2 * 68;
 pub(super) struct Reader<'a> {
     pub(super) root: &'a json::Root,
     blob: Option<Bytes>,
-    bundle: &'a Bundle,
+    bundle: &'a SceneFiles,
     buffers: Vec<OnceLock<Result<Bytes, String>>>,
     /// Unpacked buffer views and Draco primitives, by buffer view.
     pub(super) document: &'a Document,
@@ -43,7 +44,7 @@ struct Elements {
 }
 
 impl<'a> Reader<'a> {
-    pub(super) fn new(document: &'a Document, bundle: &'a Bundle, most_zeros: u64) -> Self {
+    pub(super) fn new(document: &'a Document, bundle: &'a SceneFiles, most_zeros: u64) -> Self {
         let root = &document.root;
         let buffers = root.buffers.iter().map(|_| OnceLock::new()).collect();
         let compressed = &document.compressed;

@@ -7,10 +7,10 @@ use json::animation::{Interpolation as JsonInterpolation, Property};
 use json::validation::Checked;
 
 use super::accessor::Reader;
+use super::lookup::{Budget, get, name};
 use super::nodes::Hierarchy;
-use super::{Budget, get, name};
 use crate::animation::{Animation, Channel, Interpolation, Rest, Track};
-use crate::load::Warnings;
+use crate::load::parts::Warnings;
 
 /// Reads all animations. A channel that cannot be read is left out with a warning.
 ///

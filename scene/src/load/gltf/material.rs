@@ -8,11 +8,11 @@ use json::texture::{MagFilter, WrappingMode};
 use json::validation::Checked;
 
 use super::accessor::Reader;
-use super::fetch;
+use super::lookup::fetch;
 use super::object::Object;
-use crate::load::Warnings;
-use crate::load::bundle::Bundle;
 use crate::load::images::{Channels, Textures, Wanted, label, named};
+use crate::load::parts::Warnings;
+use crate::load::scene_files::SceneFiles;
 use crate::material::{Filter, TextureUse, Wrap};
 use crate::shading::dielectric_f0;
 use crate::{AlphaMode, Material, TextureRef};
@@ -26,7 +26,12 @@ pub(super) struct Materials {
 }
 
 /// Reads the materials that are `used`; the rest keep their place and are plain.
-pub(super) fn read(reader: &Reader, bundle: &Bundle, used: &[bool], warnings: &mut Warnings) -> Materials {
+pub(super) fn read(
+    reader: &Reader,
+    bundle: &SceneFiles,
+    used: &[bool],
+    warnings: &mut Warnings,
+) -> Materials {
     let mut slots = Slots {
         reader,
         bundle,
@@ -70,7 +75,7 @@ impl<'a> Use<'a> {
 
 struct Slots<'a> {
     reader: &'a Reader<'a>,
-    bundle: &'a Bundle,
+    bundle: &'a SceneFiles,
     textures: Textures,
     /// For each image of the document, its number among the textures' images once it is used.
     images: Vec<Option<usize>>,

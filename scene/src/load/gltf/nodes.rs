@@ -4,9 +4,9 @@ use glam::{DAffine3, DMat4, DQuat, DVec3, Vec3};
 use gltf::json;
 use json::validation::Checked;
 
-use super::{Budget, get, name};
+use super::lookup::{Budget, get, name};
 use crate::animation::{Animation, Node, Parts, Rest};
-use crate::load::Warnings;
+use crate::load::parts::Warnings;
 use crate::scene::NamedCamera;
 use crate::{Camera, Light};
 

@@ -10,13 +10,13 @@ use json::validation::Checked;
 use rayon::prelude::*;
 
 use super::accessor::Reader;
+use super::lookup::{Budget, get, name};
 use super::nodes::Hierarchy;
 use super::skin::{self, Moved, Skins};
-use super::{Budget, get, name};
 use crate::deformation::flattening;
 use crate::load::geometry::{MissingNormals, RawMesh};
 use crate::load::images::{label, named};
-use crate::load::{Parts, Warnings};
+use crate::load::parts::{Parts, Warnings};
 use crate::material::TextureUse;
 use crate::scene::Instance;
 use crate::{Material, Mesh};

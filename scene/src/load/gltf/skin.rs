@@ -9,12 +9,12 @@ use json::mesh::Semantic;
 use json::validation::Checked;
 
 use super::accessor::Reader;
+use super::lookup::{Budget, get};
 use super::nodes::Hierarchy;
-use super::{Budget, get};
 use crate::Mesh;
 use crate::deformation::{Deformation, Joint, MorphTarget, Shape, Skin};
-use crate::load::Warnings;
-use crate::load::geometry::pick;
+use crate::load::normals::pick;
+use crate::load::parts::Warnings;
 
 /// Bytes of a vertex: its rest shape, and an influence or a displacement of each kind while and after it is read.
 const REST_BYTES: u64 = 40;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 
 use super::ktx2::{self, Ktx2};
+use super::size::Size;
 
 /// Largest side of an image in texels.
 const MOST_TEXELS: u32 = 16384;
@@ -16,19 +17,6 @@ const MOST_BYTES_A_BYTE: u64 = 1100;
 const MOST_EXCESS: u64 = 64 << 20;
 /// Formats that are read, for messages.
 const KNOWN: &str = "PNG, JPEG, WebP, KTX2, BMP, TGA, GIF, DDS";
-
-/// Texels of an image.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::load) struct Size {
-    pub(in crate::load) width: u32,
-    pub(in crate::load) height: u32,
-}
-
-impl Size {
-    pub(super) fn texels(self) -> u64 {
-        u64::from(self.width) * u64::from(self.height)
-    }
-}
 
 /// An image in RGBA.
 #[derive(Clone)]

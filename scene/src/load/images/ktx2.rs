@@ -5,7 +5,7 @@
 
 use basisu::{DecodeFlags, TargetFormat, Transcoder};
 
-use super::decode::Size;
+use super::size::Size;
 
 /// The first bytes of each file.
 pub(super) const SIGNATURE: [u8; 12] = *b"\xabKTX 20\xbb\r\n\x1a\n";

@@ -4,8 +4,8 @@ use glam::{Vec2, Vec3, Vec4};
 
 use super::mtl::Reference;
 use crate::TextureRef;
-use crate::load::Warnings;
 use crate::load::maps::{Maps, Placed, Reading};
+use crate::load::parts::Warnings;
 use crate::material::{Filter, Wrap};
 
 /// Height of a bump map's white above its black, as a share of the texture's width. The format gives no unit.

@@ -15,9 +15,9 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec3, Vec4};
 
-use super::bundle::{Bundle, folder_of};
 use super::geometry::{MissingNormals, RawMesh, about_an_origin};
-use super::{Parts, Warnings, text_of};
+use super::parts::{Parts, Warnings, text_of};
+use super::scene_files::{SceneFiles, folder_of};
 use crate::scene::Instance;
 use crate::tone::linear_from_srgb;
 use crate::{Material, Mesh};
@@ -58,7 +58,7 @@ pub(super) fn textures(bytes: &[u8]) -> BTreeSet<String> {
 }
 
 /// Reads an OBJ file and its libraries.
-pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
+pub(super) fn load(bundle: &SceneFiles, warnings: &mut Warnings) -> Result<Parts, String> {
     let library = read_libraries(bundle, warnings);
     let mut content = Content::default();
     read(bundle.main_bytes(), &mut content, warnings)?;
@@ -133,7 +133,7 @@ fn vertex_colors(content: &Content) -> Vec<Vec4> {
 }
 
 /// The materials of a bundle's libraries, by name. The first definition of a material counts, in the order of libraries.
-fn read_libraries(bundle: &Bundle, warnings: &mut Warnings) -> HashMap<String, Defined> {
+fn read_libraries(bundle: &SceneFiles, warnings: &mut Warnings) -> HashMap<String, Defined> {
     let mut library = HashMap::new();
     for (line, names) in &bundle.libraries {
         if names.is_empty() {

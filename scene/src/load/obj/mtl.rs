@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use glam::{Vec2, Vec3};
 
 use super::text::{lines, number, numbers, words};
-use crate::load::text_of;
+use crate::load::parts::text_of;
 
 /// A material of an MTL file.
 #[derive(Debug, Clone, Default)]

@@ -6,9 +6,9 @@ use glam::Vec3;
 
 use super::compose::{self, GlossMaps, Layer, roughness_of};
 use super::mtl::{Map, Phong, Reference};
-use crate::load::Warnings;
-use crate::load::bundle::Bundle;
 use crate::load::maps::Maps;
+use crate::load::parts::Warnings;
+use crate::load::scene_files::SceneFiles;
 use crate::{AlphaMode, Material};
 
 /// Opacities from here on are rounded numbers of opaque materials.
@@ -32,7 +32,7 @@ impl Defined {
 }
 
 /// Decodes the images of all used materials, and warns of what the materials say and the picture lacks.
-pub(super) fn decode(used: &[&Defined], bundle: &Bundle, warnings: &mut Warnings) -> Maps {
+pub(super) fn decode(used: &[&Defined], bundle: &SceneFiles, warnings: &mut Warnings) -> Maps {
     let mut files = BTreeMap::new();
     let mut missing = BTreeMap::new();
     let mut unshown: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
@@ -71,7 +71,7 @@ pub(super) fn decode(used: &[&Defined], bundle: &Bundle, warnings: &mut Warnings
 /// - An opacity below one blends. With a model that refracts (illum 6 and 7) it transmits.
 pub(super) fn convert(
     defined: &Defined,
-    bundle: &Bundle,
+    bundle: &SceneFiles,
     maps: &mut Maps,
     warnings: &mut Warnings,
 ) -> Material {
@@ -229,7 +229,7 @@ mod tests {
     fn only(text: &str) -> Material {
         let phong = super::super::mtl::parse(text.as_bytes()).pop().unwrap();
         let files = BTreeMap::from([("a.obj".to_owned(), Bytes::from_static(b"v 0 0 0"))]);
-        let bundle = Bundle::collect(&InMemory(&files), "a.obj").unwrap();
+        let bundle = SceneFiles::collect(&InMemory(&files), "a.obj").unwrap();
         let mut warnings = Warnings::default();
         let defined = Defined { folder: String::new(), phong };
         let mut maps = decode(&[&defined], &bundle, &mut warnings);

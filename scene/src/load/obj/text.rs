@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use crate::load::BYTE_ORDER_MARK;
+use crate::load::parts::BYTE_ORDER_MARK;
 
 /// Calls `line` with the keyword and the rest of every non-empty line. Comments are removed; a line that ends in a
 /// backslash continues in the next one.

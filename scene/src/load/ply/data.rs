@@ -1,7 +1,7 @@
 //! The header of a PLY file, and the values after it.
 
 use crate::load::error::one_line;
-use crate::load::{BYTE_ORDER_MARK, text_of};
+use crate::load::parts::{BYTE_ORDER_MARK, text_of};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Encoding {

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::data::{Element, Property, Values};
-use crate::load::Warnings;
+use crate::load::parts::Warnings;
 use crate::tone::linear_from_srgb;
 
 /// Names of texture coordinates, in pairs.

@@ -11,11 +11,11 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use bytes::Bytes;
 use glam::{DAffine3, Vec2, Vec3, Vec4};
 
-use super::bundle::Bundle;
 use super::geometry::{MissingNormals, RawMesh, about_an_origin};
 use super::maps::{Maps, Reading};
+use super::parts::{Parts, Warnings};
 use super::polygon::triangulate;
-use super::{Parts, Warnings};
+use super::scene_files::SceneFiles;
 use crate::material::{Filter, Wrap};
 use crate::scene::Instance;
 use crate::{AlphaMode, Material, TextureRef};
@@ -43,7 +43,7 @@ pub(super) fn textures(bytes: &Bytes) -> BTreeSet<String> {
 }
 
 /// Reads a PLY file: one mesh and one material for each image that its faces use, and one for faces without an image.
-pub(super) fn load(bundle: &Bundle, warnings: &mut Warnings) -> Result<Parts, String> {
+pub(super) fn load(bundle: &SceneFiles, warnings: &mut Warnings) -> Result<Parts, String> {
     let content = parse(bundle.main_bytes(), warnings)?;
     let (origin, positions) = about_an_origin(&content.vertices.positions);
     let meshes = assemble(&content, warnings);

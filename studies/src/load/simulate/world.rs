@@ -277,7 +277,7 @@ impl World {
             client: client.to_string().into(),
             view,
             deadline: None,
-            survey: None,
+            estimate: None,
             last: None,
         };
         self.after(latency, SimEvent::ToCoordinator(Box::new(requested)));

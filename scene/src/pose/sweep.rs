@@ -9,8 +9,9 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::track::{arc, slerp, unit};
-use super::{Animation, Channel, Drivers, Interpolation, Parts, Rest, Track};
+use super::Drivers;
+use crate::animation::track::{arc, slerp, unit};
+use crate::animation::{Animation, Channel, Interpolation, Parts, Rest, Track};
 use crate::{Bounds, Scene};
 
 /// Largest step in radians between tested rotations. Between two steps a point leaves the hull of both by half a per

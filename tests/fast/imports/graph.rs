@@ -1,9 +1,9 @@
-//! The import graph of a folder's modules, and its cycles.
+//! The import graph of a crate's modules, or of one folder's, and its cycles.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
 
-use crate::source::Source;
+use super::source::Source;
 
 /// A module within the folder, by its names from the folder on; the folder's own `mod.rs` has none.
 pub(crate) type Name = Vec<String>;
@@ -20,11 +20,14 @@ pub(crate) struct Graph {
 }
 
 impl Graph {
-    /// Reads the folder of a module, which stands at `place` in its crate. Modules for tests alone are left out.
+    /// Reads the folder of a module, which stands at `place` in its crate: of a whole crate where `place` is empty.
+    /// Modules for tests alone are left out.
     pub(crate) fn read(folder: &Path, place: &[&str]) -> Self {
         let mut graph = Self::default();
-        graph.add(folder, &folder.join("mod.rs"), Vec::new());
-        assert!(graph.sources.len() > 1, "no modules in {}: is this the right place?", folder.display());
+        let roots = ["mod.rs", "lib.rs", "main.rs"].map(|name| folder.join(name));
+        let root = roots.iter().find(|file| file.exists());
+        let root = root.unwrap_or_else(|| panic!("{} is no module's folder", folder.display()));
+        graph.add(folder, root, Vec::new());
         graph.imports =
             graph.sources.keys().map(|name| (name.clone(), graph.imports_of(name, place))).collect();
         graph

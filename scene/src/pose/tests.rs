@@ -3,6 +3,9 @@
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 
 use super::*;
+use glam::{DQuat, Quat, Vec3};
+
+use crate::animation::{Interpolation, Node, Track};
 use crate::{Bounds, Instance, Mesh};
 
 fn channel(times_secs: &[f32], track: Track, interpolation: Interpolation) -> Channel {

@@ -103,15 +103,18 @@ fn words(text: &str) -> Vec<String> {
     out
 }
 
-/// Splits words into those that are always built, and those for tests.
+/// Splits words into those that are always built, and those for tests: `cfg(test)`, `cfg(all(test, …))`.
 fn without_tests(words: &[String]) -> (Vec<String>, Vec<String>) {
-    const ATTRIBUTE: [&str; 7] = ["#", "[", "cfg", "(", "test", ")", "]"];
+    const ATTRIBUTE: [&str; 4] = ["#", "[", "cfg", "("];
     let (mut code, mut tests, mut at) = (Vec::new(), Vec::new(), 0);
     while at < words.len() {
-        if words[at..].iter().take(ATTRIBUTE.len()).eq(ATTRIBUTE) {
-            let end = at + ATTRIBUTE.len() + item_length(&words[at + ATTRIBUTE.len()..]);
-            tests.extend_from_slice(&words[at + ATTRIBUTE.len()..end]);
-            at = end;
+        let is_condition = words[at..].iter().take(ATTRIBUTE.len()).eq(ATTRIBUTE);
+        let condition = words[at..].iter().take_while(|word| is_condition && *word != "]");
+        let condition: Vec<_> = condition.map(String::as_str).collect();
+        if matches!(condition[..], [_, _, _, _, "test", ..] | [_, _, _, _, "all", _, "test", ..]) {
+            let item = at + condition.len() + 1;
+            at = item + item_length(&words[item..]);
+            tests.extend_from_slice(&words[item..at]);
         } else {
             code.push(words[at].clone());
             at += 1;

@@ -1,4 +1,4 @@
-// Program of compositor/src/passes/mend.rs: pixels that the warp did not settle with its one sample are looked up in all
+// Program of compositor/src/passes/second_pass.rs: pixels that the warp did not settle with its one sample are looked up in all
 // samples. First at the depths splatted nearby. Then a pixel is sky if the samples see past every point of its ray. The
 // others are searched linearly along the ray (cluster paper): other searches may return a nearby surface where no sample
 // saw the pixel's own.
@@ -89,8 +89,7 @@ fn near_cell(place: vec2u) -> Found {
     let became = depth_of(depths[at]);
     let trial = became.q < 0.0;
     var found = look_up(d, Depth(select(behind.q, -became.q, trial), select(behind.source, became.source, trial)));
-    // Here and below, loops replace branches: the software driver skips a loop that no pixel needs, and runs every
-    // branch.
+    // Here and below, loops replace branches. Quirk: both-sides.
     for (var k = 0u; k < runtime_bound(1u) && !found.settled && was.q > 0.0 && was.q != became.q && was.q != behind.q; k++) {
         found = look_up(d, was);
     }
@@ -124,7 +123,7 @@ fn keep_unsettled(segment: Segment, left: u32, packed: u32, settled: bool) -> u3
 }
 
 @compute @workgroup_size(64)
-fn mend_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
+fn look_up_pixels(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let segment = segment_of(id.x, groups.x * 64u);
     let count = unsettled[segment.counts];
     var left = 0u;

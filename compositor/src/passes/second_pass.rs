@@ -1,4 +1,4 @@
-//! Programs: `shaders/compositor/collect.wgsl` and `mend.wgsl`. Lists the pixels that the warp did not settle, and looks
+//! Programs: `shaders/compositor/collect.wgsl` and `second_pass.wgsl`. Lists the pixels that the warp did not settle, and looks
 //! them up in all samples.
 
 use std::collections::BTreeMap;
@@ -10,10 +10,10 @@ use crate::draw_batch::{DrawBatch, NamedBinding, Variant};
 
 /// Two dispatches a piece: list the pixels, then look them up.
 #[derive(Debug, Default)]
-pub(crate) struct MendPass {
+pub(crate) struct SecondPass {
     /// By [`Variant::linear`].
     collect: BTreeMap<bool, ComputePipeline>,
-    mend: BTreeMap<Variant, ComputePipeline>,
+    look_up: BTreeMap<Variant, ComputePipeline>,
 }
 
 /// Invocations of a workgroup, as the programs declare.
@@ -27,11 +27,10 @@ pub(crate) const COUNTER_WORDS: u32 = 3 * GROUP * GROUPS;
 
 /// Workgroups of a dispatch on this device.
 pub(crate) fn groups(gpu: &Gpu) -> u32 {
-    // The software driver runs workgroups one after another, and an idle one still costs time.
-    if gpu.is_software() { 1 } else { GROUPS }
+    gpu.list_workgroups(GROUPS)
 }
 
-impl MendPass {
+impl SecondPass {
     pub(crate) fn record(
         &mut self,
         gpu: &Gpu,
@@ -43,8 +42,12 @@ impl MendPass {
             let constants = [("linear", f64::from(u8::from(variant.linear)))];
             gpu.compute_pipeline_with(&argus_shaders::compositor::COLLECT, "collect_pixels", &constants)
         });
-        let mend = self.mend.entry(variant).or_insert_with(|| {
-            gpu.compute_pipeline_with(&argus_shaders::compositor::MEND, "mend_pixels", &variant.constants())
+        let look_up = self.look_up.entry(variant).or_insert_with(|| {
+            gpu.compute_pipeline_with(
+                &argus_shaders::compositor::SECOND_PASS,
+                "look_up_pixels",
+                &variant.constants(),
+            )
         });
         let (targets, splat) = (batch.targets.drawn(), batch.splat);
         let groups = groups(gpu);
@@ -59,9 +62,9 @@ impl MendPass {
         }
         drop(pass);
         let storage = batch.storage();
-        let mut pass = commands.compute_pass("mend pixels");
+        let mut pass = commands.compute_pass("second pass");
         for draw in batch.pieces {
-            let call = pass.call(mend).read("view", &draw.view);
+            let call = pass.call(look_up).read("view", &draw.view);
             let mut bindings = batch.shared.bindings()?;
             bindings.extend([
                 NamedBinding::read("depths", &splat.depths),

@@ -1,6 +1,6 @@
-//! Survey of a view by a coarse grid of rays, and how well samples would cover it.
+//! Coverage estimate of a view by a coarse grid of rays, and how well samples would cover it.
 //!
-//! A survey estimates two shares before a render. *Coverage*: the share of the view's surfaces that the samples see
+//! An estimate has two shares before a render. *Coverage*: the share of the view's surfaces that the samples see
 //! at all. *Fineness*: the share where a sample's texel, projected into the view, is no larger than a few pixels.
 //! Both come from few rays; the rendered frame's pixels are counted as well.
 
@@ -8,53 +8,18 @@ use glam::{DVec2, DVec3};
 
 use super::VisibilityQuery;
 use super::judged::{Judged, RayResults};
+use super::target::Target;
 use crate::{Camera, FaceMask, Rig, SampleCamera};
 
-/// Columns and rows of a survey's rays: fewer rays than the bits of a [`u64`].
+/// Columns and rows of an estimate's rays: fewer rays than the bits of a [`u64`].
 pub(super) const GRID: [u32; 2] = [8, 6];
 
 /// Rays are listed by blocks of this many columns and rows. Neighbours in the list are neighbours in the view, which
 /// helps a [`VisibilityQuery`] that traces several rays at once.
 const BLOCK: [u32; 2] = [4, 2];
 
-/// Number of a survey's rays.
+/// Number of an estimate's rays.
 pub(super) const RAYS: usize = (GRID[0] * GRID[1]) as usize;
-
-/// Share of a camera's worth that still counts for a target shown by other cameras: between the rays, near edges, it sees
-/// surfaces that they do not.
-pub(crate) const BESIDES: f64 = 0.3;
-
-/// The end of a view's ray.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Target {
-    /// A surface at a point, metres, world space.
-    Surface(DVec3),
-    /// No surface, in this direction.
-    Sky(DVec3),
-}
-
-impl Target {
-    /// Direction from a position: not of unit length; zero or not finite at the target itself.
-    pub(super) fn direction_from(&self, at: DVec3) -> DVec3 {
-        match *self {
-            Self::Surface(point) => point - at,
-            Self::Sky(direction) => direction,
-        }
-    }
-
-    /// Worth of a camera that sees this target, 0 to 1. It falls at a low angle and with distance from the target. It
-    /// also falls with distance from the viewer, since more between the rays is hidden from the camera.
-    pub fn worth(&self, camera: DVec3, eye: DVec3) -> f64 {
-        let Self::Surface(point) = *self else { return 1.0 };
-        let (from_camera, from_eye) = (point - camera, point - eye);
-        let (distance, near) = (from_camera.length(), from_eye.length());
-        if !(distance > 0.0 && near > 0.0) {
-            return 0.0;
-        }
-        let aside = (from_camera.dot(from_eye) / (distance * near)).max(0.0);
-        aside * (near / distance).min(1.0).sqrt() * near / (near + camera.distance(eye))
-    }
-}
 
 /// Estimated shares of a view that samples would show.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,11 +32,11 @@ pub struct Coverage {
 
 /// A view's targets, and the sample cameras judged by them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Survey {
+pub struct CoverageEstimate {
     pub(super) eye: DVec3,
     /// Unit vector of the direction of view.
     pub(super) ahead: DVec3,
-    /// Scene time of the survey, seconds.
+    /// Scene time of the estimate, seconds.
     pub(super) time_secs: f64,
     /// Angle of a pixel in the middle of the view, radians.
     pixel_angle: f64,
@@ -81,17 +46,17 @@ pub struct Survey {
     /// Eye from which each target was met: this view's or an earlier one's.
     pub(super) met_from: Vec<DVec3>,
     pub(super) judged: Vec<Judged>,
-    /// Ray results of earlier surveys for cameras that this one has not judged.
+    /// Ray results of earlier estimates for cameras that this one has not judged.
     pub(super) results: Vec<(u64, RayResults)>,
 }
 
-impl Survey {
+impl CoverageEstimate {
     /// Sends the rays of a view of `width` × `height` pixels at a time of the scene, seconds.
     pub fn new(camera: &Camera, size: [u32; 2], sight: &dyn VisibilityQuery, time_secs: f64) -> Self {
         Self::without_targets(camera, size, time_secs).renewed(camera, size, sight, time_secs)
     }
 
-    /// A survey without targets.
+    /// An estimate without targets.
     pub(super) fn without_targets(camera: &Camera, [width, height]: [u32; 2], time_secs: f64) -> Self {
         Self {
             eye: camera.eye,
@@ -276,11 +241,6 @@ fn first_of_most(gains: &[f64]) -> Option<usize> {
     (0..gains.len()).rev().max_by(|&a, &b| gains[a].total_cmp(&gains[b]))
 }
 
-/// Gain of a camera that shows a target with a worth, over cameras that show it with `shown`.
-pub(crate) fn added(worth: f64, shown: f64) -> f64 {
-    (worth - shown).max(0.0) + BESIDES * worth
-}
-
 impl SampleCamera {
     /// Angle of a texel in the middle of a face, radians; infinite for an image without faces.
     pub fn texel_angle(&self) -> f64 {
@@ -297,7 +257,7 @@ pub(super) fn ray_at(share: DVec2) -> u32 {
     block * columns * rows + row % rows * columns + column % columns
 }
 
-/// Column and row of a survey's ray.
+/// Column and row of an estimate's ray.
 pub(super) fn place(ray: u32) -> DVec2 {
     let [columns, rows] = BLOCK;
     let (block, within) = (ray / (columns * rows), ray % (columns * rows));
@@ -342,29 +302,29 @@ mod tests {
         Rig::Cell { origin: DVec3::ZERO, spacing: 2.0, face }
     }
 
-    fn survey(camera: &Camera, rig: &Rig, most_pixels: f64) -> (Survey, Vec<u64>) {
-        let mut survey = Survey::new(camera, [320, 240], &Wall(10.0), 0.0);
+    fn estimate(camera: &Camera, rig: &Rig, most_pixels: f64) -> (CoverageEstimate, Vec<u64>) {
+        let mut estimate = CoverageEstimate::new(camera, [320, 240], &Wall(10.0), 0.0);
         let near = rig.nearest(camera, 8);
-        near.iter().for_each(|&index| survey.judge(rig, index, &Wall(10.0), 0.0, most_pixels));
-        (survey, near)
+        near.iter().for_each(|&index| estimate.judge(rig, index, &Wall(10.0), 0.0, most_pixels));
+        (estimate, near)
     }
 
     #[test]
     fn samples_beside_the_viewer_cover_a_wall_and_those_behind_it_nothing() {
         let here = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::new(9.0, 0.4, 0.5));
-        let (survey, near) = survey(&here, &rig(512), 4.0);
-        assert_eq!(survey.coverage(&near), Coverage { covered: 1.0, fine: 1.0 });
-        assert_eq!(survey.coverage(&[]), Coverage { covered: 0.0, fine: 0.0 });
+        let (estimate, near) = estimate(&here, &rig(512), 4.0);
+        assert_eq!(estimate.coverage(&near), Coverage { covered: 1.0, fine: 1.0 });
+        assert_eq!(estimate.coverage(&[]), Coverage { covered: 0.0, fine: 0.0 });
         let behind = rig(512).nearest(&Camera::look_at(DVec3::splat(30.0), DVec3::ZERO), 4);
-        assert_eq!(survey.coverage(&behind).covered, 0.0, "they were never judged");
+        assert_eq!(estimate.coverage(&behind).covered, 0.0, "they were never judged");
     }
 
     #[test]
     fn a_viewer_close_to_a_wall_sees_too_coarse_texels() {
         let at = |x| Camera::look_at(DVec3::new(x, 0.1, 0.2), DVec3::new(20.0, 0.1, 0.2));
         let fine = |x, most_pixels| {
-            let (survey, _) = survey(&at(x), &rig(512), most_pixels);
-            survey.coverage(&survey.choose(|_| true, 4)).fine
+            let (estimate, _) = estimate(&at(x), &rig(512), most_pixels);
+            estimate.coverage(&estimate.choose(|_| true, 4)).fine
         };
         assert_eq!(fine(1.1, 2.0), 1.0);
         // From a tenth of a metre, the nearest camera on the viewer's side is about two metres away.
@@ -374,10 +334,10 @@ mod tests {
     #[test]
     fn the_choice_holds_at_most_the_requested_number_of_allowed_cameras() {
         let here = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X * 9.0);
-        let (survey, near) = survey(&here, &rig(64), 4.0);
-        assert_eq!(survey.choose(|_| true, 3).len(), 3);
-        assert_eq!(survey.choose(|index| index == near[5], 3), [near[5]]);
-        assert_eq!(survey.choose(|_| false, 3), [0; 0]);
+        let (estimate, near) = estimate(&here, &rig(64), 4.0);
+        assert_eq!(estimate.choose(|_| true, 3).len(), 3);
+        assert_eq!(estimate.choose(|index| index == near[5], 3), [near[5]]);
+        assert_eq!(estimate.choose(|_| false, 3), [0; 0]);
     }
 
     /// A wall behind one sphere, which hides a part of it from each camera; it counts rays.
@@ -412,9 +372,9 @@ mod tests {
             let camera = Camera::look_at(eye, DVec3::new(9.0, 0.4, 0.5));
             let near = rig(face).nearest(&camera, 8);
             let (few, all) = (Counted(0.into()), Counted(0.into()));
-            let mut by_few = Survey::new(&camera, [320, 240], &few, 0.0);
+            let mut by_few = CoverageEstimate::new(&camera, [320, 240], &few, 0.0);
             by_few.judge_few(&rig(face), &near, 4, (&few, 0.0), 1.5);
-            let mut by_all = Survey::new(&camera, [320, 240], &all, 0.0);
+            let mut by_all = CoverageEstimate::new(&camera, [320, 240], &all, 0.0);
             near.iter().for_each(|&index| by_all.judge(&rig(face), index, &all, 0.0, 1.5));
             let chosen = by_few.choose(|_| true, 4);
             assert_eq!(chosen.len(), 4);
@@ -442,16 +402,16 @@ mod tests {
         for rig in [rig(8), tiles] {
             for eye in [DVec3::ZERO, DVec3::X * 10.0, DVec3::X * 20.0, far, rig.camera(0).unwrap().center()] {
                 let camera = Camera::look_at(eye, eye + DVec3::new(1.0, 0.1, 0.0));
-                let (survey, near) = survey(&camera, &rig, 2.0);
-                let Coverage { covered, fine } = survey.coverage(&near);
+                let (estimate, near) = estimate(&camera, &rig, 2.0);
+                let Coverage { covered, fine } = estimate.coverage(&near);
                 assert!((0.0..=1.0).contains(&covered) && (0.0..=covered).contains(&fine), "{eye}");
-                survey.choose(|_| true, 8);
+                estimate.choose(|_| true, 8);
             }
         }
     }
 
     #[test]
-    fn each_ray_of_a_survey_has_its_own_cell() {
+    fn each_ray_of_a_estimate_has_its_own_cell() {
         let mut places: Vec<[u32; 2]> =
             (0..RAYS as u32).map(|ray| place(ray).to_array().map(|x| x as u32)).collect();
         assert_eq!(places[..5], [[0, 0], [1, 0], [2, 0], [3, 0], [0, 1]]);

@@ -1,0 +1,302 @@
+//! Orders for views: checked, and carried out.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use argus_proto::{Fault, v1};
+use argus_scene::frame::{Decision, Reason};
+use argus_scene::{
+    Difference, FaceMask, Frame, FrameSource, Holes, InvalidField, Output, Outputs, Plan, Provenance,
+    RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version,
+    View, ViewJob,
+};
+use futures::future::try_join_all;
+use tokio::time::Instant;
+use tracing::{debug, warn};
+
+use super::from_frames::{self, Gathered};
+use super::histories::MAX_NAME;
+use super::node::Node;
+use super::queue::Rendered;
+use super::{bound, fetch, trace};
+use crate::core::{Fallback, Source, planner};
+use crate::rate_limited_log::RateLimitedLog;
+use crate::wire;
+
+/// Name of the stage that waits for samples.
+pub(super) const SAMPLES: &str = "samples";
+
+/// A validated order.
+pub(super) struct Ordered {
+    pub(super) job: ViewJob,
+    info: Arc<SampleSetInfo>,
+    /// The plan's samples, in the plan's order.
+    samples: Vec<Source>,
+    /// Addresses of workers that trace holes, if the plan traces them.
+    tracers: Vec<String>,
+    /// The plan is pinned: a frame by another plan is an error.
+    pinned: bool,
+    /// Required device; empty: any.
+    device: String,
+    /// Required specification; `None`: any.
+    specification: Option<Specification>,
+    /// The requested images. The job may have more.
+    pub(super) outputs: Outputs,
+    /// Key under which the frame's depth is cached. The job has the previous frame's.
+    pub(super) history: Option<String>,
+    /// The planner's decision; `None` if the request named the plan.
+    decision: Option<Decision>,
+    /// What replaces the frame if a sample or frame is missing, or the result is not good enough.
+    fallback: Option<Fallback>,
+    /// The request bounds the error.
+    pub(super) is_bounded: bool,
+    /// A direct frame is kept, for other views to be warped from it.
+    keeps_frame: bool,
+}
+
+impl Ordered {
+    /// Whether a frame from samples must be within the planner's bound. It is delivered as it is if the request named its plan, or
+    /// if the planner chose it beyond the bound, since there was no time for a better one.
+    fn is_judged(&self) -> bool {
+        let beyond = self.decision.is_some_and(|decision| decision.reason == Reason::TimeFirst);
+        self.fallback.is_some() && !beyond
+    }
+}
+
+/// Validates an order for a view.
+pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -> Result<Ordered, Fault> {
+    let state = order.state.map(SceneState::try_from).transpose()?.unwrap_or_default();
+    let view = View::try_from(view.ok_or_else(|| InvalidField::new("view", "must be given"))?)?;
+    let plan = Plan::try_from(order.plan.ok_or_else(|| InvalidField::new("order.plan", "must be given"))?)?;
+    let mut sources: HashMap<SampleId, v1::SampleSource> =
+        order.sources.into_iter().filter_map(|source| Some((SampleId::from(source.id?), source))).collect();
+    let ids: &[SampleId] = match &plan {
+        Plan::Direct { .. } => &[],
+        Plan::Warp(warp) => &warp.samples,
+    };
+    let faces_of = |camera| match &plan {
+        Plan::Direct { .. } => FaceMask::ALL,
+        Plan::Warp(warp) => warp.faces.of(camera),
+    };
+    let (info, limits) = match ids.first() {
+        Some(id) => node.served.set_in(Version { number: id.version, state })?,
+        None => node.served.set_showing(state)?,
+    };
+    view.validate(&limits)?;
+    for frame in plan.frames() {
+        let at =
+            |e: InvalidField| InvalidField::new("plan.warp.frames", format!("{}: {}", e.field, e.reason));
+        frame.validate(&limits).map_err(at)?;
+    }
+    let mut samples = Vec::with_capacity(ids.len());
+    for id in ids {
+        if id.version != info.version.number {
+            let reason = format!("sample {id} is ordered for a view of version {}", info.version.number);
+            return Err(Fault::Unavailable(reason));
+        }
+        info.camera(id.camera)?;
+        let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
+        samples.push(Source { id: *id, faces: faces_of(id.camera), addresses, dispensable });
+    }
+    let View { camera, width, height, outputs, pin, plan: asked_plan } = view;
+    // A pinned direct view is repeated by the backend that rendered it, even if the cluster uses another one.
+    let specification = pin.as_ref().and_then(|pin| pin.specification);
+    let visibility =
+        specification.map_or_else(|| node.served.visibility_of_views(&info), |pinned| pinned.visibility);
+    let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
+    let time_secs = info.time_secs();
+    let asked = outputs;
+    let reprojects = matches!(&plan, Plan::Warp(warp) if warp.search == Search::Seeded);
+    let name = Some(order.history).filter(|name| reprojects && (1..=MAX_NAME).contains(&name.len()));
+    // Extra images: those that the frame is judged by, and those that the next frame's search starts from.
+    let is_bounded = asked_plan.max_error.is_some();
+    let judged_by = [(Output::Color, order.observe || is_bounded), (Output::Confidence, order.observe)];
+    let judged_by = judged_by.into_iter().filter_map(|(output, is_needed)| is_needed.then_some(output));
+    let starts_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
+    let outputs = judged_by.chain(starts_from).fold(asked, Outputs::with);
+    let history = name.as_deref().and_then(|name| node.histories.get(name));
+    let reflections = info.reflections;
+    let job =
+        ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history };
+    let (tracers, pinned) = (order.tracers, pin.is_some());
+    let decision = order.decision.map(Decision::try_from).transpose()?;
+    let fallback = order.fallback.map(wire::fallback).transpose()?;
+    let (history, outputs, keeps_frame) = (name, asked, order.keeps_frame);
+    Ok(Ordered {
+        job,
+        info,
+        samples,
+        outputs,
+        tracers,
+        pinned,
+        device,
+        specification,
+        history,
+        decision,
+        fallback,
+        is_bounded,
+        keeps_frame,
+    })
+}
+
+/// Renders an order by its plan, or from triangles if the order allows it and the plan's frame is not good enough.
+pub(super) async fn good_enough(
+    node: &Arc<Node>,
+    ordered: &Ordered,
+    until: Option<Instant>,
+) -> Result<Frame, Fault> {
+    let began = Instant::now();
+    let with = |frame: Frame, decision: Option<Decision>| Frame { decision, ..frame };
+    let Some(Fallback { plan, .. }) = &ordered.fallback else {
+        return Ok(with(traced(node, ordered, until).await?, ordered.decision));
+    };
+    match traced(node, ordered, until).await {
+        Ok(frame) => return Ok(with(frame, ordered.decision)),
+        // A sample was dropped meanwhile, or the samples miss too much of the view.
+        Err(fault @ (Fault::NotFound(_) | Fault::Render(RenderError::MissingSample(_)))) => {
+            debug!(%fault, "a view is rendered from triangles instead");
+        }
+        Err(fault) => return Err(fault),
+    }
+    let refused_ms = began.elapsed().as_secs_f64() * 1e3;
+    let job = ViewJob { plan: plan.clone(), history: None, ..ordered.job.clone() };
+    let mut frame = render_direct(node, ordered, job).await?;
+    frame.stages.push(Stage::new(Stage::REFUSED, refused_ms));
+    let excess = match plan {
+        Plan::Direct { detail, .. } => planner::excess_of(*detail),
+        Plan::Warp(_) => 0.0,
+    };
+    let fell_short = |decision| Decision { reason: Reason::FrameFellShort, excess, ..decision };
+    Ok(with(frame, ordered.decision.map(fell_short)))
+}
+
+/// Renders a frame, and traces its holes if the plan says so. If no worker traces them, a pinned frame fails, and another
+/// worker renders it. Any other frame keeps marked holes, and its plan says so.
+async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> Result<Frame, Fault> {
+    let Plan::Warp(warp) = &ordered.job.plan else {
+        return render_direct(node, ordered, ordered.job.clone()).await;
+    };
+    let traces = warp.holes == Holes::Trace;
+    let mut job = ordered.job.clone();
+    job.outputs.mask |= traces;
+    if ordered.is_judged() {
+        // The frame is judged by these images.
+        (job.outputs.range, job.outputs.source) = (true, true);
+    }
+    let mut frame = render(node, ordered, &ordered.samples, &job).await?;
+    if let Some(Fallback { max_excess, .. }) = ordered.fallback.as_ref().filter(|_| ordered.is_judged())
+        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?, *max_excess)
+    {
+        return Err(Fault::NotFound(reason));
+    }
+    if traces && let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
+        if ordered.pinned {
+            return Err(fault);
+        }
+        static MARKED: RateLimitedLog = RateLimitedLog::new();
+        if let Some(left_out) = MARKED.now() {
+            warn!(%fault, left_out, "holes of a frame are marked instead of traced");
+        }
+        if let Plan::Warp(done) = &mut frame.provenance.plan {
+            done.holes = Holes::Mark;
+        }
+    }
+    if !ordered.job.outputs.mask {
+        frame.mask = None;
+    }
+    Ok(frame)
+}
+
+/// Renders a view from triangles, and keeps its frame if the order says so.
+async fn render_direct(node: &Arc<Node>, ordered: &Ordered, mut job: ViewJob) -> Result<Frame, Fault> {
+    let exposure = ordered.info.lighting.exposure;
+    let to_keep = from_frames::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
+    job.outputs = to_keep.unwrap_or(job.outputs);
+    let frame = render(node, ordered, &[], &job).await?;
+    if to_keep.is_some() {
+        from_frames::keep(node, &job, &frame);
+    }
+    Ok(frame)
+}
+
+/// Cameras of the plan's samples or frames, in the order that the frame's source image counts them.
+fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
+    let frames = ordered.job.plan.frames();
+    if !frames.is_empty() {
+        return Ok(frames.iter().map(FrameSource::sample_camera).collect());
+    }
+    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_reflection_probe());
+    of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
+}
+
+/// Gets the samples and renders the frame, with stages for both waits. Retries once, in a separate batch, if the
+/// device is lost or the compositor lacks a sample: a view that causes the loss of a device must not fail the views
+/// beside it twice.
+async fn render(
+    node: &Arc<Node>,
+    ordered: &Ordered,
+    needed: &[Source],
+    job: &ViewJob,
+) -> Result<Frame, Fault> {
+    let mut again = false;
+    loop {
+        let began = Instant::now();
+        let gathered = gather(node, ordered, needed, job).await?;
+        let samples_ms = began.elapsed().as_secs_f64() * 1e3;
+        let Gathered { job: composed, info, samples, frames } = gathered;
+        let rendered = node.render_thread.render_view(composed, info, samples, again).await;
+        match rendered {
+            Ok(Rendered { mut frame, queue_ms }) => {
+                if !job.plan.frames().is_empty() {
+                    from_frames::restore_plan(&mut frame, job, frames);
+                }
+                let Provenance { plan, specification, device, .. } = &frame.provenance;
+                if !(ordered.device.is_empty() || ordered.device == *device) {
+                    let reason = format!(
+                        "the frame was rendered by {device:?}, not by the pinned device {:?}",
+                        ordered.device
+                    );
+                    return Err(Fault::Pin(reason));
+                }
+                // If the device lacks the requested backend, the sampler uses another one.
+                let differs = ordered.specification.zip(*specification);
+                if let Some(at) = differs.and_then(|(asked, used)| asked.difference(&used, plan)) {
+                    let Difference { field, first, second } = at;
+                    return Err(Fault::Pin(format!(
+                        "the frame was rendered with {field} {second}, not with the pinned {field} {first}"
+                    )));
+                }
+                let mut stages = vec![Stage::new("queue", queue_ms)];
+                if !(needed.is_empty() && job.plan.frames().is_empty()) {
+                    stages.insert(0, Stage::new(SAMPLES, samples_ms));
+                }
+                frame.stages.splice(0..0, stages);
+                return Ok(frame);
+            }
+            Err(Fault::Render(RenderError::DeviceLost(_) | RenderError::MissingSample(_))) if !again => {
+                again = true;
+                let ids: Vec<SampleId> = needed.iter().map(|needed| needed.id).collect();
+                node.store.forget(&ids);
+            }
+            Err(fault) => return Err(fault),
+        }
+    }
+}
+
+/// Gets the samples or the frames of a job. The frames of an order with a fallback must be held.
+async fn gather(
+    node: &Arc<Node>,
+    ordered: &Ordered,
+    needed: &[Source],
+    job: &ViewJob,
+) -> Result<Gathered, Fault> {
+    if let Plan::Warp(warp) = &job.plan
+        && !warp.frames.is_empty()
+    {
+        return from_frames::gather(node, job, warp, &ordered.info, ordered.fallback.is_none()).await;
+    }
+    let fetches = needed.iter();
+    let fetches = fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));
+    let samples = try_join_all(fetches).await?;
+    Ok(Gathered { job: job.clone(), info: ordered.info.clone(), samples, frames: Vec::new() })
+}
