@@ -17,8 +17,8 @@ use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
 use argus_sampler::plug::{
-    CHUNK_SIDE, Cull, GuideUse, LightSharing, LitScene, Placement, Resident, Tile, TileContext, image_of,
-    timing, upload,
+    CHUNK_SIDE, Cull, Frame, GuideUse, LightSharing, LitScene, Placement, Resident, Tile, TileContext,
+    image_of, timing, upload,
 };
 
 use crate::passes::{Leaves, NodeSurfaces, OwnNodes, ShadeLeaves, Surfels};
@@ -179,12 +179,12 @@ impl LitOctree {
         let eye = scene.eye(root.world_from_unit(DVec3::splat(0.5)), lighting)?;
         for chunk in &chunks {
             scene.check_wanted()?;
-            let mut commands = gpu.commands("shade leaves");
             let context = TileContext { places: self.places(), ..scene.context(&eye, &chunk.tile, guides) };
-            self.shade(&mut commands, &context, chunk, &surfels);
-            let mut commands = scene.add_light(commands, &context, LightSharing::Leaves, &mut stages)?;
-            self.keep(&mut commands, &context, chunk, &surfels);
-            commands.submit().wait()?;
+            let mut frame = Frame::new(context, LightSharing::Leaves, "shade leaves", &mut stages);
+            self.shade(&mut frame.commands, &frame.context, chunk, &surfels);
+            scene.add_light(&mut frame)?;
+            self.keep(&mut frame.commands, &frame.context, chunk, &surfels);
+            frame.commands.submit().wait()?;
         }
         let mut commands = gpu.commands("average surfels");
         self.light(&mut commands, surfels, lighting, time_secs);

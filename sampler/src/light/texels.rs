@@ -4,8 +4,8 @@ use argus_scene::Bounds;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::Neighbours;
 use super::pattern::{self, SLOTS, slot};
+use crate::frame::Neighbours;
 use crate::light_rays::LightRaysAbout;
 
 /// A visible surface. Positions are metres about the eye.

@@ -25,7 +25,7 @@ impl AddDirect {
         Self { diffuse: pipeline(false), view: pipeline(features.specular) }
     }
 
-    /// Adds `arriving` ([`crate::light::Arriving`] of each sub-sample) to a tile.
+    /// Adds `arriving` ([`crate::lit_tile::Arriving`] of each sub-sample) to a tile.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,

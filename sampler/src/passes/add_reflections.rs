@@ -23,7 +23,8 @@ impl AddReflections {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (guides, reflectors): (&Guides, &wgpu::Buffer),
+        guides: &Guides,
+        reflectors: &wgpu::Buffer,
         arriving: &wgpu::Buffer,
     ) {
         let TileContext { gpu, targets, tile, .. } = context;

@@ -3,8 +3,7 @@
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE;
 
-use super::TileContext;
-use crate::probe_renderer::ProbeBindings;
+use super::{ProbeBindings, TileContext};
 use crate::resident::{Features, GuideUse};
 use crate::scratch::Guides;
 

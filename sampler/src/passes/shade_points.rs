@@ -31,7 +31,8 @@ impl ShadePoints {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (chunk, points): (&wgpu::Buffer, &wgpu::Buffer),
+        chunk: &wgpu::Buffer,
+        points: &wgpu::Buffer,
     ) {
         let TileContext { targets, tile, .. } = context;
         let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
@@ -55,7 +56,8 @@ impl ShadePoints {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (chunk, radiance): (&wgpu::Buffer, &wgpu::Buffer),
+        chunk: &wgpu::Buffer,
+        radiance: &wgpu::Buffer,
     ) {
         let [width, height] = context.tile.sub_samples();
         commands

@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::RenderError;
 use argus_shaders::layout::sampler::PlacedTree;
 use argus_shaders::sampler::TRACE;
@@ -127,12 +127,12 @@ impl Trace {
         Ok(())
     }
 
-    /// Reads back whether any packet ended early. Decode with [`Self::is_whole`].
-    pub(crate) fn read_unfinished(&self, commands: &mut Commands) -> PendingReadback {
-        commands.read_buffer(&self.unfinished, 0..4)
+    /// Four bytes that say whether any packet ended early. Decode them with [`Self::is_whole`].
+    pub(crate) fn unfinished(&self) -> &wgpu::Buffer {
+        &self.unfinished
     }
 
-    /// Whether no packet ended early, from the bytes of [`Self::read_unfinished`].
+    /// Whether no packet ended early, by the bytes of [`Self::unfinished`].
     pub(crate) fn is_whole(unfinished: &[u8]) -> bool {
         unfinished.iter().all(|&byte| byte == 0)
     }

@@ -5,14 +5,13 @@
 
 use argus_gpu::Gpu;
 use argus_scene::{ProbeEye, Scene};
-use argus_shaders::layout::sampler::ProbePoint;
 use glam::DVec3;
 
-use super::ProbePlaces;
-use crate::index_maps::{IndexMaps, MappedReflector, Requests};
+use super::method::ProbePlaces;
+use crate::index_maps::{MappedReflector, Requests};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
 use crate::point_shading::probe_point;
-use crate::reflected_light::{Ray, ReflectionRays, ReflectionSource};
+use crate::reflected_light::{FilledMaps, Ray, ReflectionRays, ReflectionSource};
 use crate::resident::{GuideUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
@@ -26,18 +25,6 @@ pub(crate) struct PointProbes {
     pub(crate) shade: ShadePoints,
     pub(crate) resample: ResamplePoints,
     pub(crate) blur: BlurProbes,
-}
-
-/// Some reflectors' cube maps, and the points that they show.
-pub struct FilledMaps {
-    /// For each texel 1 + the index of its point, or 0 for sky; and its inverse range, 1/metres, f32 bits.
-    pub texels: Vec<[u32; 2]>,
-    /// The points, each once. Positions are relative to [`ProbePlaces::middle`].
-    pub points: Vec<ProbePoint>,
-    /// The rays that found them, if rays did.
-    pub rays: Vec<Ray>,
-    /// Number of maps.
-    pub maps: u32,
 }
 
 /// What fills cube maps.
@@ -81,7 +68,8 @@ impl PointProbes {
         by: &ReflectionSource,
         scene: &Scene,
         places: &ProbePlaces,
-        (side, time_secs): (u32, f64),
+        side: u32,
+        time_secs: f64,
     ) -> Vec<Vec<MappedReflector>> {
         let side = source.cube_side(side);
         let posed = scene.at(time_secs);
@@ -144,16 +132,5 @@ impl PointProbes {
         };
         let (points, found) = (0..).zip(shown.ids()).filter_map(point).unzip();
         FilledMaps { rays: found, ..FilledMaps::new(&maps, &shown, points) }
-    }
-}
-
-impl FilledMaps {
-    /// Maps whose ids are replaced by places in the list of shown points.
-    pub fn new(maps: &IndexMaps, shown: &Requests, points: Vec<ProbePoint>) -> Self {
-        let texel = |key: u64| match key {
-            0 => [0; 2],
-            key => [1 + shown.slot(key as u32) as u32, (key >> 32) as u32],
-        };
-        Self { texels: maps.bits().map(texel).collect(), points, rays: Vec::new(), maps: maps.count() }
     }
 }

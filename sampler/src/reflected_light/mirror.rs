@@ -49,7 +49,8 @@ impl Mirror {
     pub(crate) fn of_guides(
         [surface, material]: PointGuides,
         offset: impl Fn(Vec3) -> f32,
-        (reflector, lets_through): (u32, bool),
+        reflector: u32,
+        lets_through: bool,
     ) -> Option<Self> {
         let texel = texel_of_guides(surface, material, offset);
         let [r, g, b, roughness] = material[3].to_le_bytes().map(|byte| f32::from(byte) / 255.0);

@@ -101,7 +101,8 @@ impl ReflectionRays {
     pub(crate) fn pose(
         &mut self,
         scene: &Scene,
-        (tracer, time_secs): (&PacketTracer, f64),
+        tracer: &PacketTracer,
+        time_secs: f64,
     ) -> Result<(), RenderError> {
         self.instances = scene.at(time_secs).instances;
         self.rays.pose(tracer).ok_or_else(too_large)

@@ -9,10 +9,10 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::taps::taps;
 use crate::light::Texel;
 use crate::reflected_light::{Mirror, Ray, reflected};
 use crate::tile::Tile;
-use crate::view_reflections::taps;
 
 /// Largest α of a reflection that pixels share in squares of 3 × 3; others share in squares of 5 × 5.
 const SMOOTH: f32 = 0.12;
@@ -33,12 +33,12 @@ struct Lobe {
 }
 
 /// All rays of a tile.
-pub(super) struct Lobes {
-    pub(super) rays: Vec<Ray>,
+pub(crate) struct Lobes {
+    pub(crate) rays: Vec<Ray>,
     weights: Vec<f32>,
     lobes: Vec<Lobe>,
     /// Reflective sub-samples.
-    pub(super) seen: Vec<Seen>,
+    seen: Vec<Seen>,
     /// For each pixel of the tile its shared lobe, if it has one.
     shared: Vec<Option<u32>>,
     /// Pixels: columns, rows; and sub-samples along a pixel's side.
@@ -48,7 +48,7 @@ pub(super) struct Lobes {
 
 /// A reflective sub-sample.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen {
+struct Seen {
     /// Its number in the tile.
     at: u32,
     /// Its lobe.
@@ -61,9 +61,10 @@ impl Lobes {
     /// Rays of a tile, of which guides (`shaders/shared/guide.wgsl`) and words of reflectors were read back. A sharp
     /// reflection has `taps_` rays in each sub-sample. `offset` is how far off a surface about the eye rays begin, metres.
     /// `instances` are those of the reflectors.
-    pub(super) fn new(
+    pub(crate) fn new(
         guides: [&[u8]; 3],
-        (tile, taps_): (&Tile, u32),
+        tile: &Tile,
+        taps_: u32,
         offset: impl Fn(Vec3) -> f32 + Sync,
         instances: &[u32],
     ) -> Self {
@@ -91,7 +92,7 @@ impl Lobes {
                     step(mirror, next.as_ref())
                 });
                 let rays = offsets.iter().map(|tap| tapped(mirror, steps, *tap));
-                let lobe = all.cast(mirror, (at as u32, own), rays, pixel_width / tile.side as f32);
+                let lobe = all.cast(mirror, at as u32, own, rays, pixel_width / tile.side as f32);
                 all.seen.push(Seen { at: at as u32, lobe, square: 1 });
                 continue;
             }
@@ -106,7 +107,7 @@ impl Lobes {
                     let half = mirror.half_vector(stratum, square * square);
                     let towards = mirror.texel.position.normalize_or(-half);
                     let rays = std::iter::once((mirror.texel.start, reflected(towards, half)));
-                    let lobe = all.cast(mirror, (at as u32, own), rays, pixel_width);
+                    let lobe = all.cast(mirror, at as u32, own, rays, pixel_width);
                     all.shared[number] = Some(lobe);
                     lobe
                 }
@@ -121,7 +122,8 @@ impl Lobes {
     fn cast(
         &mut self,
         mirror: &Mirror,
-        (at, own): (u32, Option<u32>),
+        at: u32,
+        own: Option<u32>,
         reflected: impl Iterator<Item = (Vec3, Vec3)>,
         pixel_width: f32,
     ) -> u32 {
@@ -160,7 +162,7 @@ impl Lobes {
 
     /// What arrives at each of `count` sub-samples, by the radiance that rays meet: reflected radiance of all, and then
     /// refracted radiance of all, if there is any. The fourth component is unused.
-    pub(super) fn gather(&self, arriving: &[Vec3], count: usize) -> Vec<[f32; 4]> {
+    pub(crate) fn gather(&self, arriving: &[Vec3], count: usize) -> Vec<[f32; 4]> {
         let sums: Vec<[(Vec3, f32); 2]> =
             self.lobes.par_iter().with_min_len(1024).map(|lobe| self.sums(lobe, arriving)).collect();
         let found: Vec<[Vec3; 2]> =
@@ -242,7 +244,7 @@ fn mirrors(
     let of_sub_sample = |((surface, material), word): ((&[u8; 16], &[u8; 16]), &[u8; 4])| {
         let word = u32::from_le_bytes(*word);
         let number = probe_in_word(word).checked_sub(1)?;
-        Mirror::of_guides([word4(surface), word4(material)], &offset, (number, lets_through(word)))
+        Mirror::of_guides([word4(surface), word4(material)], &offset, number, lets_through(word))
     };
     guides.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
 }

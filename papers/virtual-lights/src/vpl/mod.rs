@@ -38,8 +38,7 @@ use crate::layout::vpl::MOST_GROUPS;
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_megaviews::hierarchy::Octree;
 use argus_sampler::plug::{
-    IndirectMethod, LightInputs, LightSharing, PacketTracer, Placement, Scratch, Surfaces, TileContext,
-    upload,
+    Frame, IndirectMethod, LightInputs, PacketTracer, Placement, Scratch, Surfaces, TileContext, upload,
 };
 use argus_scene::indirect::{MapSource, VplKnobs};
 use argus_scene::{Bounds, Indirect, Lighting, RenderError, Scene, Stage};
@@ -120,15 +119,9 @@ impl IndirectMethod for Radiosity {
         self.ready_at(inputs)
     }
 
-    fn add(
-        &mut self,
-        mut commands: Commands,
-        context: &TileContext<'_>,
-        _: LightSharing,
-        _: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError> {
-        self.record(&mut commands, context);
-        Ok(commands)
+    fn add(&mut self, frame: &mut Frame<'_>, _: Option<&[u8]>) -> Result<(), RenderError> {
+        self.record(&mut frame.commands, &frame.context);
+        Ok(())
     }
 }
 

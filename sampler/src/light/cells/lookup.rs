@@ -10,10 +10,10 @@ use argus_scene::Bounds;
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
+use super::super::lattice::{CellKey, Lattice, MOST_LEVEL};
 use super::super::texels::{Texel, Texels};
 use super::corner::{MOST_GROUPS, above};
-use super::key::{CellKey, Lattice, MOST_LEVEL};
-use super::rays::RAYS;
+use super::scene::RAYS;
 use super::sides::{ALMOST, MOST_BLOCKED};
 use super::store::Store;
 use crate::light_rays::LightRaysAbout;

@@ -11,7 +11,7 @@
 //!
 //! # Steps
 //!
-//! 1. [`key`]: the lattice. A cell has a level, whose spacing halves from one to the next, and three numbers.
+//! 1. [`super::lattice`]: the lattice. A cell has a level, whose spacing halves from one to the next, and three numbers.
 //! 2. [`sides`]: what lies in a cell and faces the same way; [`tree`] finds its triangles.
 //! 3. [`rays`]: the light that arrives at a side, by 16 rays, by 64 or by 256: its *tiers*.
 //! 4. [`corner`]: which of the eight cells of a lookup have a wall between them.
@@ -24,10 +24,10 @@
 
 mod alone;
 mod corner;
-mod key;
 mod lookup;
 mod queue;
 mod rays;
+mod scene;
 mod sides;
 mod store;
 mod tree;
@@ -35,23 +35,23 @@ mod tree;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use argus_scene::{CellKnobs, CellReport, Lighting, Sky, SurfaceLight};
+use argus_scene::{CellKnobs, CellReport, Lighting, SurfaceLight};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::lattice::CellKey;
 use super::paths::Leaves;
 use super::texels::Texels;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 use alone::Surroundings;
-use key::CellKey;
 use lookup::{Answer, Lookup, only};
 use queue::Queue;
-use rays::{RAYS, Sequence, Sums};
+use rays::Sums;
+use scene::{CellScene, RAYS, Sequence};
 use sides::Side;
 use store::{Store, TIERS};
 
-pub(super) use key::Lattice;
 pub(super) use lookup::CellLight;
 pub(super) use tree::BoxTree;
 
@@ -95,20 +95,6 @@ impl From<Option<SurfaceLight>> for CellUse {
             Some(SurfaceLight::Cells { rays }) => Self::Whole { rays },
         }
     }
-}
-
-/// What fills cells: a posed and lit scene. Positions are metres about the centre of its leaves.
-pub(super) struct CellScene<'a> {
-    pub(super) lattice: Lattice,
-    pub(super) leaves: &'a Leaves,
-    pub(super) tree: &'a BoxTree,
-    pub(super) surfaces: &'a Surfaces,
-    /// The scene about that centre. Rays of cells start from surfaces, so they are the same for all eyes.
-    pub(super) about: &'a LightRaysAbout<'a>,
-    pub(super) sky: &'a Sky,
-    /// Radiance that leaf sides reflect.
-    pub(super) radiance: &'a [Vec3],
-    sequence: &'a Sequence,
 }
 
 /// The scene's parts, as a caller has them.

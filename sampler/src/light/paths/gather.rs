@@ -21,18 +21,18 @@ const SLOTS_ALONE: usize = 4;
 const REACHES: [i64; 2] = [1, 3];
 
 /// Casts rays from texels about an eye.
-pub(super) struct Gatherer<'a> {
-    pub(super) leaves: &'a Leaves,
+pub(in crate::light) struct Gatherer<'a> {
+    pub(in crate::light) leaves: &'a Leaves,
     /// Radiance that leaf sides reflect.
-    pub(super) radiance: &'a [Vec3],
-    pub(super) about: &'a LightRaysAbout<'a>,
+    pub(in crate::light) radiance: &'a [Vec3],
+    pub(in crate::light) about: &'a LightRaysAbout<'a>,
     /// The eye about the centre of the leaves.
-    pub(super) from_eye: Vec3,
+    pub(in crate::light) from_eye: Vec3,
 }
 
 impl Gatherer<'_> {
     /// Irradiance / π at each texel; `rays` is the number of rays of one that shares.
-    pub(super) fn irradiance_over_pi(&self, texels: &Texels, rays: usize) -> Vec<Vec3> {
+    pub(in crate::light) fn irradiance_over_pi(&self, texels: &Texels, rays: usize) -> Vec<Vec3> {
         let pattern = Pattern::of_disc(rays);
         let count = texels.all.len();
         let Some(first) = texels.first else {

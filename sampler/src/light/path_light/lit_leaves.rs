@@ -6,13 +6,10 @@ use argus_scene::{Bounds, Lighting, PathKnobs, RenderError, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::LightTracing;
 use super::super::cells::BoxTree;
+use super::super::paths::{Gatherer, Leaves, Links};
 use super::super::texels::{Effort, Texel, Texels};
-use super::PathReport;
-use super::gather::Gatherer;
-use super::leaves::Leaves;
-use super::links::Links;
+use super::super::tracing::LightTracing;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 use crate::timing;
@@ -21,6 +18,21 @@ use crate::timing;
 const BATCH: usize = 1 << 14;
 /// Most rays of all leaf sides: 1 GiB of links.
 const MOST_RAYS: u64 = 1 << 28;
+
+/// Report on a scene's light by paths.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PathReport {
+    /// Number of leaf sides.
+    pub sides: usize,
+    /// Milliseconds of building them. Rebuilt only if the scene moves.
+    pub build_ms: f64,
+    /// Milliseconds of tracing their links. Traced again only if the scene moves.
+    pub links_ms: f64,
+    /// Milliseconds of their direct light.
+    pub direct_ms: f64,
+    /// Milliseconds of the bounces.
+    pub gather_ms: f64,
+}
 
 /// The light of leaf sides of one level. Surfaces and what traces light are handed in, since another thread may light them.
 pub(super) struct LitLeaves {
