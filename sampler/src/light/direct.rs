@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use argus_gpu::Gpu;
 use argus_scene::{LightEffects, Lighting, RenderError, Scene};
+use bytes::Bytes;
 
 use super::device::{self, DeviceLight, LitTile};
-use super::on_cpu::LightOnCpu;
+use super::on_cpu::{LightOnCpu, OnCpu, RaysOnCpu};
 use super::path_light::PathLight;
 use super::sky::SkyIrradiance;
 use super::tracing::{LightTracing, emission_textures, emitters_at, reads_textures};
@@ -20,12 +21,12 @@ use crate::scratch::Guides;
 
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
-    pub(super) tracing: Arc<LightTracing>,
+    tracing: Arc<LightTracing>,
     /// Traces rays of tiles to lights and to the sky; `None` if the CPU does.
     device: Option<DeviceLight>,
     /// Texels of an image cast one of so many of their rays.
-    pub(super) ray_divisor: u32,
-    pub(super) features: Features,
+    ray_divisor: u32,
+    features: Features,
     add: AddDirect,
 }
 
@@ -174,6 +175,24 @@ impl DirectLight {
     /// Whether the CPU traces rays of a frame: all of them, or those to emitters and between surfaces.
     pub(crate) fn needs_cpu(&self, tile: Option<&LitTile>, paths: Option<&PathLight>) -> bool {
         tile.is_none() || paths.is_some() || self.tracing.emitters.any()
+    }
+
+    /// Begins the light of a frame on the CPU, by guides that were read back. `tile` is its light on the device.
+    pub(crate) fn on_cpu<'a>(
+        &'a self,
+        frame: &Frame<'_>,
+        guides: &[Bytes; 2],
+        paths: Option<&'a PathLight>,
+        tile: Option<&LitTile>,
+    ) -> OnCpu<'a> {
+        let by = RaysOnCpu {
+            tracing: &self.tracing,
+            paths,
+            ray_divisor: self.ray_divisor,
+            is_glossy: self.features.specular,
+            has_device: tile.is_some(),
+        };
+        OnCpu::new(by, frame, guides)
     }
 
     /// Traces rays to lights on the device.

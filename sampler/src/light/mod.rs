@@ -35,7 +35,6 @@ mod tracing;
 
 pub(crate) use cells::CellUse;
 pub(crate) use direct::{DirectLight, LightSettings};
-pub(crate) use on_cpu::OnCpu;
 pub(crate) use path_light::PathLight;
 pub use path_light::PathReport;
 pub(crate) use texels::{Texel, texel as texel_of_guides};

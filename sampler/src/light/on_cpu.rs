@@ -10,8 +10,6 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{CellLight, Eye};
-use super::device::LitTile;
-use super::direct::DirectLight;
 use super::path_light::PathLight;
 use super::shadows::VisibilityWords;
 use super::sky;
@@ -23,6 +21,18 @@ use crate::light_rays::LightRaysAbout;
 use crate::lit_tile::Arriving;
 use crate::resident::upload;
 use crate::timing;
+
+/// What the CPU finds light by.
+pub(super) struct RaysOnCpu<'a> {
+    pub(super) tracing: &'a LightTracing,
+    pub(super) paths: Option<&'a PathLight>,
+    /// Texels of an image cast one of so many of their rays.
+    pub(super) ray_divisor: u32,
+    /// Whether surfaces are glossy, which ask for the lights that they see.
+    pub(super) is_glossy: bool,
+    /// Whether the device finds the light of lights and of the sky.
+    pub(super) has_device: bool,
+}
 
 /// The light of a frame that the CPU finds, stage by stage.
 pub(crate) struct OnCpu<'a> {
@@ -62,33 +72,26 @@ pub(crate) struct LightOnCpu {
 }
 
 impl<'a> OnCpu<'a> {
-    /// Finds where rays start, by guides that were read back: surfaces and materials. `tile` is the light on the device.
-    pub(crate) fn new(
-        direct: &'a DirectLight,
-        paths: Option<&'a PathLight>,
-        frame: &Frame<'_>,
-        guides: &[Bytes; 2],
-        tile: Option<&LitTile>,
-    ) -> Self {
+    /// Finds where rays start, by guides that were read back: surfaces and materials.
+    pub(super) fn new(by: RaysOnCpu<'a>, frame: &Frame<'_>, guides: &[Bytes; 2]) -> Self {
         let begin = Instant::now();
-        let tracing = direct.tracing.as_ref();
+        let RaysOnCpu { tracing, paths, ray_divisor, is_glossy, has_device } = by;
         let (tile_of, eye) = (&frame.context.tile, frame.context.eye.position);
         let about = tracing.rays.about(eye);
         let [surfaces, materials] = guides;
         let texels = Texels::new(surfaces, materials, tile_of.sub_samples(), frame.neighbours(), &about);
-        let glossy = direct.features.specular;
         Self {
-            words: glossy.then(|| VisibilityWords::new(&tracing.lighting, texels.all.len())),
+            words: is_glossy.then(|| VisibilityWords::new(&tracing.lighting, texels.all.len())),
             tracing,
             about,
             eye,
             texels,
-            knobs: tracing.knobs.divided(direct.ray_divisor),
-            ray_divisor: direct.ray_divisor,
+            knobs: tracing.knobs.divided(ray_divisor),
+            ray_divisor,
             paths,
             uses_cells: frame.uses_cells(),
             pixel: tile_of.pixel_angle(),
-            has_device: tile.is_some(),
+            has_device,
             cells: None,
             lights: None,
             sky: None,

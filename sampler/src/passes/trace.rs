@@ -9,7 +9,7 @@ use argus_shaders::sampler::TRACE;
 use glam::DVec3;
 
 use super::TileContext;
-use super::trace_cutouts::TraceCutouts;
+use super::trace_cutouts::{TraceCutouts, TracedTrees};
 use crate::bvh::{Hierarchy, PlacedObject};
 use crate::resident::upload;
 use crate::wide::Wide;
@@ -24,12 +24,12 @@ const LANES: u32 = 8;
 /// Traces packets of rays, one a subgroup.
 pub(crate) struct Trace {
     wide: Wide,
-    pub(super) children: wgpu::TextureView,
-    pub(super) triangles: wgpu::TextureView,
+    children: wgpu::TextureView,
+    triangles: wgpu::TextureView,
     /// Distance of the near plane, in units of the rays' directions.
     near: f32,
     /// Set by packets that ended early.
-    pub(super) unfinished: wgpu::Buffer,
+    unfinished: wgpu::Buffer,
     /// By the base-2 logarithm of a lane's rows.
     opaque: [OnceLock<ComputePipeline>; 4],
     cutouts: Option<TraceCutouts>,
@@ -122,7 +122,11 @@ impl Trace {
             .write("unfinished", &self.unfinished)
             .dispatch([width.div_ceil(8), height.div_ceil(8 << log), 1]);
         if let Some(cutouts) = &self.cutouts {
-            cutouts.record(commands, context, self, &top, &placed);
+            let Self { children, triangles, unfinished, .. } = self;
+            let nearest_inverse = self.nearest_inverse();
+            let (top, placed) = (&top, &placed);
+            let trees = TracedTrees { children, triangles, top, placed, unfinished, nearest_inverse };
+            cutouts.record(commands, context, &trees);
         }
         Ok(())
     }
@@ -138,7 +142,7 @@ impl Trace {
     }
 
     /// Inverse distance of the near plane, in units of the rays' directions.
-    pub(super) fn nearest_inverse(&self) -> f64 {
+    fn nearest_inverse(&self) -> f64 {
         1.0 / f64::from(self.near)
     }
 

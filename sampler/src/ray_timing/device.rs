@@ -8,7 +8,7 @@ use argus_scene::{Camera, RenderError, Scene};
 use argus_shaders::layout::sampler::{ScatteredHit, ScatteredRay};
 use glam::DVec3;
 
-use super::{Batch, RayKind, View};
+use super::views::{Batch, RayKind, View};
 use crate::draws;
 use crate::light_rays::device::{DevicePlaced, DeviceTrees};
 use crate::light_rays::{CullMode, LightRays};

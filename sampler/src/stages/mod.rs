@@ -34,7 +34,6 @@ pub(crate) use self::reflections::ViewReflecting;
 pub(crate) use self::shade::SurfaceProgram;
 use crate::frame::{Frame, check_wanted};
 use crate::indirect::{IndirectLight, Lights};
-use crate::light::OnCpu;
 use crate::point_shading::{PointGuides, Points, ShadedPoints};
 use crate::reflected_light::{Bounces, Met, Paths};
 use crate::resident::upload;
@@ -191,7 +190,7 @@ pub(crate) fn light(frame: &mut Frame<'_>, lights: &mut Lights) -> Result<(), Re
         if direct.needs_cpu(tile.as_ref(), paths) {
             // Emitters and other surfaces are traced on the CPU on every device.
             let read = frame.read_guides(&guides, "add direct light")?;
-            let mut found = OnCpu::new(direct, paths, frame, &read, tile.as_ref());
+            let mut found = direct.on_cpu(frame, &read, paths, tile.as_ref());
             found.look_up_cells();
             found.trace_lights();
             found.trace_sky();
