@@ -24,8 +24,8 @@ pub(super) fn smoothed<T: Shared>(values: Vec<T>, texels: &Texels) -> Vec<T> {
     }
     let [width, height] = texels.size;
     REACHES.into_iter().fold(values, |values, reach| {
-        let rows = along(&values, texels, (1, reach), |index| (index % width, width));
-        along(&rows, texels, (width, reach), |index| (index / width, height))
+        let rows = along(&values, texels, 1, reach, |index| (index % width, width));
+        along(&rows, texels, width, reach, |index| (index / width, height))
     })
 }
 
@@ -33,7 +33,8 @@ pub(super) fn smoothed<T: Shared>(values: Vec<T>, texels: &Texels) -> Vec<T> {
 fn along<T: Shared>(
     values: &[T],
     texels: &Texels,
-    (step, reach): (usize, isize),
+    step: usize,
+    reach: isize,
     line: impl Fn(usize) -> (usize, usize) + Sync,
 ) -> Vec<T> {
     let mean = |index: usize| {

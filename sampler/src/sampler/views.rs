@@ -100,9 +100,9 @@ impl GpuSampler {
             reflections: view.reflections,
             exposure: self.lighting.exposure,
         };
-        let made_by = (specification, self.gpu.kind());
-        let lit = self.says_light(view);
-        Ok(frame(&lit, &self.scene, made_by, ViewParts { color, range }, scene.into_stages()))
+        let (lit, device) = (self.says_light(view), self.gpu.kind());
+        let parts = ViewParts { color, range };
+        Ok(frame(&lit, &self.scene, specification, device, parts, scene.into_stages()))
     }
 
     /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.

@@ -163,7 +163,7 @@ impl Lobes {
     /// What arrives at each of `count` sub-samples, by the radiance that rays meet: reflected radiance of all, and then
     /// refracted radiance of all, if there is any. The fourth component is unused.
     pub(crate) fn gather(&self, arriving: &[Vec3], count: usize) -> Vec<[f32; 4]> {
-        let sums: Vec<[(Vec3, f32); 2]> =
+        let sums: Vec<[Sum; 2]> =
             self.lobes.par_iter().with_min_len(1024).map(|lobe| self.sums(lobe, arriving)).collect();
         let found: Vec<[Vec3; 2]> =
             self.seen.par_iter().with_min_len(256).map(|seen| self.of_square(seen, &sums)).collect();
@@ -179,21 +179,22 @@ impl Lobes {
     }
 
     /// Weighted sums of a lobe's reflected and refracted radiance, and their weights.
-    fn sums(&self, lobe: &Lobe, arriving: &[Vec3]) -> [(Vec3, f32); 2] {
+    fn sums(&self, lobe: &Lobe, arriving: &[Vec3]) -> [Sum; 2] {
         let rays = lobe.reflected.start as usize..lobe.reflected.end as usize;
-        let add = |(sum, all): (Vec3, f32), (radiance, weight): (&Vec3, &f32)| {
-            (sum + *radiance * *weight, all + weight)
-        };
-        let reflected = arriving[rays.clone()].iter().zip(&self.weights[rays]).fold((Vec3::ZERO, 0.0), add);
-        let through = lobe.through.map_or((Vec3::ZERO, 0.0), |ray| (arriving[ray as usize], 1.0));
+        let mut reflected = Sum::default();
+        for (radiance, weight) in arriving[rays.clone()].iter().zip(&self.weights[rays]) {
+            reflected.add(*radiance * *weight, *weight);
+        }
+        let through =
+            lobe.through.map(|ray| Sum { radiance: arriving[ray as usize], weight: 1.0 }).unwrap_or_default();
         [reflected, through]
     }
 
     /// Means over the lobes of the square around a sub-sample's pixel that show its surface.
-    fn of_square(&self, seen: &Seen, sums: &[[(Vec3, f32); 2]]) -> [Vec3; 2] {
+    fn of_square(&self, seen: &Seen, sums: &[[Sum; 2]]) -> [Vec3; 2] {
         let own = &sums[seen.lobe as usize];
         if seen.square == 1 {
-            return own.map(mean);
+            return own.map(Sum::mean);
         }
         let lobe = &self.lobes[seen.lobe as usize];
         let [width, height] = self.size.map(i64::from);
@@ -203,7 +204,7 @@ impl Lobes {
         let weight = |off: i64| (reach + 1 - off.abs()).min(3) as f32;
         let (at, columns) = (i64::from(seen.at), width * side);
         let (column, row) = (at % columns / side, at / columns / side);
-        let mut all = [(Vec3::ZERO, 0.0); 2];
+        let mut all = [Sum::default(); 2];
         for y in (row - reach).max(0)..=(row + reach).min(height - 1) {
             for x in (column - reach).max(0)..=(column + reach).min(width - 1) {
                 let Some(number) = self.shared[(y * width + x) as usize] else { continue };
@@ -211,12 +212,12 @@ impl Lobes {
                 if number == seen.lobe || lobe.agrees(other) {
                     let weight = weight(x - column) * weight(y - row);
                     for (all, one) in all.iter_mut().zip(&sums[number as usize]) {
-                        *all = (all.0 + one.0 * weight, all.1 + one.1 * weight);
+                        all.add(one.radiance * weight, one.weight * weight);
                     }
                 }
             }
         }
-        all.map(mean)
+        all.map(Sum::mean)
     }
 }
 
@@ -230,8 +231,23 @@ impl Lobe {
     }
 }
 
-fn mean((sum, weights): (Vec3, f32)) -> Vec3 {
-    if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+/// A weighted sum of radiance.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    radiance: Vec3,
+    weight: f32,
+}
+
+impl Sum {
+    /// Adds radiance that is already weighted.
+    fn add(&mut self, radiance: Vec3, weight: f32) {
+        self.radiance += radiance;
+        self.weight += weight;
+    }
+
+    fn mean(self) -> Vec3 {
+        if self.weight > 0.0 { self.radiance / self.weight } else { Vec3::ZERO }
+    }
 }
 
 /// Reflective surfaces of a tile's sub-samples.

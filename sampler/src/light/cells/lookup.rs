@@ -266,7 +266,7 @@ impl Lookup<'_> {
         let (sides, groups) = (&corners.sides[sides], &corners.groups[groups]);
         let mixed = match groups.is_empty() {
             true => Weighed::all(sides, texel, place).mean(),
-            false => self.seen(sides, groups, texel, (place, level)).and_then(Weighed::mean),
+            false => self.seen(sides, groups, texel, place, level).and_then(Weighed::mean),
         };
         mixed.map_or(Mixed::Alone, Mixed::Light)
     }
@@ -278,7 +278,8 @@ impl Lookup<'_> {
         sides: &[Near],
         groups: &[Group],
         texel: &Texel,
-        (place, level): (Vec3, u32),
+        place: Vec3,
+        level: u32,
     ) -> Option<Weighed> {
         let mut of_groups = [Weighed::default(); MOST_GROUPS + 1];
         let of_groups = &mut of_groups[..=groups.last().map_or(0, |group| usize::from(group.number))];

@@ -208,7 +208,7 @@ impl LightCells {
             (CellUse::Rays, _) | (_, Some(SurfaceLight::Rays)) => None,
             (CellUse::Whole { rays }, _) | (_, Some(SurfaceLight::Cells { rays })) => {
                 let tier = tier_of(rays);
-                let answers = self.answers(&mut state, &scene, texels, eye, (tier, f64::INFINITY));
+                let answers = self.answers(&mut state, &scene, texels, eye, tier, f64::INFINITY);
                 Some((tier, answers.unwrap_or_default()))
             }
             (CellUse::Open, None) => self.best(&mut state, &scene, texels, eye),
@@ -232,7 +232,7 @@ impl LightCells {
             let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
             // Better light is no reason to wait.
             let found = match within && (tier == 0 || missing.is_empty()) {
-                true => self.answers(state, scene, texels, eye, (tier, VIEW_FILLS_MS)),
+                true => self.answers(state, scene, texels, eye, tier, VIEW_FILLS_MS),
                 false => None,
             };
             if let Some(answers) = found {
@@ -254,7 +254,8 @@ impl LightCells {
         scene: &CellScene<'_>,
         texels: &Texels,
         eye: Eye<'_>,
-        (tier, most_ms): (usize, f64),
+        tier: usize,
+        most_ms: f64,
     ) -> Option<Vec<Answer>> {
         let mut answers = vec![Answer::Missing; texels.all.len()];
         loop {

@@ -414,14 +414,15 @@ impl Leaves {
             let around = around.into_iter().filter(|leaf| *leaf != u32::MAX);
             let most_off = SAME_PLANE * self.grid.size(cell);
             self.sides_in(leaf as u32)
-                .map(move |side| self.mean_around((side, most_off), around.clone(), values))
+                .map(move |side| self.mean_around(side, most_off, around.clone(), values))
         };
         (0..self.keys.len()).into_par_iter().with_min_len(64).flat_map_iter(of_cell).collect()
     }
 
     fn mean_around(
         &self,
-        (side, most_off): (u32, f32),
+        side: u32,
+        most_off: f32,
         around: impl Iterator<Item = u32>,
         values: &[Vec3],
     ) -> Vec3 {
