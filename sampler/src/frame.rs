@@ -5,7 +5,7 @@ use argus_scene::{Cancel, RenderError, Stage};
 use bytes::Bytes;
 
 use crate::passes::TileContext;
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 use crate::tile::Tile;
 use crate::timing;
 
@@ -75,10 +75,10 @@ impl<'a> Frame<'a> {
         self.context.tile.sub_samples().map(u64::from).iter().product()
     }
 
-    /// Reads the guides back: surfaces and materials, 16 bytes a sub-sample each.
-    pub(crate) fn read_guides(&mut self, guides: &Guides, label: &str) -> Result<[Bytes; 2], GpuError> {
+    /// Reads the G-buffer back: surfaces and materials, 16 bytes a sub-sample each.
+    pub(crate) fn read_g_buffer(&mut self, g_buffer: &GBuffer, label: &str) -> Result<[Bytes; 2], GpuError> {
         let bytes = self.sub_samples() * 16;
-        self.read_back([(&guides.surfaces, bytes), (&guides.materials, bytes)], label)
+        self.read_back([(&g_buffer.surfaces, bytes), (&g_buffer.materials, bytes)], label)
     }
 
     /// Which sub-samples know one another, for direct light.

@@ -22,7 +22,7 @@ pub(crate) struct Lights {
 }
 
 impl Lights {
-    /// Whether light is added to what is shaded, for which shading leaves guides.
+    /// Whether light is added to what is shaded, for which shading leaves a G-buffer.
     pub(crate) fn any(&self) -> bool {
         self.direct.is_some() || self.indirect.is_some()
     }

@@ -56,17 +56,17 @@ impl<'a> LitScene<'a> {
         sample_tiles(camera, self.knobs.side())
     }
 
-    /// What the passes of a tile share. With `guides`, the targets have room for what later light needs.
-    pub fn context<'b>(&mut self, eye: &'b Eye, tile: &Tile, guides: bool) -> TileContext<'b>
+    /// What the passes of a tile share. With `g_buffer`, the targets have room for what later light needs.
+    pub fn context<'b>(&mut self, eye: &'b Eye, tile: &Tile, g_buffer: bool) -> TileContext<'b>
     where
         'a: 'b,
     {
-        let extras = Extras { guides, ..Extras::default() };
+        let extras = Extras { g_buffer, ..Extras::default() };
         TileContext::new(self.gpu, self.resident, eye, tile, self.scratch, extras)
     }
 
-    /// Whether light is added to what is shaded, for which shading leaves guides.
-    pub fn keeps_guides(&self) -> bool {
+    /// Whether light is added to what is shaded, for which shading leaves a G-buffer.
+    pub fn keeps_g_buffer(&self) -> bool {
         self.lights.any()
     }
 

@@ -2,7 +2,7 @@
 
 use argus_gpu::{ComputeCall, Gpu, wgpu};
 
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 
 /// Bits of an `array<vec4f>`: irradiance / π, and the shares of lights and sky that are seen, a byte each.
 pub(crate) type Arriving = [f32; 4];
@@ -52,7 +52,7 @@ impl LitBuffers {
 /// The texels of a tile on the device, and the light that is found for them.
 pub(crate) struct LitTexels {
     pub(crate) tile: wgpu::Buffer,
-    pub(crate) guides: Guides,
+    pub(crate) g_buffer: GBuffer,
     pub(crate) count: u32,
     pub(crate) buffers: LitBuffers,
 }
@@ -60,11 +60,11 @@ pub(crate) struct LitTexels {
 impl LitTexels {
     /// Binds what a program reads to find texels.
     pub(crate) fn bind<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
-        self.bind_size(call).read("guide_materials", &self.guides.materials)
+        self.bind_size(call).read("g_materials", &self.g_buffer.materials)
     }
 
     /// Binds what a program reads to find how many texels there are.
     pub(crate) fn bind_size<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
-        call.read("tile", &self.tile).read("guides", &self.guides.surfaces)
+        call.read("tile", &self.tile).read("g_surfaces", &self.g_buffer.surfaces)
     }
 }

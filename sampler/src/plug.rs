@@ -34,8 +34,8 @@ pub use crate::probe_renderer::{NewProbes, ProbeBytes, ProbeMethod, ProbePlaces}
 pub use crate::reflected_light::{
     FilledMaps, Met, MetByRay, NewPoints, PointMethod, Ray, ReflectionRays, ViewMaps,
 };
-pub use crate::resident::{Cull, DrawClass, Features, GuideUse, Placement, Resident, placed, upload};
-pub use crate::scratch::{Extras, Guides, Scratch, Targets};
+pub use crate::resident::{Cull, DrawClass, Features, GBufferUse, Placement, Resident, placed, upload};
+pub use crate::scratch::{Extras, GBuffer, Scratch, Targets};
 pub use crate::surfaces::{Point, Surfaces};
 pub use crate::tile::Tile;
 pub use crate::view_reflections::taps;

@@ -51,22 +51,22 @@ pub struct Points {
     pub image: Option<[[u32; 2]; 2]>,
 }
 
-/// The guides of a point (`shaders/shared/guide.wgsl`): surface and material.
-pub(crate) type PointGuides = [[u32; 4]; 2];
+/// A texel of the G-buffer (`shaders/shared/g_buffer.wgsl`): surface and material.
+pub(crate) type GBufferTexel = [[u32; 4]; 2];
 
 /// What is known of points once they are shaded.
 #[derive(Default)]
 pub(crate) struct ShadedPoints {
     pub(crate) radiance: Vec<Vec3>,
-    /// The guides of each; empty unless they were asked for.
-    pub(crate) guides: Vec<PointGuides>,
+    /// The texel of each; empty unless they were asked for.
+    pub(crate) g_buffer: Vec<GBufferTexel>,
 }
 
 impl ShadedPoints {
     /// Points with the words of their radiance.
-    pub(crate) fn new(radiance: &[u8], guides: Vec<PointGuides>) -> Self {
+    pub(crate) fn new(radiance: &[u8], g_buffer: Vec<GBufferTexel>) -> Self {
         let words = radiance.as_chunks::<4>().0.iter();
-        Self { radiance: words.map(|word| rgb9e5::decode(u32::from_le_bytes(*word))).collect(), guides }
+        Self { radiance: words.map(|word| rgb9e5::decode(u32::from_le_bytes(*word))).collect(), g_buffer }
     }
 }
 
@@ -130,13 +130,13 @@ pub fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
 }
 
 impl PointChunk {
-    /// The guides of its points, of those that were read back for its image: surfaces and materials.
-    pub(crate) fn guides(&self, read: &[Bytes; 2]) -> impl IndexedParallelIterator<Item = PointGuides> {
-        let guide = |point: u32| {
+    /// The texels of its points, of the G-buffer that was read back for its image: surfaces and materials.
+    pub(crate) fn g_buffer(&self, read: &[Bytes; 2]) -> impl IndexedParallelIterator<Item = GBufferTexel> {
+        let texel = |point: u32| {
             let at = 16 * self.place_of(point);
             [0, 1].map(|which| bytemuck::pod_read_unaligned(&read[which][at..at + 16]))
         };
-        self.range.clone().into_par_iter().with_min_len(4096).map(guide)
+        self.range.clone().into_par_iter().with_min_len(4096).map(texel)
     }
 
     /// Where the image has a point: the number of its sub-sample, row by row. The inverse of `leaf_side` in

@@ -38,7 +38,7 @@ use crate::SamplerKnobs;
 use crate::knobs::missing;
 use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};
 use crate::reflected_light::Reflectors;
-use crate::resident::{GuideUse, Resident, upload};
+use crate::resident::{GBufferUse, Resident, upload};
 
 /// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
@@ -91,7 +91,7 @@ impl ProbeRenderer {
         set: ReflectionProbeSet,
         new: Option<&NewProbes>,
     ) -> Result<Self, RenderError> {
-        let guides = GuideUse::of(sampler);
+        let g_buffer = GBufferUse::of(sampler);
         let reflectors = Reflectors::new(scene, set.knobs.most);
         if reflectors.instances.len() != set.count as usize {
             let reason =
@@ -99,13 +99,13 @@ impl ProbeRenderer {
             return Err(InvalidField::new("reflections.count", reason).into());
         }
         let filled = |fill| {
-            let probes = PointProbes::new(gpu, resident, guides, fill, set.knobs.side);
+            let probes = PointProbes::new(gpu, resident, g_buffer, fill, set.knobs.side);
             ProbePrograms::Filled(Box::new(probes))
         };
         let source = match (set.knobs.source, set.eye) {
             (ProbeSource::Octree { levels }, _) => {
                 let new = new.ok_or_else(|| missing("reflections", set.knobs.source.name()))?;
-                ProbePrograms::Method(new(gpu, resident, guides, levels))
+                ProbePrograms::Method(new(gpu, resident, g_buffer, levels))
             }
             (ProbeSource::Points { budget }, Some(viewers)) => filled(Fill::Points { viewers, budget }),
             (ProbeSource::Points { .. }, None) => {
@@ -117,8 +117,8 @@ impl ProbeRenderer {
             set,
             reflectors,
             source,
-            shade: Shade::new(gpu, resident.features, guides, true),
-            shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
+            shade: Shade::new(gpu, resident.features, g_buffer, true),
+            shade_sample: ShadeSample::new(gpu, resident.features, g_buffer, true, sampler.side()),
             resolve: ResolveSample::new(gpu, resident.features.specular, 1, true, sampler.effects.any()),
             made: None,
         })

@@ -1,4 +1,4 @@
-//! The light of lights and of the sky, found on the device: rays start at the guides, and nothing is read back.
+//! The light of lights and of the sky, found on the device: rays start at the G-buffer's surfaces, and nothing is read back.
 //!
 //! Rays, points of lights and the sky, penumbras and the filter are those of [`super::shadows`], [`super::sky`] and
 //! [`super::filter`], in single precision. So texels differ where a ray grazes an edge, and in the last digits.
@@ -23,7 +23,7 @@ use crate::passes::{
     ArrivingLight, AskedLight, AskedSky, ScatteredRays, ShadowRays, SkyFrom, SkyRays, TileContext, Tracing,
 };
 use crate::resident::Features;
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 pub(super) use choice::chosen;
 
 /// Sizes of tiles whose buffers are kept.
@@ -89,7 +89,7 @@ impl DeviceLight {
     pub(super) fn begin(
         &self,
         context: &TileContext<'_>,
-        guides: &Guides,
+        g_buffer: &GBuffer,
         first: [u32; 2],
     ) -> Result<LitTile, RenderError> {
         let gpu = context.gpu;
@@ -100,7 +100,7 @@ impl DeviceLight {
         let count = size[0] * size[1];
         let texels = LitTexels {
             tile: gpu.upload("texels of a tile", &[tile], wgpu::BufferUsages::UNIFORM),
-            guides: guides.clone(),
+            g_buffer: g_buffer.clone(),
             count,
             buffers: self.buffers(gpu, count),
         };

@@ -17,7 +17,7 @@ use crate::light_rays::{CullMode, LightRays};
 use crate::packets::PacketTracer;
 use crate::passes::{AddDirect, SkyFrom};
 use crate::resident::Features;
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
@@ -165,9 +165,15 @@ impl DirectLight {
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if trees are larger than the device can bind.
-    pub(crate) fn begin(&self, frame: &Frame<'_>, guides: &Guides) -> Result<Option<LitTile>, RenderError> {
+    pub(crate) fn begin(
+        &self,
+        frame: &Frame<'_>,
+        g_buffer: &GBuffer,
+    ) -> Result<Option<LitTile>, RenderError> {
         match (&self.device, frame.neighbours()) {
-            (Some(device), Neighbours::Image(first)) => device.begin(&frame.context, guides, first).map(Some),
+            (Some(device), Neighbours::Image(first)) => {
+                device.begin(&frame.context, g_buffer, first).map(Some)
+            }
             _ => Ok(None),
         }
     }
@@ -177,11 +183,11 @@ impl DirectLight {
         tile.is_none() || paths.is_some() || self.tracing.emitters.any()
     }
 
-    /// Begins the light of a frame on the CPU, by guides that were read back. `tile` is its light on the device.
+    /// Begins the light of a frame on the CPU, by the G-buffer that was read back. `tile` is its light on the device.
     pub(crate) fn on_cpu<'a>(
         &'a self,
         frame: &Frame<'_>,
-        guides: &[Bytes; 2],
+        g_buffer: &[Bytes; 2],
         paths: Option<&'a PathLight>,
         tile: Option<&LitTile>,
     ) -> OnCpu<'a> {
@@ -192,7 +198,7 @@ impl DirectLight {
             is_glossy: self.features.specular,
             has_device: tile.is_some(),
         };
-        OnCpu::new(by, frame, guides)
+        OnCpu::new(by, frame, g_buffer)
     }
 
     /// Traces rays to lights on the device.
@@ -227,10 +233,10 @@ impl DirectLight {
     }
 
     /// Adds the light that arrives to what was shaded; in views also its reflection on glossy surfaces towards the eye.
-    pub(crate) fn add(&self, frame: &mut Frame<'_>, guides: &Guides) {
+    pub(crate) fn add(&self, frame: &mut Frame<'_>, g_buffer: &GBuffer) {
         let Frame { commands, context, arriving, is_view, .. } = frame;
         if let Some(arriving) = arriving {
-            self.add.record(commands, context, guides, arriving, *is_view);
+            self.add.record(commands, context, g_buffer, arriving, *is_view);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Light by rays: lights, sky and emitting triangles with what blocks them, and indirect light by paths.
 //!
-//! Shading leaves *guides* of the visible surfaces. This stage casts rays from each to the lights, the sky and emitters,
+//! Shading leaves a *G-buffer* of the visible surfaces. This stage casts rays from each to the lights, the sky and emitters,
 //! and adds what arrives to the surfaces' radiance. The definition is the reference's (`scene/src/reference/light.rs`).
 //! Samples, direct views, lists of pixels and leaves of octrees all pass through here.
 //!
@@ -9,7 +9,7 @@
 //!
 //! # Steps of a tile
 //!
-//! 1. [`texels`]: reads guides back and finds where rays begin.
+//! 1. [`texels`]: reads the G-buffer back and finds where rays begin.
 //! 2. [`shadows`]: the share of each light that each texel sees.
 //! 3. [`sky`] and [`emitters`]: irradiance of the sky, and of emitting triangles.
 //! 4. [`paths`]: indirect irradiance, if it is found by paths. Or [`cells`]: that and the sky's, from cells on surfaces.
@@ -37,4 +37,4 @@ pub(crate) use cells::CellUse;
 pub(crate) use direct::{DirectLight, LightSettings};
 pub(crate) use path_light::PathLight;
 pub use path_light::PathReport;
-pub(crate) use texels::{Texel, texel as texel_of_guides};
+pub(crate) use texels::{Texel, texel as texel_of_g_buffer};

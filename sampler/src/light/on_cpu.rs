@@ -1,4 +1,4 @@
-//! Stages of light by rays of the CPU: it reads a frame's guides, and what arrives is uploaded.
+//! Stages of light by rays of the CPU: it reads a frame's G-buffer, and what arrives is uploaded.
 
 use std::time::Instant;
 
@@ -72,13 +72,13 @@ pub(crate) struct LightOnCpu {
 }
 
 impl<'a> OnCpu<'a> {
-    /// Finds where rays start, by guides that were read back: surfaces and materials.
-    pub(super) fn new(by: RaysOnCpu<'a>, frame: &Frame<'_>, guides: &[Bytes; 2]) -> Self {
+    /// Finds where rays start, by the G-buffer that was read back: surfaces and materials.
+    pub(super) fn new(by: RaysOnCpu<'a>, frame: &Frame<'_>, g_buffer: &[Bytes; 2]) -> Self {
         let begin = Instant::now();
         let RaysOnCpu { tracing, paths, ray_divisor, is_glossy, has_device } = by;
         let (tile_of, eye) = (&frame.context.tile, frame.context.eye.position);
         let about = tracing.rays.about(eye);
-        let [surfaces, materials] = guides;
+        let [surfaces, materials] = g_buffer;
         let texels = Texels::new(surfaces, materials, tile_of.sub_samples(), frame.neighbours(), &about);
         Self {
             words: is_glossy.then(|| VisibilityWords::new(&tracing.lighting, texels.all.len())),

@@ -45,7 +45,7 @@ pub(super) struct Texels {
 }
 
 impl Texels {
-    /// Reads guides: `shaders/shared/guide.wgsl`.
+    /// Reads a G-buffer: `shaders/shared/g_buffer.wgsl`.
     pub(super) fn new(
         surfaces: &[u8],
         materials: &[u8],
@@ -54,10 +54,10 @@ impl Texels {
         about: &LightRaysAbout<'_>,
     ) -> Self {
         let words = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
-        let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+        let g_buffer = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
         let offset = |position: Vec3| about.offset(position, position.length());
         let all: Vec<Texel> =
-            guides.map(|(surface, material)| texel(words(surface), words(material), offset)).collect();
+            g_buffer.map(|(surface, material)| texel(words(surface), words(material), offset)).collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
         let (first, effort) = match neighbours {
@@ -118,7 +118,7 @@ impl Texel {
     }
 }
 
-/// The surface of a sub-sample's guides. `offset` is how far off a surface rays begin, metres.
+/// The surface of a texel of the G-buffer. `offset` is how far off a surface rays begin, metres.
 pub(crate) fn texel(surface: [u32; 4], material: [u32; 4], offset: impl Fn(Vec3) -> f32) -> Texel {
     let position =
         Vec3::new(f32::from_bits(surface[0]), f32::from_bits(surface[1]), f32::from_bits(surface[2]));

@@ -9,7 +9,7 @@ use glam::{DVec3, Vec4};
 
 use crate::lit_scene::LitScene;
 use crate::passes::ProbePlanes;
-use crate::resident::{GuideUse, Resident};
+use crate::resident::{GBufferUse, Resident};
 
 /// Renders reflection probes from a scene that it has prepared.
 pub trait ProbeMethod: Send + Sync {
@@ -44,7 +44,7 @@ pub trait ProbeMethod: Send + Sync {
 }
 
 /// Makes a [`ProbeMethod`] from an octree of so many levels.
-pub type NewProbes = Arc<dyn Fn(&Gpu, &Resident, GuideUse, u32) -> Box<dyn ProbeMethod> + Send + Sync>;
+pub type NewProbes = Arc<dyn Fn(&Gpu, &Resident, GBufferUse, u32) -> Box<dyn ProbeMethod> + Send + Sync>;
 /// Where probes are, at a pose.
 pub struct ProbePlaces {
     /// Centre of the scene, metres, world space.

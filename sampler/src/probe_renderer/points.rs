@@ -12,7 +12,7 @@ use crate::index_maps::{MappedReflector, Requests};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
 use crate::point_shading::probe_point;
 use crate::reflected_light::{FilledMaps, Ray, ReflectionRays, ReflectionSource};
-use crate::resident::{GuideUse, Resident};
+use crate::resident::{GBufferUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
 const MOST_BYTES: usize = 64 << 20;
@@ -48,15 +48,15 @@ impl Fill {
 }
 
 impl PointProbes {
-    pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, source: Fill, side: u32) -> Self {
-        let guides = match source {
-            Fill::Points { .. } => guides,
-            // Rays go on from what guides say.
-            Fill::Rays => guides.at_least_kept(),
+    pub(super) fn new(gpu: &Gpu, resident: &Resident, g_buffer: GBufferUse, source: Fill, side: u32) -> Self {
+        let g_buffer = match source {
+            Fill::Points { .. } => g_buffer,
+            // Rays go on from what the G-buffer says.
+            Fill::Rays => g_buffer.at_least_kept(),
         };
         Self {
             source,
-            shade: ShadePoints::new(gpu, resident.features, guides),
+            shade: ShadePoints::new(gpu, resident.features, g_buffer),
             resample: ResamplePoints::new(gpu, resident.features, source.cube_side(side)),
             blur: BlurProbes::new(gpu),
         }

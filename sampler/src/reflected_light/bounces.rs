@@ -12,7 +12,7 @@ use super::point_method::{Met, ViewMaps};
 use super::rays::{MetByRay, ReflectionRays};
 use super::reflectors::Reflectors;
 use super::scene::ReflectionSource;
-use crate::point_shading::{PointGuides, Points, ShadedPoints, index_in_blocks, probe_point};
+use crate::point_shading::{GBufferTexel, Points, ShadedPoints, index_in_blocks, probe_point};
 use crate::tile::Tile;
 
 /// Rays are not sent on for a smaller share of what arrives: half a step of a display.
@@ -94,8 +94,8 @@ impl Bounces<'_> {
         offset: impl Fn(Vec3) -> f32,
     ) -> (Vec3, Option<Path>) {
         let light = path.share * shaded.radiance[index];
-        let Some(&guides) = shaded.guides.get(index) else { return (light, None) };
-        match self.onward(path, points.all[index].instance, guides, offset) {
+        let Some(&g_buffer) = shaded.g_buffer.get(index) else { return (light, None) };
+        match self.onward(path, points.all[index].instance, g_buffer, offset) {
             Some((next, kept)) => (light * kept, Some(next)),
             None => (light, None),
         }
@@ -106,11 +106,11 @@ impl Bounces<'_> {
         &self,
         path: &Path,
         instance: u32,
-        guides: PointGuides,
+        g_buffer: GBufferTexel,
         offset: impl Fn(Vec3) -> f32,
     ) -> Option<(Path, f32)> {
         let (reflector, transmission) = self.reflectors.of(instance)?;
-        let mirror = Mirror::of_guides(guides, offset, reflector, transmission > 0.0)?;
+        let mirror = Mirror::of_g_buffer(g_buffer, offset, reflector, transmission > 0.0)?;
         let Ray { direction, at, .. } = path.ray;
         let surface = Surface {
             position: DVec3::ZERO,
@@ -124,7 +124,7 @@ impl Bounces<'_> {
         let reflectance = reflected_around(&surface, -direction, Vec3::ONE);
         let (share, start, onward, past) = match mirror.through(direction) {
             Some((start, inward)) => {
-                let passes = rgb9e5::decode(guides[1][0]) * transmission * (Vec3::ONE - reflectance);
+                let passes = rgb9e5::decode(g_buffer[1][0]) * transmission * (Vec3::ONE - reflectance);
                 (passes, start, inward, Some(instance))
             }
             None => {

@@ -3,8 +3,8 @@
 use argus_scene::reflection::{half_vector, refracted};
 use glam::Vec3;
 
-use crate::light::{Texel, texel_of_guides};
-use crate::point_shading::PointGuides;
+use crate::light::{Texel, texel_of_g_buffer};
+use crate::point_shading::GBufferTexel;
 
 /// Largest α (squared roughness) of a reflection that is sharp: a lobe of two degrees.
 const SHARP: f32 = 0.02;
@@ -31,7 +31,7 @@ pub struct Ray {
     pub is_through: bool,
 }
 
-/// A reflective surface as guides describe it.
+/// A reflective surface as a G-buffer describes it.
 #[derive(Clone, Copy)]
 pub(crate) struct Mirror {
     pub(crate) texel: Texel,
@@ -45,14 +45,14 @@ pub(crate) struct Mirror {
 }
 
 impl Mirror {
-    /// The surface of a sub-sample's guides; `None` without a surface.
-    pub(crate) fn of_guides(
-        [surface, material]: PointGuides,
+    /// The surface of a texel of the G-buffer; `None` without one.
+    pub(crate) fn of_g_buffer(
+        [surface, material]: GBufferTexel,
         offset: impl Fn(Vec3) -> f32,
         reflector: u32,
         lets_through: bool,
     ) -> Option<Self> {
-        let texel = texel_of_guides(surface, material, offset);
+        let texel = texel_of_g_buffer(surface, material, offset);
         let [r, g, b, roughness] = material[3].to_le_bytes().map(|byte| f32::from(byte) / 255.0);
         let root = r.clamp(0.0, 0.5).sqrt();
         let eta = lets_through.then_some((1.0 - root) / (1.0 + root));

@@ -10,7 +10,7 @@ use argus_scene::{
 use super::gpu_sampler::GpuSampler;
 use crate::indirect::{IndirectLight, IndirectMethod, LightInputs};
 use crate::light::{DirectLight, LightSettings, PathLight, PathReport};
-use crate::resident::GuideUse;
+use crate::resident::GBufferUse;
 use crate::{LightKnobs, SamplerKnobs, timing};
 
 impl GpuSampler {
@@ -83,7 +83,7 @@ impl GpuSampler {
                 InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
             );
         }
-        if GuideUse::of(&self.knobs) != GuideUse::of(&knobs) {
+        if GBufferUse::of(&self.knobs) != GBufferUse::of(&knobs) {
             let reason = "a sampler is made with direct light by rays, which paths need, or without";
             return Err(InvalidField::new("indirect", reason).into());
         }

@@ -7,7 +7,7 @@ use crate::SamplerKnobs;
 use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::ProbeRenderer;
 use crate::reflected_light::ReflectedScene;
-use crate::resident::{Features, GuideUse, Resident};
+use crate::resident::{Features, GBufferUse, Resident};
 use crate::stages::SurfaceProgram;
 use crate::view_reflections::ViewReflections;
 
@@ -55,10 +55,10 @@ impl ReflectionLookup {
 impl SurfacePrograms {
     /// Programs without reflection probes.
     pub(super) fn new(gpu: &Gpu, resident: &Resident, knobs: &SamplerKnobs) -> Self {
-        let (features, guides) = (resident.features, GuideUse::of(knobs));
+        let (features, g_buffer) = (resident.features, GBufferUse::of(knobs));
         Self {
-            shade: Shade::new(gpu, features, guides, false),
-            shade_sample: ShadeSample::new(gpu, features, guides, false, knobs.side()),
+            shade: Shade::new(gpu, features, g_buffer, false),
+            shade_sample: ShadeSample::new(gpu, features, g_buffer, false, knobs.side()),
             resolve: ResolveSample::new(gpu, features.specular, 1, false, knobs.effects.any()),
             nothing: ProbeBindings::none(gpu),
             probes: None,
@@ -69,7 +69,7 @@ impl SurfacePrograms {
 
     /// Whether programs of these knobs and features are the same.
     pub(super) fn are_of(knobs: [&SamplerKnobs; 2], features: [Features; 2]) -> bool {
-        let of = |knobs: &SamplerKnobs| (GuideUse::of(knobs), knobs.side(), knobs.effects.any());
+        let of = |knobs: &SamplerKnobs| (GBufferUse::of(knobs), knobs.side(), knobs.effects.any());
         of(knobs[0]) == of(knobs[1]) && features[0] == features[1]
     }
 

@@ -73,15 +73,15 @@ impl GpuSampler {
         let layers = self.layers_of(part, output, scene);
         let ReadyScene { eye, backend, stages, lighting, reflections, maps, .. } = scene;
         let defers = matches!(reflections, ReflectionLookup::View(_));
-        let guides = self.lights.any();
+        let g_buffer = self.lights.any();
         let (label, extras) = match output {
             Output::Texels(_) => {
                 let (gloss, reflectors) = (self.glossy, *reflections != ReflectionLookup::Nothing);
-                ("render sample", Extras { gloss, reflectors, guides })
+                ("render sample", Extras { gloss, reflectors, g_buffer })
             }
             Output::Color | Output::ColorAndRange => (
                 "render colour",
-                Extras { guides: guides || defers, reflectors: defers, ..Extras::default() },
+                Extras { g_buffer: g_buffer || defers, reflectors: defers, ..Extras::default() },
             ),
             Output::Range => ("render range", Extras::default()),
         };

@@ -34,7 +34,7 @@ pub(crate) use self::reflections::ViewReflecting;
 pub(crate) use self::shade::SurfaceProgram;
 use crate::frame::{Frame, check_wanted};
 use crate::indirect::{IndirectLight, Lights};
-use crate::point_shading::{PointGuides, Points, ShadedPoints};
+use crate::point_shading::{GBufferTexel, Points, ShadedPoints};
 use crate::reflected_light::{Bounces, Met, Paths};
 use crate::resident::upload;
 use crate::scratch::Extras;
@@ -86,13 +86,14 @@ fn reflections(
     reflecting: &mut ViewReflecting<'_>,
     lights: &mut Lights,
 ) -> Result<(), RenderError> {
-    let (Some(guides), Some(reflectors)) =
-        (frame.context.targets.guides.clone(), frame.context.targets.reflectors.clone())
+    let (Some(g_buffer), Some(reflectors)) =
+        (frame.context.targets.g_buffer.clone(), frame.context.targets.reflectors.clone())
     else {
         return Ok(());
     };
     let count = frame.sub_samples();
-    let buffers = [(&guides.surfaces, count * 16), (&guides.materials, count * 16), (&reflectors, count * 4)];
+    let buffers =
+        [(&g_buffer.surfaces, count * 16), (&g_buffer.materials, count * 16), (&reflectors, count * 4)];
     let read = frame.read_back(buffers, "render colour")?;
     let begin = Instant::now();
     let lobes = reflections::lobes(frame, reflecting, &read);
@@ -108,7 +109,7 @@ fn reflections(
     let arriving = upload(frame.context.gpu, "arriving reflections", &arriving, wgpu::BufferUsages::STORAGE)?;
     timing::add_with_rest(frame.stages, "find reflections", begin, shaded);
     let Frame { commands, context, .. } = frame;
-    reflecting.programs.add.record(commands, context, &guides, &reflectors, &arriving);
+    reflecting.programs.add.record(commands, context, &g_buffer, &reflectors, &arriving);
     Ok(())
 }
 
@@ -127,10 +128,10 @@ pub(crate) fn follow_rays(
         let mut shaded = ShadedPoints::default();
         if !met.points.all.is_empty() {
             let goes_on = bounces.go_on(&met, bounce);
-            let (radiance, guides) = points(shading, &met.points, goes_on, stages)?;
+            let (radiance, g_buffer) = points(shading, &met.points, goes_on, stages)?;
             let mut commands = shading.gpu.commands("read radiance of points");
             let pending = commands.read_buffer(&radiance, 0..radiance.size());
-            shaded = ShadedPoints::new(&commands.submit().wait()?.take(pending), guides);
+            shaded = ShadedPoints::new(&commands.submit().wait()?.take(pending), g_buffer);
         }
         bounces.follow(&mut paths, &met, &shaded);
         if paths.have_ended() {
@@ -141,38 +142,38 @@ pub(crate) fn follow_rays(
     Ok(paths.arriving)
 }
 
-/// Shades points. Returns their radiance on the device, a word of rgb9e5 each, and their guides if they are asked for.
+/// Shades points. Returns their radiance on the device, a word of rgb9e5 each, and their texels of the G-buffer if they are asked for.
 ///
 /// # Errors
 /// [`RenderError::Cancelled`], or the errors of the device.
 pub(crate) fn points(
     shading: &mut PointShading<'_>,
     points: &Points,
-    wants_guides: bool,
+    wants_g_buffer: bool,
     stages: &mut Vec<Stage>,
-) -> Result<(wgpu::Buffer, Vec<PointGuides>), RenderError> {
+) -> Result<(wgpu::Buffer, Vec<GBufferTexel>), RenderError> {
     let begin = Instant::now();
     let on_device = PointsOnDevice::new(shading.gpu, points)?;
-    let extras = Extras { guides: wants_guides || shading.lights.any(), ..Extras::default() };
-    let (mut of_light, mut guides) = (Vec::new(), Vec::new());
+    let extras = Extras { g_buffer: wants_g_buffer || shading.lights.any(), ..Extras::default() };
+    let (mut of_light, mut g_buffer) = (Vec::new(), Vec::new());
     for chunk in points.chunks(shading.gpu) {
         check_wanted(shading.cancel)?;
         let mut frame = shading.begin(&chunk, points.sharing(), extras, &mut of_light);
         shading.programs.record(&mut frame.commands, &frame.context, &chunk.chunk, &on_device.points);
         light(&mut frame, shading.lights)?;
         shading.programs.keep(&mut frame.commands, &frame.context, &chunk.chunk, &on_device.radiance);
-        let kept = frame.context.targets.guides.as_ref().filter(|_| wants_guides);
+        let kept = frame.context.targets.g_buffer.as_ref().filter(|_| wants_g_buffer);
         let bytes = 0..frame.sub_samples() * 16;
         let pending = kept.map(|kept| {
             [&kept.surfaces, &kept.materials].map(|buffer| frame.commands.read_buffer(buffer, bytes.clone()))
         });
         let mut finished = frame.commands.submit().wait()?;
         if let Some(pending) = pending {
-            guides.par_extend(chunk.guides(&pending.map(|pending| finished.take(pending))));
+            g_buffer.par_extend(chunk.g_buffer(&pending.map(|pending| finished.take(pending))));
         }
     }
     timing::add_with_rest(stages, "shade points", begin, of_light);
-    Ok((on_device.radiance, guides))
+    Ok((on_device.radiance, g_buffer))
 }
 
 /// Adds the light that arrives at what was shaded: of lights, sky and emitters by rays, and of other surfaces.
@@ -181,15 +182,15 @@ pub(crate) fn points(
 /// The errors of the device.
 pub(crate) fn light(frame: &mut Frame<'_>, lights: &mut Lights) -> Result<(), RenderError> {
     let Lights { direct, indirect } = lights;
-    if let (Some(direct), Some(guides)) = (direct, frame.context.targets.guides.clone()) {
+    if let (Some(direct), Some(g_buffer)) = (direct, frame.context.targets.g_buffer.clone()) {
         let paths = indirect.as_ref().and_then(IndirectLight::paths);
         // Where the device traces faster, it does so for the neighbours of an image.
-        let tile = direct.begin(frame, &guides)?;
+        let tile = direct.begin(frame, &g_buffer)?;
         direct.trace_lights(frame, tile.as_ref());
         let mut on_cpu = None;
         if direct.needs_cpu(tile.as_ref(), paths) {
             // Emitters and other surfaces are traced on the CPU on every device.
-            let read = frame.read_guides(&guides, "add direct light")?;
+            let read = frame.read_g_buffer(&g_buffer, "add direct light")?;
             let mut found = direct.on_cpu(frame, &read, paths, tile.as_ref());
             found.look_up_cells();
             found.trace_lights();
@@ -199,7 +200,7 @@ pub(crate) fn light(frame: &mut Frame<'_>, lights: &mut Lights) -> Result<(), Re
             on_cpu = Some(found.upload(frame)?);
         }
         direct.sum_light(frame, tile.as_ref(), on_cpu);
-        direct.add(frame, &guides);
+        direct.add(frame, &g_buffer);
     }
     if let Some(IndirectLight::Method(method)) = indirect {
         match method.choose(frame)? {

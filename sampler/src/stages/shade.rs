@@ -1,4 +1,4 @@
-//! Shades what a part's rays see: what is lit without rays, and guides for later light.
+//! Shades what a part's rays see: what is lit without rays, and the G-buffer for later light.
 
 use crate::frame::Frame;
 use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};

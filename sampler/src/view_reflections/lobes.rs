@@ -58,18 +58,18 @@ struct Seen {
 }
 
 impl Lobes {
-    /// Rays of a tile, of which guides (`shaders/shared/guide.wgsl`) and words of reflectors were read back. A sharp
+    /// Rays of a tile, of which the G-buffer (`shaders/shared/g_buffer.wgsl`) and words of reflectors were read back. A sharp
     /// reflection has `taps_` rays in each sub-sample. `offset` is how far off a surface about the eye rays begin, metres.
     /// `instances` are those of the reflectors.
     pub(crate) fn new(
-        guides: [&[u8]; 3],
+        g_buffer: [&[u8]; 3],
         tile: &Tile,
         taps_: u32,
         offset: impl Fn(Vec3) -> f32 + Sync,
         instances: &[u32],
     ) -> Self {
         let [width, _] = tile.sub_samples();
-        let mirrors = mirrors(guides, offset);
+        let mirrors = mirrors(g_buffer, offset);
         let offsets: Vec<Vec2> = taps(taps_).into_iter().map(|tap| tap.as_vec2()).collect();
         let mut all = Self {
             rays: Vec::new(),
@@ -256,13 +256,13 @@ fn mirrors(
     offset: impl Fn(Vec3) -> f32 + Sync,
 ) -> Vec<Option<Mirror>> {
     let word4 = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
-    let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+    let g_buffer = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
     let of_sub_sample = |((surface, material), word): ((&[u8; 16], &[u8; 16]), &[u8; 4])| {
         let word = u32::from_le_bytes(*word);
         let number = probe_in_word(word).checked_sub(1)?;
-        Mirror::of_guides([word4(surface), word4(material)], &offset, number, lets_through(word))
+        Mirror::of_g_buffer([word4(surface), word4(material)], &offset, number, lets_through(word))
     };
-    guides.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
+    g_buffer.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
 }
 
 /// Number of the reflector, from 1, in a word of `shaders/shared/reflection_probes.wgsl`.

@@ -25,7 +25,7 @@ use argus_scene::{ProbeSource, ReflectionProbeSet, RenderError, Scene, ViewJob};
 use crate::SamplerKnobs;
 use crate::passes::{AddReflections, ProbeBindings, Shade, ShadePoints};
 use crate::reflected_light::{ReflectedScene, ReflectionSource, Reflectors, ViewMaps};
-use crate::resident::{GuideUse, Resident, upload};
+use crate::resident::{GBufferUse, Resident, upload};
 
 pub(crate) use lobes::Lobes;
 pub use taps::taps;
@@ -56,13 +56,13 @@ impl ViewReflections {
     ) -> Result<Self, RenderError> {
         let reflectors = Reflectors::new(scene, set.knobs.most);
         let numbers = upload(gpu, "numbers of reflectors", &reflectors.numbers, wgpu::BufferUsages::STORAGE)?;
-        let guides = GuideUse::of(knobs).at_least_kept();
+        let g_buffer = GBufferUse::of(knobs).at_least_kept();
         Ok(Self {
             set,
             reflectors,
-            shade: Shade::deferring(gpu, resident.features, guides),
+            shade: Shade::deferring(gpu, resident.features, g_buffer),
             bindings: ProbeBindings { probe_of_instance: numbers, ..ProbeBindings::none(gpu) },
-            points: ShadePoints::new(gpu, resident.features, guides),
+            points: ShadePoints::new(gpu, resident.features, g_buffer),
             add: AddReflections::new(gpu),
         })
     }

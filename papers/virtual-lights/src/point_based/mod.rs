@@ -27,7 +27,7 @@ use argus_megaviews::hierarchy::Octree;
 use argus_megaviews::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
 use argus_megaviews::{LitOctree, to_render_error};
 use argus_sampler::plug::{
-    Extras, Eye, Frame, GuideUse, IndirectMethod, LightInputs, LightSharing, Placement, Resident, Scratch,
+    Extras, Eye, Frame, GBufferUse, IndirectMethod, LightInputs, LightSharing, Placement, Resident, Scratch,
     TileContext, timing, upload,
 };
 use argus_scene::indirect::PointKnobs;
@@ -137,7 +137,7 @@ impl PointBased {
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, knobs: PointKnobs) -> Self {
         Self {
             knobs,
-            octree: LitOctree::new(gpu, resident, GuideUse::IndirectLight, knobs.levels),
+            octree: LitOctree::new(gpu, resident, GBufferUse::IndirectLight, knobs.levels),
             choose: ChooseReceivers::new(gpu),
             receive: Receive::new(gpu, 1),
             spread: Spread::new(gpu),
@@ -171,7 +171,7 @@ impl PointBased {
             let lights: Option<LightAt<'_>> = if bounce == 0 { None } else { Some(&of_lights) };
             let surfels = self.octree.make_surfels(gpu)?;
             for chunk in &self.octree.chunks(gpu) {
-                let extras = Extras { guides: true, ..Extras::default() };
+                let extras = Extras { g_buffer: true, ..Extras::default() };
                 let context = TileContext {
                     places: self.octree.places(),
                     ..TileContext::new(gpu, resident, &eye, &chunk.tile, scratch, extras)
@@ -204,7 +204,7 @@ impl PointBased {
     fn choose_receivers(&self, frame: &mut Frame<'_>) -> Option<wgpu::Buffer> {
         let layout = self.blocks(frame);
         let Frame { commands, context, .. } = frame;
-        Some(self.choose.record(context.gpu, commands, &layout, context.targets.guides.as_ref()?))
+        Some(self.choose.record(context.gpu, commands, &layout, context.targets.g_buffer.as_ref()?))
     }
 
     /// Adds the light that chosen receivers get, with additional light at them.
@@ -217,7 +217,7 @@ impl PointBased {
         let layout = self.blocks(frame);
         let Frame { commands: spreading, context, stages, .. } = frame;
         let gpu = context.gpu;
-        let Some(guides) = &context.targets.guides else { return Ok(()) };
+        let Some(g_buffer) = &context.targets.g_buffer else { return Ok(()) };
         let all: Vec<Chosen> = bytemuck::pod_collect_to_vec(chosen);
         let receivers = Receivers::of(&all);
         self.report.receivers = receivers.chosen.len();
@@ -268,7 +268,7 @@ impl PointBased {
         let of_blocks = upload(gpu, "receivers of blocks", &receivers.of_blocks, storage)?;
         let from = SpreadFrom {
             layout: &layout,
-            guides,
+            g_buffer,
             of_blocks: &of_blocks,
             receivers: &buffer,
             received: &received,
