@@ -29,7 +29,7 @@ pub use crate::mixed::mixed;
 pub use crate::packets::cutouts::Cutouts;
 pub use crate::packets::{Hit, PacketTracer};
 pub use crate::passes::{BlurProbes, PlaneBuffers, ProbePlanes, ResolveSample, TileContext};
-pub use crate::point_shading::{CHUNK_SIDE, Points, ShadingPoint, Side, image_of, probe_point};
+pub use crate::point_shading::{CHUNK_SIDE, Points, Side, SurfacePoint, image_of, probe_point};
 pub use crate::probe_renderer::{NewProbes, ProbeBytes, ProbeMethod, ProbePlaces};
 pub use crate::reflected_light::{
     FilledMaps, Met, MetByRay, NewPoints, PointMethod, Ray, ReflectionRays, ViewMaps,

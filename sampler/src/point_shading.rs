@@ -17,7 +17,7 @@ pub const CHUNK_SIDE: u32 = 1024;
 
 /// A surface that is to be shaded.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ShadingPoint {
+pub struct SurfacePoint {
     /// Index into [`argus_scene::Scene::instances`].
     pub instance: u32,
     /// Index of the triangle in its mesh.
@@ -118,7 +118,7 @@ pub fn image_of(size: [u32; 2]) -> Tile {
 }
 
 /// A surface for the device, relative to a place.
-pub fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
+pub fn probe_point(point: &SurfacePoint, middle: DVec3) -> ProbePoint {
     ProbePoint {
         instance: point.instance,
         primitive: point.primitive,

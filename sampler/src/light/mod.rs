@@ -9,7 +9,7 @@
 //!
 //! # Steps of a tile
 //!
-//! 1. [`texels`]: reads the G-buffer back and finds where rays begin.
+//! 1. [`shading_points`]: reads the G-buffer back and finds where rays begin.
 //! 2. [`shadows`]: the share of each light that each texel sees.
 //! 3. [`sky`] and [`emitters`]: irradiance of the sky, and of emitting triangles.
 //! 4. [`paths`]: indirect irradiance, if it is found by paths. Or [`cells`]: that and the sky's, from cells on surfaces.
@@ -28,13 +28,13 @@ mod on_cpu;
 mod path_light;
 mod paths;
 mod pattern;
+mod shading_points;
 mod shadows;
 mod sky;
-mod texels;
 mod tracing;
 
 pub(crate) use cells::CellUse;
 pub(crate) use direct::{DirectLight, LightSettings};
 pub(crate) use path_light::PathLight;
 pub use path_light::PathReport;
-pub(crate) use texels::{Texel, texel as texel_of_g_buffer};
+pub(crate) use shading_points::{ShadingPoint, of_g_buffer as shading_point};

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 
 use super::cells::{CellLight, Eye};
 use super::path_light::PathLight;
+use super::shading_points::ShadingPoints;
 use super::shadows::VisibilityWords;
 use super::sky;
-use super::texels::Texels;
 use super::tracing::LightTracing;
 use crate::LightKnobs;
 use crate::frame::Frame;
@@ -39,7 +39,7 @@ pub(crate) struct OnCpu<'a> {
     tracing: &'a LightTracing,
     about: LightRaysAbout<'a>,
     eye: DVec3,
-    texels: Texels,
+    points: ShadingPoints,
     knobs: LightKnobs,
     ray_divisor: u32,
     paths: Option<&'a PathLight>,
@@ -79,13 +79,14 @@ impl<'a> OnCpu<'a> {
         let (tile_of, eye) = (&frame.context.tile, frame.context.eye.position);
         let about = tracing.rays.about(eye);
         let [surfaces, materials] = g_buffer;
-        let texels = Texels::new(surfaces, materials, tile_of.sub_samples(), frame.neighbours(), &about);
+        let points =
+            ShadingPoints::new(surfaces, materials, tile_of.sub_samples(), frame.neighbours(), &about);
         Self {
-            words: is_glossy.then(|| VisibilityWords::new(&tracing.lighting, texels.all.len())),
+            words: is_glossy.then(|| VisibilityWords::new(&tracing.lighting, points.all.len())),
             tracing,
             about,
             eye,
-            texels,
+            points,
             knobs: tracing.knobs.divided(ray_divisor),
             ray_divisor,
             paths,
@@ -108,7 +109,7 @@ impl<'a> OnCpu<'a> {
         let begin = Instant::now();
         if self.tracing.effects.sky_visibility {
             let eye = Eye { position: self.eye, about: &self.about, pixel: self.pixel };
-            self.cells = paths.look_up(self.tracing, &self.texels, eye);
+            self.cells = paths.look_up(self.tracing, &self.points, eye);
         }
         if paths.cells().is_some() {
             timing::add_since(&mut self.traced, "look up light cells", begin);
@@ -120,13 +121,13 @@ impl<'a> OnCpu<'a> {
         if self.has_device {
             return;
         }
-        let Self { tracing, texels, about, eye, traced, words, .. } = self;
+        let Self { tracing, points, about, eye, traced, words, .. } = self;
         let add = |index: usize, lit: &[Vec3], shares: &[f32]| {
             if let Some(words) = words {
                 words.add(index, lit, shares);
             }
         };
-        self.lights = Some(tracing.of_lights(texels, about, *eye, traced, add));
+        self.lights = Some(tracing.of_lights(points, about, *eye, traced, add));
     }
 
     /// Traces rays to the sky.
@@ -134,7 +135,7 @@ impl<'a> OnCpu<'a> {
         let (tracing, begin) = (self.tracing, Instant::now());
         let is_cast = !self.has_device && self.cells.is_none();
         if is_cast && tracing.effects.sky_visibility && !tracing.sky.is_black() {
-            let seen = sky::seen_share(&tracing.lighting.sky, &self.texels, &self.about, self.knobs);
+            let seen = sky::seen_share(&tracing.lighting.sky, &self.points, &self.about, self.knobs);
             self.sky = Some(seen);
             timing::add_since(&mut self.traced, "trace sky", begin);
         }
@@ -144,7 +145,7 @@ impl<'a> OnCpu<'a> {
     pub(crate) fn trace_emitters(&mut self) {
         let begin = Instant::now();
         self.emitted =
-            self.tracing.emitters.irradiance_over_pi(&self.texels, &self.about, self.eye, self.knobs);
+            self.tracing.emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.knobs);
         if self.emitted.is_some() {
             timing::add_since(&mut self.traced, "trace emitters", begin);
         }
@@ -154,7 +155,7 @@ impl<'a> OnCpu<'a> {
     pub(crate) fn gather_paths(&mut self) {
         let Some(paths) = self.paths.filter(|_| self.cells.is_none()) else { return };
         let begin = Instant::now();
-        self.indirect = paths.irradiance_over_pi(&self.texels, &self.about, self.eye, self.ray_divisor);
+        self.indirect = paths.irradiance_over_pi(&self.points, &self.about, self.eye, self.ray_divisor);
         if self.indirect.is_some() {
             timing::add_since(&mut self.traced, "gather paths", begin);
         }
@@ -167,7 +168,7 @@ impl<'a> OnCpu<'a> {
     pub(crate) fn upload(self, frame: &mut Frame<'_>) -> Result<LightOnCpu, RenderError> {
         let has_cells = self.cells.is_some();
         let sums: Vec<Arriving> =
-            (0..self.texels.all.len()).into_par_iter().map(|index| self.sum(index)).collect();
+            (0..self.points.all.len()).into_par_iter().map(|index| self.sum(index)).collect();
         timing::add_with_rest(frame.stages, SHARED_STAGE, self.begin, self.traced);
         let arriving = upload(frame.context.gpu, "arriving light", &sums, wgpu::BufferUsages::STORAGE)?;
         Ok(LightOnCpu { arriving, has_cells })
@@ -175,10 +176,10 @@ impl<'a> OnCpu<'a> {
 
     /// The light that arrives at a texel; where surfaces are glossy, also which lights it sees.
     fn sum(&self, index: usize) -> Arriving {
-        let texel = &self.texels.all[index];
+        let point = &self.points.all[index];
         let of = |light: &Option<Vec<Vec3>>| light.as_ref().map_or(Vec3::ZERO, |light| light[index]);
         let gathered = of(&self.indirect);
-        if !texel.exists {
+        if !point.exists {
             return [gathered.x, gathered.y, gathered.z, 0.0];
         }
         let cell = self.cells.as_ref().map(|cells| cells[index]);
@@ -189,9 +190,9 @@ impl<'a> OnCpu<'a> {
         };
         // Without rays to the sky, the sky is what shading says: see `shading::sky_ambient`.
         let open = match (cell.is_some() || self.sky.is_some(), self.has_device) {
-            (true, _) => self.tracing.sky.irradiance_over_pi(texel.normal),
+            (true, _) => self.tracing.sky.irradiance_over_pi(point.normal),
             (false, true) => Vec3::ZERO,
-            (false, false) => argus_scene::shading::sky_ambient(&self.tracing.lighting.sky, texel.normal),
+            (false, false) => argus_scene::shading::sky_ambient(&self.tracing.lighting.sky, point.normal),
         };
         let indirect = cell.map_or(Vec3::ZERO, |cell| cell.indirect);
         let sum = of(&self.lights) + open * seen + of(&self.emitted) + indirect + gathered;

@@ -10,7 +10,7 @@ use argus_scene::{CellKnobs, CellReport, LightLevel, PathKnobs, RenderError, Sce
 use glam::{DVec3, Vec3};
 
 use super::cells::{CellLight, CellUse, Eye, LightCells, Parts};
-use super::texels::Texels;
+use super::shading_points::ShadingPoints;
 use super::tracing::LightTracing;
 use crate::light_rays::LightRaysAbout;
 use crate::resident::Placement;
@@ -125,12 +125,12 @@ impl PathLight {
     /// none.
     pub(super) fn irradiance_over_pi(
         &self,
-        texels: &Texels,
+        points: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         divisor: u32,
     ) -> Option<Vec<Vec3>> {
-        self.at(self.light)?.irradiance_over_pi(texels, about, eye, divisor)
+        self.at(self.light)?.irradiance_over_pi(points, about, eye, divisor)
     }
 
     /// The cells' settings; `None` without cells.
@@ -159,14 +159,14 @@ impl PathLight {
     pub(super) fn look_up(
         &self,
         tracing: &LightTracing,
-        texels: &Texels,
+        points: &ShadingPoints,
         eye: Eye<'_>,
     ) -> Option<Vec<CellLight>> {
         let cells = self.cells.as_ref().filter(|_| self.light == LightLevel::Full)?;
         let (leaves, tree, lighting, radiance) = self.full.for_cells()?;
         let about = &tracing.rays.about(leaves.center());
         let surfaces = &self.surfaces;
-        cells.look_up(Parts { leaves, tree, surfaces, about, lighting, radiance }, texels, eye)
+        cells.look_up(Parts { leaves, tree, surfaces, about, lighting, radiance }, points, eye)
     }
 
     /// Fills cells that views lacked for about so long, and with `refines` refines others. Returns whether there is more to do.

@@ -6,9 +6,9 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::emitters::Emitters;
+use super::shading_points::ShadingPoints;
 use super::shadows;
 use super::sky::SkyIrradiance;
-use super::texels::Texels;
 use crate::LightKnobs;
 use crate::light_rays::{LightRays, LightRaysAbout};
 
@@ -30,25 +30,25 @@ impl LightTracing {
     /// irradiance / π if nothing blocked it, and the share that is seen. Times of shadow rays are added to `stages`.
     pub(super) fn of_lights(
         &self,
-        texels: &Texels,
+        points: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         stages: &mut Vec<Stage>,
         mut each: impl FnMut(usize, &[Vec3], &[f32]),
     ) -> Vec<Vec3> {
         let effects = self.effects;
-        let mut irradiance_over_pi = vec![Vec3::ZERO; texels.all.len()];
+        let mut irradiance_over_pi = vec![Vec3::ZERO; points.all.len()];
         for (index, light) in self.lighting.lights.iter().enumerate() {
-            if !shadows::reaches(light, texels, eye) {
+            if !shadows::reaches(light, points, eye) {
                 continue;
             }
-            let lit = shadows::incident_at(light, texels, eye);
+            let lit = shadows::incident_at(light, points, eye);
             let shares = match effects.shadows {
                 true => {
-                    let rays = shadows::ShadowRays { light, texels, lit: &lit, about, eye };
+                    let rays = shadows::ShadowRays { light, points, lit: &lit, about, eye };
                     rays.seen_shares(effects.soft_shadows, stages)
                 }
-                false => vec![1.0; texels.all.len()],
+                false => vec![1.0; points.all.len()],
             };
             irradiance_over_pi
                 .par_iter_mut()

@@ -94,8 +94,8 @@ impl<'a> TileContext<'a> {
         Self { gpu, resident, eye, tile: *tile, rays, places: None, targets }
     }
 
-    /// Changes to one ray a texel, for shading what the tile's sub-samples see.
-    pub(crate) fn to_texels(&mut self) {
+    /// Casts one ray a texel from now on, for shading what the tile's sub-samples see.
+    pub(crate) fn cast_texels(&mut self) {
         self.tile = self.tile.of_texels();
         self.rays = self.gpu.upload("rays", &[self.tile.rays()], wgpu::BufferUsages::UNIFORM);
     }

@@ -22,6 +22,8 @@ const TEXEL_BYTES: usize = 8;
 /// The programs that fill probes with points, for one scene on one device.
 pub(crate) struct PointProbes {
     pub(crate) source: Fill,
+    /// Texels along a side of a probe.
+    pub(crate) side: u32,
     pub(crate) shade: ShadePoints,
     pub(crate) resample: ResamplePoints,
     pub(crate) blur: BlurProbes,
@@ -56,6 +58,7 @@ impl PointProbes {
         };
         Self {
             source,
+            side,
             shade: ShadePoints::new(gpu, resident.features, g_buffer),
             resample: ResamplePoints::new(gpu, resident.features, source.cube_side(side)),
             blur: BlurProbes::new(gpu),

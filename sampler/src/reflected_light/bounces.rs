@@ -114,7 +114,7 @@ impl Bounces<'_> {
         let Ray { direction, at, .. } = path.ray;
         let surface = Surface {
             position: DVec3::ZERO,
-            normal: mirror.texel.normal,
+            normal: mirror.point.normal,
             albedo: Vec3::ZERO,
             emissive: Vec3::ZERO,
             f0: mirror.f0,
@@ -131,17 +131,17 @@ impl Bounces<'_> {
                 let [width, _] = self.tile.sub_samples();
                 let stratum = at % width % SQUARE + SQUARE * (at / width % SQUARE);
                 let onward = reflected(direction, mirror.half_vector(stratum, SQUARE * SQUARE));
-                let past = Some(instance).filter(|_| onward.dot(mirror.texel.side) <= 0.0);
-                (reflectance, mirror.texel.start, onward, past)
+                let past = Some(instance).filter(|_| onward.dot(mirror.point.side) <= 0.0);
+                (reflectance, mirror.point.start, onward, past)
             }
         };
         let share = path.share * share;
-        let leaves = past.is_some() || onward.dot(mirror.texel.normal) > 0.0;
+        let leaves = past.is_some() || onward.dot(mirror.point.normal) > 0.0;
         // NaN fails.
         if !(leaves && share.max_element() >= LEAST_SHARE && onward.is_finite()) {
             return None;
         }
-        let range = (mirror.texel.position - path.ray.start).length();
+        let range = (mirror.point.position - path.ray.start).length();
         let width = path.ray.width + path.ray.spread * range;
         let spread = path.ray.spread + mirror.alpha();
         let ray = Ray { start, direction: onward, reflector, past, width, spread, ..path.ray };

@@ -17,14 +17,13 @@ use crate::stages::{self, PointShading};
 use crate::timing;
 
 impl GpuSampler {
-    /// Renders all probes of a side in texels from points. The scene must be posed at the time, and light be ready. Adds the
+    /// Renders all probes from points. The scene must be posed at the time, and light be ready. Adds the
     /// cost to the stages `of` probes.
     pub(super) fn render_probe_points(
         &mut self,
         probes: &PointProbes,
         reflectors: &Reflectors,
         places: &ProbePlaces,
-        side: u32,
         LitAt { lighting, time_secs, .. }: LitAt<'_>,
         cancel: &Cancel,
         of: &mut Vec<Stage>,
@@ -39,7 +38,7 @@ impl GpuSampler {
         let eye = Eye::new(&self.gpu, &self.resident, places.middle, lighting)?;
         let Some(reflected) = &self.surface_programs.reflected else { return Ok(ProbeBytes::default()) };
         let by = &reflected.found_by;
-        let groups = PointProbes::groups(probes.source, by, &scene, places, side, time_secs);
+        let groups = PointProbes::groups(probes.source, by, &scene, places, probes.side, time_secs);
         timing::add_since(of, stage, begin);
         let mut bytes = ProbeBytes::default();
         for group in groups {
@@ -73,7 +72,7 @@ impl GpuSampler {
                 let words: Vec<u32> = radiance.into_iter().map(rgb9e5::encode).collect();
                 upload(&self.gpu, "radiance of points", &words, wgpu::BufferUsages::STORAGE)?
             };
-            let planes = ProbePlanes::new(&self.gpu, side, filled.maps);
+            let planes = ProbePlanes::new(&self.gpu, probes.side, filled.maps);
             let (sky, environment) = (&eye.lighting, &self.resident.environment);
             let mut commands = self.gpu.commands("resample points");
             probes.resample.record(&mut commands, &texels, &radiance, sky, environment, &planes);

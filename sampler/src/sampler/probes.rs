@@ -142,8 +142,7 @@ impl GpuSampler {
             ProbePrograms::Filled(from) => {
                 let begin = Instant::now();
                 let reflectors = &probes.reflectors;
-                let bytes =
-                    self.render_probe_points(from, reflectors, &places, side, lit, cancel, &mut stages)?;
+                let bytes = self.render_probe_points(from, reflectors, &places, lit, cancel, &mut stages)?;
                 // What no stage of the points accounts for.
                 (begin + stage_time(&stages), bytes)
             }

@@ -57,7 +57,7 @@ pub(super) fn begin<'a>(
         // All sub-samples of a texel see what its central ray does.
         let ids = layers::repeated(&image.ids, place.placed.size[0], *side);
         write_ids(context.gpu, &context.targets, context.tile.sub_samples(), &ids);
-        context.to_texels();
+        context.cast_texels();
     } else {
         write_ids(context.gpu, &context.targets, place.placed.size, &image.ids);
     }

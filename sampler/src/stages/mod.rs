@@ -52,7 +52,7 @@ pub(crate) fn part(mut frame: Frame<'_>, job: &mut PartJob<'_>) -> Result<Render
     }
     if !matches!(job.output, Output::Range) {
         if let Output::Texels(_) = job.output {
-            frame.context.to_texels();
+            frame.context.cast_texels();
         }
         surfaces(&mut frame, job)?;
         if let (Some(blend), false) = (job.blend, job.layers.is_empty()) {

@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::taps::taps;
-use crate::light::Texel;
+use crate::light::ShadingPoint;
 use crate::reflected_light::{Mirror, Ray, reflected};
 use crate::tile::Tile;
 
@@ -24,7 +24,7 @@ const LARGEST_STEP: f32 = 0.05;
 /// Rays of a surface.
 #[derive(Debug, Clone)]
 struct Lobe {
-    texel: Texel,
+    point: ShadingPoint,
     reflector: u32,
     /// Rays of the reflection, with their weights in [`Lobes::weights`].
     reflected: Range<u32>,
@@ -105,8 +105,8 @@ impl Lobes {
                     let in_image = [0, 1].map(|axis| tile.begin[axis] + pixel[axis]);
                     let stratum = in_image[0] % square + square * (in_image[1] % square);
                     let half = mirror.half_vector(stratum, square * square);
-                    let towards = mirror.texel.position.normalize_or(-half);
-                    let rays = std::iter::once((mirror.texel.start, reflected(towards, half)));
+                    let towards = mirror.point.position.normalize_or(-half);
+                    let rays = std::iter::once((mirror.point.start, reflected(towards, half)));
                     let lobe = all.cast(mirror, at as u32, own, rays, pixel_width);
                     all.shared[number] = Some(lobe);
                     lobe
@@ -127,8 +127,8 @@ impl Lobes {
         reflected: impl Iterator<Item = (Vec3, Vec3)>,
         pixel_width: f32,
     ) -> u32 {
-        let &Mirror { texel, reflector, .. } = mirror;
-        let (width, spread) = (pixel_width * texel.position.length(), pixel_width + mirror.alpha());
+        let &Mirror { point, reflector, .. } = mirror;
+        let (width, spread) = (pixel_width * point.position.length(), pixel_width + mirror.alpha());
         let ray = |start, direction, past, is_through| Ray {
             start,
             direction,
@@ -141,22 +141,22 @@ impl Lobes {
         };
         let first = self.rays.len() as u32;
         for (start, direction) in reflected {
-            let weight = direction.dot(texel.normal);
+            let weight = direction.dot(point.normal);
             if weight > 0.0 {
                 // Where the shading normal leans away from the triangle's, a ray may point into the surface. It stands for
                 // a smooth one, and passes through.
-                let past = own.filter(|_| direction.dot(texel.side) <= 0.0);
+                let past = own.filter(|_| direction.dot(point.side) <= 0.0);
                 self.rays.push(ray(start, direction, past, false));
                 self.weights.push(weight);
             }
         }
         let end = self.rays.len() as u32;
-        let through = mirror.through(texel.position.normalize_or(-texel.normal)).map(|(start, inward)| {
+        let through = mirror.through(point.position.normalize_or(-point.normal)).map(|(start, inward)| {
             self.rays.push(ray(start, inward, own, true));
             self.weights.push(1.0);
             end
         });
-        self.lobes.push(Lobe { texel, reflector, reflected: first..end, through });
+        self.lobes.push(Lobe { point, reflector, reflected: first..end, through });
         self.lobes.len() as u32 - 1
     }
 
@@ -224,10 +224,10 @@ impl Lobes {
 impl Lobe {
     /// Whether another pixel reflects about the same.
     fn agrees(&self, other: &Self) -> bool {
-        let off = (self.texel.position - other.texel.position).length();
+        let off = (self.point.position - other.point.position).length();
         self.reflector == other.reflector
-            && self.texel.normal.dot(other.texel.normal) > ALIKE
-            && off < LARGEST_STEP * self.texel.position.length()
+            && self.point.normal.dot(other.point.normal) > ALIKE
+            && off < LARGEST_STEP * self.point.position.length()
     }
 }
 
@@ -278,14 +278,14 @@ fn lets_through(word: u32) -> bool {
 /// Change of position and normal to a neighbour, if it shows the same surface.
 fn step(here: &Mirror, next: Option<&Mirror>) -> [Vec3; 2] {
     let Some(next) = next.filter(|next| next.reflector == here.reflector) else { return [Vec3::ZERO; 2] };
-    let [step, turn] = [next.texel.position - here.texel.position, next.texel.normal - here.texel.normal];
-    let is_smooth = step.length() < LARGEST_STEP * here.texel.position.length() && turn.length() < 1.0;
+    let [step, turn] = [next.point.position - here.point.position, next.point.normal - here.point.normal];
+    let is_smooth = step.length() < LARGEST_STEP * here.point.position.length() && turn.length() < 1.0;
     if is_smooth { [step, turn] } else { [Vec3::ZERO; 2] }
 }
 
 /// Start and direction of the reflected ray at an offset from a sub-sample's middle, in sub-samples.
 fn tapped(mirror: &Mirror, [right, down]: [[Vec3; 2]; 2], tap: Vec2) -> (Vec3, Vec3) {
-    let Texel { position, normal, start, .. } = mirror.texel;
+    let ShadingPoint { position, normal, start, .. } = mirror.point;
     let normal = (normal + right[1] * tap.x + down[1] * tap.y).normalize_or(normal);
     let step = right[0] * tap.x + down[0] * tap.y;
     let towards = (position + step).normalize_or(-normal);
@@ -303,9 +303,9 @@ mod tests {
 
     fn mirror(normal: Vec3) -> Mirror {
         let position = Vec3::new(0.0, 0.0, -4.0);
-        let texel =
-            Texel { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
-        Mirror { texel, reflector: 0, f0: Vec3::ONE, roughness: 0.0, eta: None }
+        let point =
+            ShadingPoint { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
+        Mirror { point, reflector: 0, f0: Vec3::ONE, roughness: 0.0, eta: None }
     }
 
     #[test]
@@ -315,7 +315,7 @@ mod tests {
         let turn = [[Vec3::X * 0.1, Vec3::X * 0.2], [Vec3::ZERO; 2]];
         let (start, direction) = tapped(&here, turn, Vec2::X);
         assert!(
-            (start - here.texel.start - Vec3::X * 0.1).length() < 1e-6 && direction.x > 0.2,
+            (start - here.point.start - Vec3::X * 0.1).length() < 1e-6 && direction.x > 0.2,
             "{direction}"
         );
         assert_eq!(tapped(&here, turn, Vec2::ZERO).1, Vec3::Z);
@@ -333,7 +333,7 @@ mod tests {
     #[test]
     fn an_eye_on_the_surface_gives_unit_directions() {
         let mut here = mirror(Vec3::Z);
-        here.texel.position = Vec3::ZERO;
+        here.point.position = Vec3::ZERO;
         assert!(
             here.through(-Vec3::Z).is_none() && tapped(&here, [[Vec3::ZERO; 2]; 2], Vec2::X).1.is_finite()
         );

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::super::cells::BoxTree;
 use super::super::paths::{Gatherer, Leaves, Links};
-use super::super::texels::{Effort, Texel, Texels};
+use super::super::shading_points::{Effort, ShadingPoint, ShadingPoints};
 use super::super::tracing::LightTracing;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
@@ -156,7 +156,7 @@ impl LitLeaves {
     /// lit.
     pub(super) fn irradiance_over_pi(
         &self,
-        texels: &Texels,
+        texels: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         divisor: u32,
@@ -182,14 +182,14 @@ impl Posed {
         for first in (0..self.leaves.sides.len()).step_by(BATCH) {
             let batch = first..(first + BATCH).min(self.leaves.sides.len());
             let points = batch.start * rays..batch.end * rays;
-            let all: Vec<Texel> =
+            let all: Vec<ShadingPoint> =
                 points.into_par_iter().map(|point| self.leaves.texel(surfaces, about, point)).collect();
             let mut bounds = Bounds::EMPTY;
             all.iter()
                 .filter(|texel| texel.exists)
                 .for_each(|texel| bounds.extend(texel.position.as_dvec3()));
             let texels =
-                Texels { size: [rays, batch.len()], first: None, effort: Effort::Shared, all, bounds };
+                ShadingPoints { size: [rays, batch.len()], first: None, effort: Effort::Shared, all, bounds };
             let irradiance_over_pi = tracing.lights_by_pi(&texels, about, center);
             let side = |at: usize| {
                 let side = batch.start + at;
@@ -205,7 +205,7 @@ impl Posed {
 
 impl LightTracing {
     /// Irradiance / π of lights and emitters at texels without neighbours.
-    fn lights_by_pi(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
+    fn lights_by_pi(&self, texels: &ShadingPoints, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
         let mut irradiance_over_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
         if let Some(emitted) = self.emitters.irradiance_over_pi(texels, about, eye, self.knobs) {
             irradiance_over_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::super::lattice::Lattice;
 use super::super::pattern::hash;
-use super::super::texels::Texel;
+use super::super::shading_points::ShadingPoint;
 use super::grid::{Grid, Table};
 use super::polygon::Polygon;
 use crate::light_rays::{LightRaysAbout, RayHit};
@@ -333,16 +333,16 @@ impl Leaves {
         surfaces: &Surfaces,
         about: &LightRaysAbout<'_>,
         index: usize,
-    ) -> Texel {
+    ) -> ShadingPoint {
         let point = self.points[index];
         let is_front = self.sides[index / self.rays].is_front;
-        let Some(front) = self.front(point.triangle) else { return Texel::default() };
+        let Some(front) = self.front(point.triangle) else { return ShadingPoint::default() };
         let side = if is_front { front } else { -front };
         let normal = self.placement(surfaces, point.triangle).and_then(|(placement, primitive)| {
             surfaces.shading_normal(placement, primitive, point.weights.map(f64::from), side.as_dvec3())
         });
         let position = self.position(point);
-        Texel {
+        ShadingPoint {
             exists: true,
             position,
             normal: normal.map_or(side, |normal| normal.as_vec3()),

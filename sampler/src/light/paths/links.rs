@@ -7,7 +7,7 @@ use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use super::super::pattern::{above, hash};
-use super::super::texels::Texel;
+use super::super::shading_points::ShadingPoint;
 use super::leaves::Leaves;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
@@ -36,15 +36,15 @@ impl Links {
         let squares = (0..rays).map(|ray| r2(ray as u32 + 1)).collect();
         let mut links = Self { targets: Vec::new(), rays, squares };
         let target = |index: usize| {
-            let texel = leaves.texel(surfaces, about, index);
-            let direction = links.direction(index / rays, index % rays, texel.normal);
+            let point = leaves.texel(surfaces, about, index);
+            let direction = links.direction(index / rays, index % rays, point.normal);
             // Interpolated normals allow directions below the triangle.
-            if !(texel.exists && direction.dot(texel.side) > 0.0) {
+            if !(point.exists && direction.dot(point.side) > 0.0) {
                 return DARK;
             }
-            match about.nearest(texel.start, direction, f32::MAX) {
+            match about.nearest(point.start, direction, f32::MAX) {
                 None => SKY,
-                Some(hit) => leaves.hit(texel.start, direction, &hit).unwrap_or(DARK),
+                Some(hit) => leaves.hit(point.start, direction, &hit).unwrap_or(DARK),
             }
         };
         let count = leaves.sides.len() * rays;
@@ -59,10 +59,10 @@ impl Links {
     }
 
     /// Sum of the sky's radiance along the rays of a leaf side that reach it. `texels` are where they start.
-    pub(in crate::light) fn sky(&self, side: usize, texels: &[Texel], sky: &Sky) -> Vec3 {
+    pub(in crate::light) fn sky(&self, side: usize, points: &[ShadingPoint], sky: &Sky) -> Vec3 {
         let targets = &self.targets[side * self.rays..(side + 1) * self.rays];
-        let reaches = targets.iter().zip(texels).enumerate().filter(|(_, (target, _))| **target == SKY);
-        reaches.map(|(ray, (_, texel))| sky_radiance(sky, self.direction(side, ray, texel.normal))).sum()
+        let reaches = targets.iter().zip(points).enumerate().filter(|(_, (target, _))| **target == SKY);
+        reaches.map(|(ray, (_, point))| sky_radiance(sky, self.direction(side, ray, point.normal))).sum()
     }
 
     /// Irradiance / π of leaf sides after some bounces from leaf side to leaf side, direct light included.
