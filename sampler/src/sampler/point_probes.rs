@@ -44,8 +44,6 @@ impl GpuSampler {
         for group in groups {
             check_wanted(cancel)?;
             let begin = Instant::now();
-            let Some(reflected) = &self.surface_programs.reflected else { break };
-            let by = &reflected.found_by;
             let filled = PointProbes::fill(probes.source, by, &scene, places.middle, &group);
             timing::add_since(of, stage, begin);
             let texels =

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use super::gpu_sampler::GpuSampler;
 use super::ready_scene::ReadyScene;
 use super::surface_programs::{ReflectionLookup, SurfacePrograms};
-use crate::frame::{Frame, LightSharing, check_wanted};
+use crate::frame::{Frame, check_wanted};
 use crate::layers::RayLayers;
 use crate::scratch::Extras;
 use crate::stages::{self, Output, Part, PartJob, RenderedPart, ViewReflecting};
@@ -85,11 +85,6 @@ impl GpuSampler {
             ),
             Output::Range => ("render range", Extras::default()),
         };
-        let sharing = match (output, part) {
-            (Output::Texels(_), _) => LightSharing::Texels { side: part.tile().side },
-            (_, Part::Tile(_)) => LightSharing::Image,
-            (_, Part::Pixels(_)) => LightSharing::Pixels,
-        };
         let SurfacePrograms { of_views, reflected, .. } = &self.surface_programs;
         let reflecting = match (defers, of_views, reflected) {
             (true, Some(programs), Some(reflected)) => Some(ViewReflecting {
@@ -104,7 +99,7 @@ impl GpuSampler {
         };
         let context = part.context(&self.gpu, &self.resident, eye, &mut self.scratch, extras);
         let is_view = !matches!(output, Output::Texels(_));
-        let frame = Frame { is_view, ..Frame::new(context, sharing, label, stages) };
+        let frame = Frame { is_view, ..Frame::new(context, output.sharing(part), label, stages) };
         let mut job = PartJob {
             part,
             output,

@@ -91,18 +91,23 @@ impl GpuSampler {
                 }
             }
         }
-        let specification = Specification {
-            visibility: scene.backend,
+        let specification = self.specification(view, scene.backend);
+        let (lit, device) = (self.says_light(view), self.gpu.kind());
+        let parts = ViewParts { color, range };
+        Ok(frame(&lit, &self.scene, specification, device, parts, scene.into_stages()))
+    }
+
+    /// How a view is rendered by a backend.
+    fn specification(&self, view: &ViewJob, visibility: Visibility) -> Specification {
+        Specification {
+            visibility,
             sampling: Sampling::Triangles,
             sub_samples: self.knobs.sub_samples,
             effects: self.knobs.effects,
             indirect: self.knobs.indirect,
             reflections: view.reflections,
             exposure: self.lighting.exposure,
-        };
-        let (lit, device) = (self.says_light(view), self.gpu.kind());
-        let parts = ViewParts { color, range };
-        Ok(frame(&lit, &self.scene, specification, device, parts, scene.into_stages()))
+        }
     }
 
     /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.

@@ -10,6 +10,7 @@ use super::reflections::ViewReflecting;
 use super::shade::SurfaceProgram;
 use crate::SamplerKnobs;
 use crate::eye::Eye;
+use crate::frame::LightSharing;
 use crate::indirect::Lights;
 use crate::layers::RayLayers;
 use crate::passes::{Blend, PlaneBuffers, ResolveView, TileContext};
@@ -76,6 +77,17 @@ pub(crate) enum Output<'a> {
     Range,
     /// Both, of one sub-sample a pixel: what the rays see is found once.
     ColorAndRange,
+}
+
+impl Output<'_> {
+    /// Which sub-samples of a part share light.
+    pub(crate) fn sharing(self, part: &Part) -> LightSharing {
+        match (self, part) {
+            (Self::Texels(_), _) => LightSharing::Texels { side: part.tile().side },
+            (_, Part::Tile(_)) => LightSharing::Image,
+            (_, Part::Pixels(_)) => LightSharing::Pixels,
+        }
+    }
 }
 
 /// A part that was submitted.
