@@ -10,122 +10,23 @@
 //! Boxes of placed objects are f64 in world space. [`Hierarchy::top_about`] rounds them outwards to f32 relative to an eye,
 //! so positions far from the world's origin lose no precision.
 
+mod nodes;
+mod trees;
+
 use std::collections::BTreeMap;
 
 use argus_scene::Scene;
-use bytemuck::{Pod, Zeroable};
 use glam::{DMat3, DVec3, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::leaf_collapser::collapse;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
-use crate::resident::{Cull, Placement};
+use crate::resident::Placement;
+use nodes::around;
+pub(crate) use nodes::{Node, OF_OBJECT, Object, PlacedObject, TopNode, Triangle, box_about, flags};
+use trees::{Tree, build, own_triangles, world_triangles};
 
 /// Most triangles that copies of one mesh may add to the merged object.
 const MAX_COPIED_TRIANGLES: usize = 1 << 16;
-/// Most triangles of a leaf.
-const LEAF_TRIANGLES: u32 = 8;
-
-/// Bits of [`Triangle::flags`].
-pub(crate) mod flags {
-    /// Not visible from behind. Seen from there, the stored corners are in clockwise order.
-    pub(crate) const ONE_SIDED: u32 = 1;
-    /// Alpha-tested: a hit counts only if alpha reaches the material's cutoff.
-    pub(crate) const CUTOUT: u32 = 2;
-    /// The second and third corner are exchanged, because the instance's transform mirrors.
-    pub(crate) const MIRRORED: u32 = 4;
-    /// Rays of light pass ([`argus_scene::Material::passes_light`]); rays of sight do not.
-    pub(crate) const GLASS: u32 = 8;
-    /// Rays of light pass where the transmission texture says so ([`argus_scene::Material::passes_light_in_parts`]).
-    pub(crate) const GLASS_IN_PARTS: u32 = 16;
-}
-
-/// [`Triangle::instance`] of a triangle whose instance is [`PlacedObject::instance`].
-pub(crate) const OF_OBJECT: u32 = u32::MAX;
-
-/// A triangle in the tracers' layout.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Triangle {
-    /// First corner, in the object's space.
-    pub(crate) a: [f32; 3],
-    /// Index into [`Scene::instances`], or [`OF_OBJECT`].
-    pub(crate) instance: u32,
-    /// Second corner.
-    pub(crate) b: [f32; 3],
-    /// Index of the triangle within its mesh.
-    pub(crate) primitive: u32,
-    /// Third corner.
-    pub(crate) c: [f32; 3],
-    /// Bits of [`flags`].
-    pub(crate) flags: u32,
-}
-
-/// A node of a tree of triangles, or of the top-level tree relative to an eye. A leaf if `count` is not 0.
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub(crate) struct Node {
-    /// Smallest coordinates.
-    pub(crate) min: [f32; 3],
-    /// Number of triangles of a leaf; 0 for an inner node.
-    pub(crate) count: u32,
-    /// Largest coordinates.
-    pub(crate) max: [f32; 3],
-    /// Inner node: index of the first of its two children in [`Hierarchy::nodes`], or in the list of the top-level tree.
-    /// Leaf: index of its first triangle in [`Hierarchy::triangles`], or of its object in [`Hierarchy::placed`].
-    pub(crate) first: u32,
-}
-
-/// A tree of triangles.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Object {
-    /// Index of its root in [`Hierarchy::nodes`].
-    pub(crate) root: u32,
-    /// Edges from the root to the deepest leaf. The stack of a traversal that pushes both children of a node and pops one
-    /// has at most `depth + 1` entries.
-    #[allow(dead_code, reason = "bounds the stack of the tracer on the device")]
-    pub(crate) depth: u32,
-    /// Number of its triangles.
-    pub(crate) triangles: u32,
-    /// Bounding box of its triangles: smallest coordinates.
-    min: DVec3,
-    /// Largest coordinates of the box.
-    max: DVec3,
-}
-
-/// An object with its transform from world space.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct PlacedObject {
-    /// Index into [`Hierarchy::objects`].
-    pub(crate) object: u32,
-    /// Index into [`Scene::instances`]; [`OF_OBJECT`] for the merged object, whose triangles have their own.
-    pub(crate) instance: u32,
-    /// Linear part of the transform from world space to the object's space.
-    pub(crate) object_from_world: DMat3,
-    /// Position of the object's origin in world space.
-    pub(crate) origin: DVec3,
-}
-
-/// A node of the top-level tree, in world space. The fields are those of [`Node`].
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct TopNode {
-    min: DVec3,
-    max: DVec3,
-    count: u32,
-    first: u32,
-}
-
-impl TopNode {
-    /// The node relative to an eye: see [`Hierarchy::top_about`].
-    pub(crate) fn about(&self, eye: DVec3) -> Node {
-        let (min, max) = box_about(eye, self.min, self.max);
-        Node { min, max, count: self.count, first: self.first }
-    }
-}
 
 /// The two-level hierarchy that tracers traverse.
 pub(crate) struct Hierarchy {
@@ -338,70 +239,6 @@ impl Hierarchy {
     }
 }
 
-/// The tree of one object, with indices from 0.
-struct Tree {
-    nodes: Vec<Node>,
-    triangles: Vec<Triangle>,
-    depth: u32,
-}
-
-impl Tree {
-    /// Builds a tree over triangles.
-    fn new(triangles: Vec<Triangle>) -> Self {
-        let boxes: Vec<Aabb> = triangles
-            .par_iter()
-            .map(|t| {
-                let [a, b, c] = [t.a, t.b, t.c].map(Vec3A::from_array);
-                Aabb::new(a.min(b).min(c), a.max(b).max(c))
-            })
-            .collect();
-        let bvh = build(&boxes, LEAF_TRIANGLES);
-        let nodes = bvh.nodes.iter().map(|n| {
-            let (min, max) = (n.min.to_array(), n.max.to_array());
-            Node { min, count: n.prim_count, max, first: n.first_index }
-        });
-        Self {
-            nodes: nodes.collect(),
-            triangles: bvh.primitive_indices.iter().map(|&i| triangles[i as usize]).collect(),
-            depth: bvh.max_depth as u32,
-        }
-    }
-}
-
-/// Builds a binary tree over boxes, at most `leaf_size` per leaf. These are the steps of obvhs' "medium" build. Its own
-/// function would also validate the tree if debug assertions are on, which takes longer than the build. `max_depth` is
-/// exact.
-fn build(boxes: &[Aabb], leaf_size: u32) -> Bvh2 {
-    if boxes.is_empty() {
-        return Bvh2::default();
-    }
-    let params = BvhBuildParams::medium_build();
-    let mut bvh = PlocBuilder::with_capacity(boxes.len()).build(
-        params.ploc_search_distance,
-        boxes,
-        (0..boxes.len() as u32).collect(),
-        params.sort_precision,
-        params.search_depth_threshold,
-    );
-    let mut optimizer = ReinsertionOptimizer::default();
-    let ratio = params.reinsertion_batch_ratio;
-    optimizer.run(&mut bvh, ratio, None);
-    collapse(&mut bvh, leaf_size, params.collapse_traversal_cost);
-    optimizer.run(&mut bvh, ratio * params.post_collapse_reinsertion_batch_ratio_multiplier, None);
-    bvh.reorder_in_stack_traversal_order();
-    // Reinsertion can deepen the tree beyond the builder's `max_depth`.
-    let mut deepest = 0;
-    let mut pending = vec![(0, 0)];
-    while let Some((index, depth)) = pending.pop() {
-        deepest = deepest.max(depth);
-        if let Some(node) = bvh.nodes.get(index as usize).filter(|node| !node.is_leaf()) {
-            pending.extend([(node.first_index, depth + 1), (node.first_index + 1, depth + 1)]);
-        }
-    }
-    bvh.max_depth = deepest;
-    bvh
-}
-
 /// Sets the boxes of inner nodes from those of their children.
 fn refit(top: &mut [TopNode]) {
     // Children may be before or after their parent. So inner nodes are listed from the root, and set in reverse order.
@@ -420,20 +257,6 @@ fn refit(top: &mut [TopNode]) {
     }
 }
 
-/// A box of the world relative to `eye`, padded by more than the rounding error of objects seen from there.
-pub(crate) fn box_about(eye: DVec3, min: DVec3, max: DVec3) -> ([f32; 3], [f32; 3]) {
-    let (min, max) = (min - eye, max - eye);
-    let slack = min.abs().max(max.abs()).max_element() * f64::from(f32::EPSILON) * 8.0;
-    let below = |x: f64| ((x - slack) as f32).next_down().max(f32::MIN);
-    let above = |x: f64| ((x + slack) as f32).next_up().min(f32::MAX);
-    (min.to_array().map(below), max.to_array().map(above))
-}
-
-/// The box around boxes.
-fn around(boxes: impl Iterator<Item = (DVec3, DVec3)>) -> (DVec3, DVec3) {
-    boxes.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), b| (min.min(b.0), max.max(b.1)))
-}
-
 /// The centre of the bounding box of instances, in world space.
 fn middle(scene: &Scene, placements: &[Placement]) -> DVec3 {
     let boxes = placements.par_iter().map(|p| {
@@ -442,50 +265,6 @@ fn middle(scene: &Scene, placements: &[Placement]) -> DVec3 {
     });
     let (min, max) = around(boxes.collect::<Vec<_>>().into_iter());
     if min.cmple(max).all() { min + (max - min) * 0.5 } else { DVec3::ZERO }
-}
-
-/// The triangles of a mesh in mesh space.
-fn own_triangles(scene: &Scene, placement: &Placement) -> Vec<Triangle> {
-    triangles(scene, placement, OF_OBJECT, false, |p| p)
-}
-
-/// The triangles of an instance in world axes, relative to `origin`.
-fn world_triangles(scene: &Scene, placement: &Placement, origin: DVec3) -> Vec<Triangle> {
-    let offset = placement.origin - origin;
-    let mirrored = placement.world_from_mesh.determinant() < 0.0;
-    triangles(scene, placement, placement.instance, mirrored, |p| {
-        (offset + placement.world_from_mesh * p.as_dvec3()).as_vec3()
-    })
-}
-
-/// The triangles of a mesh with finite corners and an area. `place` transforms each corner.
-fn triangles(
-    scene: &Scene,
-    placement: &Placement,
-    instance: u32,
-    mirrored: bool,
-    place: impl Fn(Vec3) -> Vec3,
-) -> Vec<Triangle> {
-    let mesh = &scene.meshes[placement.mesh as usize];
-    let mut flags = 0;
-    flags |= if placement.class.cull == Cull::None { 0 } else { flags::ONE_SIDED };
-    flags |= if placement.class.cutout { flags::CUTOUT } else { 0 };
-    flags |= if mirrored { flags::MIRRORED } else { 0 };
-    let material = &scene.materials[mesh.material as usize];
-    flags |= if material.passes_light() { flags::GLASS } else { 0 };
-    flags |= if material.passes_light_in_parts() { flags::GLASS_IN_PARTS } else { 0 };
-    let corner = |index: u32| mesh.positions.get(index as usize).map(|&p| place(p)).filter(|p| p.is_finite());
-    let place = |(primitive, corners): (u32, &[u32; 3])| {
-        let [a, b, c] = [corner(corners[0])?, corner(corners[1])?, corner(corners[2])?];
-        let normal = (b.as_dvec3() - a.as_dvec3()).cross(c.as_dvec3() - a.as_dvec3());
-        if normal == DVec3::ZERO {
-            return None;
-        }
-        let (b, c) = if mirrored { (c, b) } else { (b, c) };
-        let [a, b, c] = [a, b, c].map(|p| p.to_array());
-        Some(Triangle { a, instance, b, primitive, c, flags })
-    };
-    (0u32..).zip(mesh.indices.as_chunks::<3>().0).filter_map(place).collect()
 }
 
 /// For each node, whether an animation moves it or one of its ancestors.

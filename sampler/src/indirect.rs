@@ -1,17 +1,65 @@
 //! Indirect diffuse light: by paths, or by a method that is plugged in.
 
+use std::any::Any;
 use std::sync::Arc;
 
-use argus_gpu::{Commands, Gpu};
+use argus_gpu::{Gpu, wgpu};
 use argus_scene::{Indirect, LightLevel, Lighting, RenderError, Scene, Stage};
 
-use crate::light::{DirectLight, Neighbours, PathLight};
+use crate::frame::Frame;
+use crate::light::{DirectLight, PathLight};
 use crate::packets::PacketTracer;
-use crate::passes::TileContext;
-use crate::plug::{IndirectMethod, Methods};
 use crate::resident::{Placement, Resident};
 use crate::scratch::Scratch;
 
+/// The light of one scene on one device.
+#[derive(Default)]
+pub(crate) struct Lights {
+    /// Direct light by rays, made when it is first needed; `None` without effects of light.
+    pub(crate) direct: Option<DirectLight>,
+    /// Indirect light, made when it is first needed.
+    pub(crate) indirect: Option<IndirectLight>,
+}
+
+impl Lights {
+    /// Whether light is added to what is shaded, for which shading leaves a G-buffer.
+    pub(crate) fn any(&self) -> bool {
+        self.direct.is_some() || self.indirect.is_some()
+    }
+}
+
+/// Finds indirect light. [`Any`] gives access to its report.
+pub trait IndirectMethod: Any + Send + Sync {
+    /// Changes the settings. Marks the light as out of date. Returns false if they are of another method.
+    fn set_knobs(&mut self, knobs: Indirect) -> bool;
+
+    /// Moves instances of a posed scene. Marks the light as out of date.
+    fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]);
+
+    /// Prepares the light of tiles, unless it is up to date. Returns the cost.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if a buffer exceeds what the device can bind, or the errors of the device.
+    fn ready(&mut self, inputs: &LightInputs<'_>, scratch: &mut Scratch) -> Result<Vec<Stage>, RenderError>;
+
+    /// Records what it must know of a shaded frame before it adds light. The buffer that it returns is read back.
+    ///
+    /// # Errors
+    /// The errors of [`Self::ready`].
+    fn choose(&mut self, _frame: &mut Frame<'_>) -> Result<Option<wgpu::Buffer>, RenderError> {
+        Ok(None)
+    }
+
+    /// Adds its light to a shaded frame, once the buffer that it asked for is read.
+    ///
+    /// # Errors
+    /// The errors of [`Self::ready`].
+    fn add(&mut self, frame: &mut Frame<'_>, read: Option<&[u8]>) -> Result<(), RenderError>;
+}
+
+/// Makes the [`IndirectMethod`] of settings; `None` for settings of another method.
+pub type NewIndirect =
+    Arc<dyn Fn(&Arc<Gpu>, &Arc<Scene>, &Resident, Indirect) -> Option<Box<dyn IndirectMethod>> + Send + Sync>;
 /// The indirect light of one scene on one device.
 pub(crate) enum IndirectLight {
     Method(Box<dyn IndirectMethod>),
@@ -38,64 +86,19 @@ pub struct LightInputs<'a> {
     pub time_secs: f64,
 }
 
-/// Which sub-samples of a tile share received light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LightSharing {
-    /// Neighbours in an image.
-    Image,
-    /// Neighbours in a sample. Its texels have `side` sub-samples along each side.
-    Texels {
-        /// Sub-samples along each side of a texel.
-        side: u32,
-    },
-    /// Sub-samples of one pixel, because neighbours in a list are not neighbours in the view.
-    Pixels,
-    /// Consecutive leaves of a list, which are neighbours in space.
-    Leaves,
-    /// Nothing is shared.
-    Each,
-}
-
-impl LightSharing {
-    /// The texels of a tile that know one another, for direct light.
-    pub(crate) fn neighbours(self, tile: &crate::tile::Tile) -> Neighbours {
-        match self {
-            Self::Image | Self::Texels { .. } => Neighbours::Image(tile.begin.map(|texel| texel * tile.side)),
-            Self::Pixels => Neighbours::None { rays: 64 },
-            Self::Leaves | Self::Each => Neighbours::None { rays: 16 },
-        }
-    }
-
-    /// Size of the blocks that share receivers, in sub-samples, and the reach of a receiver, in blocks. `block` is the
-    /// block side in an image; `side` is the number of sub-samples along a pixel's side.
-    pub fn blocks(self, block: u32, side: u32) -> ([u32; 2], u32) {
-        match self {
-            Self::Image => ([block, block], 1),
-            // Receivers are as far apart as if sub-samples were lit.
-            Self::Texels { side } => ([(block / side).max(1); 2], 1),
-            Self::Pixels => ([side, side], 0),
-            Self::Leaves => ([16, 1], 1),
-            Self::Each => ([1, 1], 0),
-        }
-    }
-}
-
 impl IndirectLight {
-    /// The indirect light of these knobs; `None` if it is off, or if none of the methods finds it, which
-    /// [`Methods::check_indirect`] refuses first.
+    /// The indirect light of these knobs; `None` if it is off, or if `new` is none or finds none, which
+    /// [`crate::plug::Methods::check_indirect`] refuses first.
     pub(crate) fn new(
         gpu: &Arc<Gpu>,
         scene: &Arc<Scene>,
         resident: &Resident,
         knobs: Indirect,
-        methods: &Methods,
+        new: Option<&NewIndirect>,
     ) -> Option<Self> {
         match knobs {
             Indirect::Off => None,
-            Indirect::Vpl(_) | Indirect::Points(_) => {
-                let new = methods.indirect.as_ref()?;
-                new(gpu, scene, resident, knobs).map(Self::Method)
-            }
+            Indirect::Vpl(_) | Indirect::Points(_) => new?(gpu, scene, resident, knobs).map(Self::Method),
             Indirect::Paths(knobs) => {
                 Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, knobs, None))))
             }
@@ -156,23 +159,6 @@ impl IndirectLight {
                 let none = || RenderError::Internal("paths need direct light by rays".to_owned());
                 light.ready(inputs.direct.ok_or_else(none)?.tracing(), inputs.light)
             }
-        }
-    }
-
-    /// Adds the indirect light of a tile that `commands` shade. Returns the commands that later passes are recorded into.
-    ///
-    /// # Errors
-    /// The errors of [`Self::ready`].
-    pub(crate) fn add(
-        &mut self,
-        commands: Commands,
-        context: &TileContext<'_>,
-        sharing: LightSharing,
-        stages: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError> {
-        match self {
-            Self::Method(light) => light.add(commands, context, sharing, stages),
-            Self::Paths(_) => Ok(commands),
         }
     }
 }

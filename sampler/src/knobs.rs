@@ -166,3 +166,8 @@ impl RadianceFormat {
         }
     }
 }
+
+/// The error of a field whose value names a method that this build lacks.
+pub fn missing(field: &'static str, name: &str) -> InvalidField {
+    InvalidField::new(field, format!("{name} is not in this build, which lacks the feature `papers`"))
+}

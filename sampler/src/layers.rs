@@ -94,7 +94,7 @@ impl LayerTracer {
         let of = |(at, ids): (usize, &[u32; 2])| {
             let at = at as u32;
             let place = [at % rays.width, at / rays.width];
-            (ids[0] != 0).then(|| self.of_ray(opaque, eye, (rays, place), at)).flatten()
+            (ids[0] != 0).then(|| self.of_ray(opaque, eye, rays, place, at)).flatten()
         };
         met.par_iter().enumerate().filter_map(of).collect()
     }
@@ -109,7 +109,7 @@ impl LayerTracer {
     ) -> Vec<RayLayers> {
         let met = self.transparent.trace_some(eye, rays, places);
         let of = |(at, (&place, ids)): (usize, (&[u32; 2], &[u32; 2]))| {
-            (ids[0] != 0).then(|| self.of_ray(opaque, eye, (rays, place), at as u32)).flatten()
+            (ids[0] != 0).then(|| self.of_ray(opaque, eye, rays, place, at as u32)).flatten()
         };
         places.par_iter().zip(&met).enumerate().filter_map(of).collect()
     }
@@ -118,7 +118,8 @@ impl LayerTracer {
         &self,
         opaque: &PacketTracer,
         eye: DVec3,
-        (rays, place): (&Rays, [u32; 2]),
+        rays: &Rays,
+        place: [u32; 2],
         at: u32,
     ) -> Option<RayLayers> {
         let direction = direction(rays, place);
@@ -187,7 +188,8 @@ pub(crate) struct LayerImage {
 pub(crate) fn images<'a>(
     rays: &'a [RayLayers],
     width: u32,
-    (begin, size): ([u32; 2], [u32; 2]),
+    begin: [u32; 2],
+    size: [u32; 2],
 ) -> impl Iterator<Item = LayerImage> + 'a {
     let most = rays.iter().map(|ray| ray.layers.len()).max().unwrap_or(0);
     (0..most).map(move |from_behind| {

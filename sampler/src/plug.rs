@@ -10,33 +10,32 @@
 //! ([`Resident`]) and on the CPU ([`PacketTracer`], [`Surfaces`]), the light of a posed scene ([`LitScene`]), the planes of
 //! samples and probes, and maps whose texels name what they see ([`IndexMaps`]).
 
-mod lit_scene;
-
-use std::any::Any;
 use std::sync::Arc;
 
-use argus_gpu::{Commands, Gpu};
 use argus_scene::{
-    Indirect, Instance, InvalidField, Lighting, MegaViews, ProbeEye, ProbeSource, ReflectionProbeSet,
-    RenderError, Sample, SampleJob, Sampling, Scene, Stage, ViewJob,
+    Indirect, InvalidField, MegaViews, ProbeSource, ReflectionProbeSet, RenderError, Sample, SampleJob,
+    Sampling, Stage,
 };
-use glam::DVec3;
 
-pub use self::lit_scene::LitScene;
 pub use crate::eye::Eye;
+pub use crate::frame::{Frame, LightSharing};
 pub use crate::index_maps::{
     FACES, HalfSpace, IndexMaps, MappedReflector, Requests, face_of, from_face, in_face,
 };
-pub use crate::indirect::{LightInputs, LightSharing};
+pub use crate::indirect::{IndirectMethod, LightInputs, NewIndirect};
+pub use crate::knobs::missing;
+pub use crate::lit_scene::LitScene;
 pub use crate::mixed::mixed;
 pub use crate::packets::cutouts::Cutouts;
 pub use crate::packets::{Hit, PacketTracer};
 pub use crate::passes::{BlurProbes, PlaneBuffers, ProbePlanes, ResolveSample, TileContext};
-pub use crate::point_shading::{CHUNK_SIDE, Points, ShadingPoint, Side, image_of, probe_point};
-pub use crate::probe_renderer::{FilledMaps, ProbeBytes, ProbePlaces};
-pub use crate::reflected_light::{Met, MetByRay, Ray, ReflectionRays};
-pub use crate::resident::{Cull, DrawClass, Features, GuideUse, Placement, Resident, placed, upload};
-pub use crate::scratch::{Extras, Guides, Scratch, Targets};
+pub use crate::point_shading::{CHUNK_SIDE, Points, Side, SurfacePoint, image_of, probe_point};
+pub use crate::probe_renderer::{NewProbes, ProbeBytes, ProbeMethod, ProbePlaces};
+pub use crate::reflected_light::{
+    FilledMaps, Met, MetByRay, NewPoints, PointMethod, Ray, ReflectionRays, ViewMaps,
+};
+pub use crate::resident::{Cull, DrawClass, Features, GBufferUse, Placement, Resident, placed, upload};
+pub use crate::scratch::{Extras, GBuffer, Scratch, Targets};
 pub use crate::surfaces::{Point, Surfaces};
 pub use crate::tile::Tile;
 pub use crate::view_reflections::taps;
@@ -71,115 +70,8 @@ pub trait SampleMethod: Send + Sync {
 /// A result for each sample of a job.
 pub type SampleResults = Vec<Result<Sample, RenderError>>;
 
-/// Finds indirect light. [`Any`] gives access to its report.
-pub trait IndirectMethod: Any + Send + Sync {
-    /// Changes the settings. Marks the light as out of date. Returns false if they are of another method.
-    fn set_knobs(&mut self, knobs: Indirect) -> bool;
-
-    /// Moves instances of a posed scene. Marks the light as out of date.
-    fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]);
-
-    /// Prepares the light of tiles, unless it is up to date. Returns the cost.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`] if a buffer exceeds what the device can bind, or the errors of the device.
-    fn ready(&mut self, inputs: &LightInputs<'_>, scratch: &mut Scratch) -> Result<Vec<Stage>, RenderError>;
-
-    /// Adds the indirect light of a tile that `commands` shade. Returns the commands that later passes are recorded into.
-    ///
-    /// # Errors
-    /// The errors of [`Self::ready`].
-    fn add(
-        &mut self,
-        commands: Commands,
-        context: &TileContext<'_>,
-        sharing: LightSharing,
-        stages: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError>;
-}
-
-/// Renders reflection probes from a scene that it has prepared.
-pub trait ProbeMethod: Send + Sync {
-    /// Prepares what probes are rendered from, unless it is up to date. Returns the cost.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`], or the errors of the device.
-    fn ready(
-        &mut self,
-        scene: &mut LitScene<'_>,
-        lighting: &Lighting,
-        time_secs: f64,
-    ) -> Result<Vec<Stage>, RenderError>;
-
-    /// Renders all probes of a side in texels, once the scene is ready. A scene without surfaces has no probes.
-    ///
-    /// # Errors
-    /// [`RenderError::OutOfMemory`], or the errors of the device.
-    fn render(
-        &mut self,
-        scene: &mut LitScene<'_>,
-        lighting: &Lighting,
-        places: &ProbePlaces,
-        side: u32,
-    ) -> Result<ProbeBytes, RenderError>;
-
-    /// Marks all as out of date, because surfaces moved.
-    fn forget_pose(&mut self);
-
-    /// Marks the light as out of date.
-    fn forget_light(&mut self);
-}
-
-/// Finds what surfaces reflect by points on triangles, in a scene at a pose.
-pub trait PointMethod: Send + Sync {
-    /// An instance at its pose as a reflector whose map has `side` texels on an edge. `None` for an instance without an extent.
-    fn reflector(
-        &self,
-        scene: &Scene,
-        index: u32,
-        instance: &Instance,
-        viewers: &ProbeEye,
-        side: u32,
-    ) -> Option<MappedReflector>;
-
-    /// Fills the maps of reflectors, whose sides are equal, from at most `budget` points, as dense as viewers see them.
-    /// Positions are relative to `middle`.
-    fn fill(
-        &self,
-        scene: &Scene,
-        middle: DVec3,
-        reflectors: &[MappedReflector],
-        viewers: &ProbeEye,
-        budget: u32,
-    ) -> FilledMaps;
-
-    /// The maps of the reflectors that a view at a time in seconds sees, from at most `budget` points. `instances` reflect;
-    /// `ids` are the view's visibility: instance + 1 and triangle, or zeros for the sky.
-    fn maps_of_view(
-        self: Arc<Self>,
-        scene: &Scene,
-        instances: &[u32],
-        ids: &[[u32; 2]],
-        view: (&ViewJob, f64, u32),
-    ) -> Box<dyn ViewMaps>;
-}
-
-/// Maps around the reflectors that a view sees.
-pub trait ViewMaps: Send + Sync {
-    /// What rays meet that begin about an eye: each point once.
-    fn meet(&self, eye: DVec3, rays: &[Ray]) -> Met;
-}
-
 /// Makes a [`SampleMethod`].
 pub type NewSamples = Arc<dyn Fn(&LitScene<'_>, MegaViews) -> Box<dyn SampleMethod> + Send + Sync>;
-/// Makes the [`IndirectMethod`] of settings; `None` for settings of another method.
-pub type NewIndirect =
-    Arc<dyn Fn(&Arc<Gpu>, &Arc<Scene>, &Resident, Indirect) -> Option<Box<dyn IndirectMethod>> + Send + Sync>;
-/// Makes a [`ProbeMethod`] from an octree of so many levels.
-pub type NewProbes = Arc<dyn Fn(&Gpu, &Resident, GuideUse, u32) -> Box<dyn ProbeMethod> + Send + Sync>;
-/// Makes the [`PointMethod`] of a scene at a time in seconds.
-pub type NewPoints = Arc<dyn Fn(&Arc<Scene>, f64) -> Arc<dyn PointMethod> + Send + Sync>;
-
 /// Constructors of the methods that a sampler has beside its own. The default has none.
 #[derive(Clone, Default)]
 pub struct Methods {
@@ -233,9 +125,4 @@ impl Methods {
             None => Ok(()),
         }
     }
-}
-
-/// The error of a field whose value names a method that this build lacks.
-pub fn missing(field: &'static str, name: &str) -> InvalidField {
-    InvalidField::new(field, format!("{name} is not in this build, which lacks the feature `papers`"))
 }

@@ -1,32 +1,23 @@
-//! Shades points on surfaces, without what depends on the viewer: for reflection probes, and for what direct views reflect.
-
-use std::sync::Arc;
-use std::time::Instant;
+//! Points on surfaces that are shaded without what depends on the viewer: for reflection probes, and for what direct views reflect.
 
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::camera::Face;
-use argus_scene::{Cancel, RenderError, Stage, rgb9e5};
+use argus_scene::rgb9e5;
 use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk, ProbePoint};
 use bytemuck::Zeroable;
+use bytes::Bytes;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::eye::Eye;
-use crate::indirect::{IndirectLight, LightSharing};
-use crate::light::DirectLight;
-use crate::passes::{ShadePoints, TileContext};
-use crate::resident::{Resident, upload};
-use crate::sampler::{add_light, check_wanted};
-use crate::scratch::{Extras, Scratch};
+use crate::frame::LightSharing;
 use crate::tile::Tile;
-use crate::timing;
 
 /// Columns and most rows of the image that points are shaded in.
 pub const CHUNK_SIDE: u32 = 1024;
 
 /// A surface that is to be shaded.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ShadingPoint {
+pub struct SurfacePoint {
     /// Index into [`argus_scene::Scene::instances`].
     pub instance: u32,
     /// Index of the triangle in its mesh.
@@ -50,17 +41,6 @@ pub enum Side {
     Back,
 }
 
-/// What shades points. Their positions are relative to the eye.
-pub(crate) struct PointShading<'a> {
-    pub(crate) gpu: &'a Arc<Gpu>,
-    pub(crate) resident: &'a Resident,
-    pub(crate) eye: &'a Eye,
-    pub(crate) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
-    pub(crate) programs: &'a ShadePoints,
-    pub(crate) scratch: &'a mut Scratch,
-    pub(crate) cancel: &'a Cancel,
-}
-
 /// Points to be shaded.
 #[derive(Default)]
 pub struct Points {
@@ -71,24 +51,33 @@ pub struct Points {
     pub image: Option<[[u32; 2]; 2]>,
 }
 
-/// The guides of a point (`shaders/shared/guide.wgsl`): surface and material.
-pub(crate) type PointGuides = [[u32; 4]; 2];
+/// A texel of the G-buffer (`shaders/shared/g_buffer.wgsl`): surface and material.
+pub(crate) type GBufferTexel = [[u32; 4]; 2];
 
 /// What is known of points once they are shaded.
+#[derive(Default)]
 pub(crate) struct ShadedPoints {
     pub(crate) radiance: Vec<Vec3>,
-    /// The guides of each; empty unless they were asked for.
-    pub(crate) guides: Vec<PointGuides>,
+    /// The texel of each; empty unless they were asked for.
+    pub(crate) g_buffer: Vec<GBufferTexel>,
+}
+
+impl ShadedPoints {
+    /// Points with the words of their radiance.
+    pub(crate) fn new(radiance: &[u8], g_buffer: Vec<GBufferTexel>) -> Self {
+        let words = radiance.as_chunks::<4>().0.iter();
+        Self { radiance: words.map(|word| rgb9e5::decode(u32::from_le_bytes(*word))).collect(), g_buffer }
+    }
 }
 
 /// Points that are shaded in one submission.
-struct PointChunk {
+pub(crate) struct PointChunk {
     /// The image that they are shaded in, as a tile.
-    tile: Tile,
+    pub(crate) tile: Tile,
     /// Its points.
-    range: std::ops::Range<u32>,
+    pub(crate) range: std::ops::Range<u32>,
     /// Uniform.
-    chunk: wgpu::Buffer,
+    pub(crate) chunk: wgpu::Buffer,
 }
 
 impl Points {
@@ -97,12 +86,12 @@ impl Points {
         ProbePoint { instance: u32::MAX, primitive: 0, width: 0.0, front: 0, position: [0.0; 3], _pad: 0 };
 
     /// Which sub-samples share light.
-    fn sharing(&self) -> LightSharing {
+    pub(crate) fn sharing(&self) -> LightSharing {
         if self.image.is_some() { LightSharing::Image } else { LightSharing::Leaves }
     }
 
     /// The images that the points are shaded in.
-    fn chunks(&self, gpu: &Gpu) -> Vec<PointChunk> {
+    pub(crate) fn chunks(&self, gpu: &Gpu) -> Vec<PointChunk> {
         let count = self.all.len() as u32;
         let chunk = |first: u32, begin: [u32; 2], size: [u32; 2]| {
             let params = LeafChunk { size, first, leaves: count, ..LeafChunk::zeroed() };
@@ -129,7 +118,7 @@ pub fn image_of(size: [u32; 2]) -> Tile {
 }
 
 /// A surface for the device, relative to a place.
-pub fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
+pub fn probe_point(point: &SurfacePoint, middle: DVec3) -> ProbePoint {
     ProbePoint {
         instance: point.instance,
         primitive: point.primitive,
@@ -141,6 +130,15 @@ pub fn probe_point(point: &ShadingPoint, middle: DVec3) -> ProbePoint {
 }
 
 impl PointChunk {
+    /// The texels of its points, of the G-buffer that was read back for its image: surfaces and materials.
+    pub(crate) fn g_buffer(&self, read: &[Bytes; 2]) -> impl IndexedParallelIterator<Item = GBufferTexel> {
+        let texel = |point: u32| {
+            let at = 16 * self.place_of(point);
+            [0, 1].map(|which| bytemuck::pod_read_unaligned(&read[which][at..at + 16]))
+        };
+        self.range.clone().into_par_iter().with_min_len(4096).map(texel)
+    }
+
     /// Where the image has a point: the number of its sub-sample, row by row. The inverse of `leaf_side` in
     /// `shaders/shared/surfel.wgsl`.
     fn place_of(&self, point: u32) -> usize {
@@ -163,84 +161,6 @@ fn place_in_blocks(index: u32, columns: u32) -> usize {
 pub(crate) fn index_in_blocks([column, row]: [u32; 2], columns: u32) -> usize {
     let block = row / LEAF_BLOCK * (columns / LEAF_BLOCK) + column / LEAF_BLOCK;
     (block * LEAF_BLOCK.pow(2) + row % LEAF_BLOCK * LEAF_BLOCK + column % LEAF_BLOCK) as usize
-}
-
-impl PointShading<'_> {
-    /// Radiance of points: a word of rgb9e5 each, on the device. Also their guides, if they are asked for.
-    ///
-    /// # Errors
-    /// [`RenderError::Cancelled`], or the errors of the device.
-    pub(crate) fn shade_to_device(
-        &mut self,
-        points: &Points,
-        wants_guides: bool,
-        stages: &mut Vec<Stage>,
-    ) -> Result<(wgpu::Buffer, Vec<PointGuides>), RenderError> {
-        let begin = Instant::now();
-        let gpu = self.gpu;
-        let count = points.all.len();
-        let storage = wgpu::BufferUsages::STORAGE;
-        let radiance =
-            gpu.buffer("radiance of points", count.max(1) as u64 * 4, storage | wgpu::BufferUsages::COPY_SRC);
-        let list = if count == 0 { &[Points::NOTHING][..] } else { &points.all };
-        let list = upload(gpu, "points", list, storage)?;
-        let (direct, indirect) = &mut self.lights;
-        let extras =
-            Extras { guides: wants_guides || direct.is_some() || indirect.is_some(), ..Extras::default() };
-        let (mut of_light, mut guides) = (Vec::new(), Vec::new());
-        for chunk in points.chunks(gpu) {
-            check_wanted(self.cancel)?;
-            let mut commands = gpu.commands("shade points");
-            let context = TileContext::new(gpu, self.resident, self.eye, &chunk.tile, self.scratch, extras);
-            self.programs.record(&mut commands, &context, (&chunk.chunk, &list));
-            let lights = (*direct, &mut **indirect);
-            let (mut commands, _) =
-                add_light(lights, commands, &context, (points.sharing(), false), &mut of_light)?;
-            self.programs.keep(&mut commands, &context, (&chunk.chunk, &radiance));
-            let kept = context.targets.guides.as_ref().filter(|_| wants_guides);
-            let [width, height] = chunk.tile.size;
-            let pending = kept.map(|kept| {
-                let bytes = u64::from(width) * u64::from(height) * 16;
-                [&kept.surfaces, &kept.materials].map(|buffer| commands.read_buffer(buffer, 0..bytes))
-            });
-            let mut finished = commands.submit().wait()?;
-            if let Some(pending) = pending {
-                let read = pending.map(|pending| finished.take(pending));
-                let guide = |point: u32| {
-                    let at = 16 * chunk.place_of(point);
-                    [0, 1].map(|which| bytemuck::pod_read_unaligned(&read[which][at..at + 16]))
-                };
-                guides.par_extend(chunk.range.clone().into_par_iter().with_min_len(4096).map(guide));
-            }
-        }
-        let lit: f64 = of_light.iter().map(|stage| stage.ms).sum();
-        let all = begin.elapsed().as_secs_f64() * 1e3;
-        timing::add(stages, vec![Stage::new("shade points", (all - lit).max(0.0))]);
-        timing::add(stages, of_light);
-        Ok((radiance, guides))
-    }
-
-    /// Shades points.
-    ///
-    /// # Errors
-    /// The errors of [`Self::shade_to_device`].
-    pub(crate) fn shade(
-        &mut self,
-        points: &Points,
-        wants_guides: bool,
-        stages: &mut Vec<Stage>,
-    ) -> Result<ShadedPoints, RenderError> {
-        if points.all.is_empty() {
-            return Ok(ShadedPoints { radiance: Vec::new(), guides: Vec::new() });
-        }
-        let (radiance, guides) = self.shade_to_device(points, wants_guides, stages)?;
-        let mut commands = self.gpu.commands("read radiance of points");
-        let pending = commands.read_buffer(&radiance, 0..radiance.size());
-        let bytes = commands.submit().wait()?.take(pending);
-        let words = bytes.as_chunks::<4>().0.iter();
-        let radiance = words.map(|word| rgb9e5::decode(u32::from_le_bytes(*word))).collect();
-        Ok(ShadedPoints { radiance, guides })
-    }
 }
 
 #[cfg(test)]

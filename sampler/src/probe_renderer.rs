@@ -21,25 +21,24 @@
 //! Without reflective objects or reflections, none of these programs is compiled. The reference traces rays instead
 //! (`scene/src/reference/reflection.rs`); `argus-lab study method probes` measures the difference.
 
+mod method;
 mod points;
 
 use std::time::Instant;
 
-use argus_gpu::{Commands, Gpu, wgpu};
+use argus_gpu::{Gpu, wgpu};
 use argus_scene::{
     FaceMask, InvalidField, LightLevel, Lighting, OmniLayout, Plane, PlaneData, PlaneFormat, PlaneKind,
     ProbeSource, ReflectionProbeSet, Reflector, RenderError, Sample, SampleCamera, SampleId, Scene, Stage,
 };
-use bytes::BytesMut;
-use glam::{DVec3, Vec4};
 
-pub use self::points::FilledMaps;
+pub use self::method::{NewProbes, ProbeBytes, ProbeMethod, ProbePlaces};
 pub(crate) use self::points::{Fill, PointProbes};
 use crate::SamplerKnobs;
-use crate::passes::{ProbePlanes, ResolveSample, Shade, ShadeSample};
-use crate::plug::{Methods, ProbeMethod, missing};
+use crate::knobs::missing;
+use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};
 use crate::reflected_light::Reflectors;
-use crate::resident::{GuideUse, Resident, upload};
+use crate::resident::{GBufferUse, Resident, upload};
 
 /// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
@@ -61,46 +60,12 @@ pub(crate) enum ProbePrograms {
     Filled(Box<PointProbes>),
 }
 
-/// Where probes are, at a pose.
-pub struct ProbePlaces {
-    /// Centre of the scene, metres, world space.
-    pub middle: DVec3,
-    /// Viewpoint of each probe relative to it, and radius of the reflector. Metres. Lookups use the same values.
-    spheres: Vec<Vec4>,
-    /// Instance of each probe.
-    pub(crate) instances: Vec<u32>,
-    /// For each instance 1 + the index of its probe; 0 for none.
-    pub probe_of_instance: wgpu::Buffer,
-}
-
-impl ProbePlaces {
-    /// Viewpoint of each probe, metres, world space.
-    pub fn centers(&self) -> Vec<DVec3> {
-        self.spheres.iter().map(|sphere| self.middle + sphere.truncate().as_dvec3()).collect()
-    }
-}
-
-/// Planes of rendered probes.
-#[derive(Default)]
-pub struct ProbeBytes {
-    radiance: BytesMut,
-    inverse_range: BytesMut,
-}
-
-impl ProbeBytes {
-    /// Submits commands, and appends the probes that they make.
-    ///
-    /// # Errors
-    /// The errors of the device.
-    pub fn read(&mut self, mut commands: Commands, planes: &ProbePlanes) -> Result<(), RenderError> {
-        let pending = [&planes.radiance, &planes.inverse_range]
-            .map(|plane| commands.read_buffer(plane, 0..plane.size()));
-        let mut finished = commands.submit().wait()?;
-        let [radiance, inverse_range] = pending.map(|pending| finished.take(pending));
-        self.radiance.extend_from_slice(&radiance);
-        self.inverse_range.extend_from_slice(&inverse_range);
-        Ok(())
-    }
+/// The light of a scene at a time in seconds.
+#[derive(Clone, Copy)]
+pub(crate) struct LitAt<'a> {
+    pub(crate) lighting: &'a Lighting,
+    pub(crate) light: LightLevel,
+    pub(crate) time_secs: f64,
 }
 
 /// Rendered probes, with their lighting and time.
@@ -110,23 +75,6 @@ struct Made {
     time_secs: f64,
     sample: Sample,
     probe_bindings: ProbeBindings,
-}
-
-/// The probes that shading programs bind.
-pub(crate) struct ProbeBindings {
-    pub(crate) probes: argus_gpu::ReflectionProbes,
-    /// For each instance 1 + the index of its probe; 0 for none.
-    pub(crate) probe_of_instance: wgpu::Buffer,
-}
-
-impl ProbeBindings {
-    /// Bindings without probes.
-    pub(crate) fn none(gpu: &Gpu) -> Self {
-        Self {
-            probes: argus_gpu::ReflectionProbes::none(gpu),
-            probe_of_instance: gpu.buffer("no probes of instances", 16, wgpu::BufferUsages::STORAGE),
-        }
-    }
 }
 
 impl ProbeRenderer {
@@ -140,9 +88,10 @@ impl ProbeRenderer {
         scene: &Scene,
         resident: &Resident,
         sampler: &SamplerKnobs,
-        (set, methods): (ReflectionProbeSet, &Methods),
+        set: ReflectionProbeSet,
+        new: Option<&NewProbes>,
     ) -> Result<Self, RenderError> {
-        let guides = GuideUse::of(sampler);
+        let g_buffer = GBufferUse::of(sampler);
         let reflectors = Reflectors::new(scene, set.knobs.most);
         if reflectors.instances.len() != set.count as usize {
             let reason =
@@ -150,14 +99,13 @@ impl ProbeRenderer {
             return Err(InvalidField::new("reflections.count", reason).into());
         }
         let filled = |fill| {
-            let probes = PointProbes::new(gpu, resident, guides, fill, set.knobs.side);
+            let probes = PointProbes::new(gpu, resident, g_buffer, fill, set.knobs.side);
             ProbePrograms::Filled(Box::new(probes))
         };
         let source = match (set.knobs.source, set.eye) {
             (ProbeSource::Octree { levels }, _) => {
-                let new = methods.probes.as_ref();
                 let new = new.ok_or_else(|| missing("reflections", set.knobs.source.name()))?;
-                ProbePrograms::Method(new(gpu, resident, guides, levels))
+                ProbePrograms::Method(new(gpu, resident, g_buffer, levels))
             }
             (ProbeSource::Points { budget }, Some(viewers)) => filled(Fill::Points { viewers, budget }),
             (ProbeSource::Points { .. }, None) => {
@@ -169,8 +117,8 @@ impl ProbeRenderer {
             set,
             reflectors,
             source,
-            shade: Shade::new(gpu, resident.features, guides, true),
-            shade_sample: ShadeSample::new(gpu, resident.features, guides, true, sampler.side()),
+            shade: Shade::new(gpu, resident.features, g_buffer, true),
+            shade_sample: ShadeSample::new(gpu, resident.features, g_buffer, true, sampler.side()),
             resolve: ResolveSample::new(gpu, resident.features.specular, 1, true, sampler.effects.any()),
             made: None,
         })
@@ -193,9 +141,11 @@ impl ProbeRenderer {
     }
 
     /// Whether the probes are up to date for these lights at this time.
-    pub(crate) fn is_made(&self, lit: (&Lighting, LightLevel), time_secs: f64, drifts: bool) -> bool {
-        let is_now =
-            |made: &Made| (&made.lighting, made.light) == lit && (!drifts || made.time_secs == time_secs);
+    pub(crate) fn is_made(&self, lit: LitAt<'_>, drifts: bool) -> bool {
+        let is_now = |made: &Made| {
+            let is_same = (&made.lighting, made.light) == (lit.lighting, lit.light);
+            is_same && (!drifts || made.time_secs == lit.time_secs)
+        };
         self.made.as_ref().is_some_and(is_now)
     }
 
@@ -245,8 +195,9 @@ impl ProbeRenderer {
     pub(crate) fn take_over(
         &mut self,
         gpu: &Gpu,
-        (places, bytes): (ProbePlaces, ProbeBytes),
-        (lighting, light, time_secs): (&Lighting, LightLevel, f64),
+        places: ProbePlaces,
+        bytes: ProbeBytes,
+        lit: LitAt<'_>,
         begin: Instant,
     ) -> Result<Vec<Stage>, RenderError> {
         let layout = OmniLayout::ReflectionProbes { side: self.set.knobs.side, count: self.set.count };
@@ -272,9 +223,9 @@ impl ProbeRenderer {
         let probes = argus_gpu::ReflectionProbes::new(gpu, &sample)?;
         let stages = vec![Stage::new("reflection probes", begin.elapsed().as_secs_f64() * 1e3)];
         self.made = Some(Made {
-            lighting: lighting.clone(),
-            light,
-            time_secs,
+            lighting: lit.lighting.clone(),
+            light: lit.light,
+            time_secs: lit.time_secs,
             sample: Sample { stages: stages.clone(), ..sample },
             probe_bindings: ProbeBindings { probes, probe_of_instance: places.probe_of_instance },
         });

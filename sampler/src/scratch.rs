@@ -23,19 +23,19 @@ pub struct Targets {
     /// A word a sub-sample; allocated when a sample with reflection probes first needs it.
     pub(crate) reflectors: Option<wgpu::Buffer>,
     /// Inputs of indirect light; `None` without indirect light.
-    pub guides: Option<Guides>,
+    pub g_buffer: Option<GBuffer>,
 }
 
-/// Surface of each sub-sample, written by shading for indirect light: `shaders/shared/guide.wgsl`.
+/// The G-buffer: the surface of each sub-sample, written by shading for later light: `shaders/shared/g_buffer.wgsl`.
 #[derive(Clone)]
-pub struct Guides {
+pub struct GBuffer {
     /// Position and normal, four words a sub-sample.
     pub surfaces: wgpu::Buffer,
     /// Albedo, the triangle's normal, the start of rays to lights, and the specular lobe: four words a sub-sample.
     pub materials: wgpu::Buffer,
 }
 
-impl Guides {
+impl GBuffer {
     /// Surfaces and materials.
     pub fn both(&self) -> (&wgpu::Buffer, &wgpu::Buffer) {
         (&self.surfaces, &self.materials)
@@ -50,7 +50,7 @@ pub struct Extras {
     /// Numbers of reflectors.
     pub reflectors: bool,
     /// Inputs of later light.
-    pub guides: bool,
+    pub g_buffer: bool,
 }
 
 /// Targets of the most recently used sizes.
@@ -74,14 +74,18 @@ impl Scratch {
             targets.reflectors =
                 Some(gpu.buffer("reflectors", all * 4, storage | wgpu::BufferUsages::COPY_SRC));
         }
-        if extras.guides && targets.guides.is_none() {
-            targets.guides = Some(Guides {
+        if extras.g_buffer && targets.g_buffer.is_none() {
+            targets.g_buffer = Some(GBuffer {
                 surfaces: gpu.buffer(
-                    "guides",
+                    "G-buffer, surfaces",
                     all * 16,
                     storage | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
                 ),
-                materials: gpu.buffer("guide materials", all * 16, storage | wgpu::BufferUsages::COPY_SRC),
+                materials: gpu.buffer(
+                    "G-buffer, materials",
+                    all * 16,
+                    storage | wgpu::BufferUsages::COPY_SRC,
+                ),
             });
         }
         self.0.insert(0, targets.clone());
@@ -117,7 +121,7 @@ impl Targets {
             shaded: gpu.buffer("shaded sub-samples", bytes, wgpu::BufferUsages::STORAGE),
             gloss: None,
             reflectors: None,
-            guides: None,
+            g_buffer: None,
         }
     }
 }

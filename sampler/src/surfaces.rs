@@ -145,7 +145,7 @@ impl Surfaces {
         let base = if material.unlit { Vec3::ZERO } else { sound(base.truncate()).min(Vec3::ONE) };
         Some(Point {
             side,
-            normal: normal_at(placement, mesh, (corners, weights), side),
+            normal: normal_at(placement, mesh, corners, weights, side),
             albedo: base * (1.0 - metallic.clamp(0.0, 1.0)),
             base,
             emissive: sound(material.emissive * self.texel(material.emissive_texture, uv).truncate()),
@@ -162,7 +162,7 @@ impl Surfaces {
     ) -> Option<DVec3> {
         let mesh = &self.scene.meshes[placement.mesh as usize];
         let weights = [1.0 - beta - gamma, beta, gamma].map(|w| w as f32);
-        Some(normal_at(placement, mesh, (corners(mesh, primitive)?, weights), side))
+        Some(normal_at(placement, mesh, corners(mesh, primitive)?, weights, side))
     }
 
     /// `uv` gives the texture coordinates of a set.
@@ -178,7 +178,8 @@ impl Surfaces {
 fn normal_at(
     placement: &Placement,
     mesh: &Mesh,
-    (corners, weights): ([usize; 3], [f32; 3]),
+    corners: [usize; 3],
+    weights: [f32; 3],
     side: DVec3,
 ) -> DVec3 {
     let normal = blend(&mesh.normals, corners, weights).and_then(|n| {

@@ -1,6 +1,7 @@
 //! Tiles: parts of an image that are rendered one at a time.
 
 use argus_scene::camera::Face;
+use argus_scene::{FaceMask, InvalidField, RenderError, SampleCamera};
 use argus_shaders::layout::sampler::Rays;
 use glam::{DVec2, DVec3, DVec4};
 
@@ -34,6 +35,26 @@ pub(crate) fn tiles(faces: &[Face], side: u32) -> Vec<Tile> {
         }
     }
     tiles
+}
+
+/// The tiles of a sample camera.
+pub(crate) fn sample_tiles(camera: &SampleCamera, side: u32) -> Result<Vec<Tile>, RenderError> {
+    tiles_of_faces(camera, FaceMask::ALL, side)
+}
+
+/// The tiles of some faces of a sample camera.
+pub(crate) fn tiles_of_faces(
+    camera: &SampleCamera,
+    mask: FaceMask,
+    side: u32,
+) -> Result<Vec<Tile>, RenderError> {
+    let faces = camera.faces();
+    if faces.is_empty() {
+        let reason = "triangles are not rasterised into dual paraboloids; use cube faces";
+        return Err(InvalidField::new("sample.camera", reason).into());
+    }
+    let wanted = faces.into_iter().enumerate().filter(|(face, _)| mask.has(*face));
+    Ok(tiles(&wanted.map(|(_, face)| face).collect::<Vec<Face>>(), side))
 }
 
 impl Tile {
@@ -133,7 +154,7 @@ impl Frustum {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, SampleCamera};
+    use argus_scene::Camera;
 
     use super::*;
 

@@ -19,6 +19,13 @@ pub fn add_since(table: &mut Vec<Stage>, name: &str, begin: Instant) {
     add(table, vec![Stage::new(name, begin.elapsed().as_secs_f64() * 1e3)]);
 }
 
+/// Adds rows, and the time since `begin` that none of them accounts for as a row before them.
+pub(crate) fn add_with_rest(table: &mut Vec<Stage>, name: &str, begin: Instant, rows: Vec<Stage>) {
+    let rest = begin.elapsed().as_secs_f64() * 1e3 - rows.iter().map(|row| row.ms).sum::<f64>();
+    add(table, vec![Stage::new(name, rest.max(0.0))]);
+    add(table, rows);
+}
+
 /// Adds the time since `begin` that no row accounts for as the row "other": submission, copies, and gaps between
 /// timestamps, which the software driver has between consecutive compute passes.
 pub fn add_rest(table: &mut Vec<Stage>, begin: Instant) {

@@ -72,7 +72,8 @@ pub(crate) struct ViewParts {
 pub(crate) fn frame(
     view: &ViewJob,
     scene: &Scene,
-    (specification, device): (Specification, &str),
+    specification: Specification,
+    device: &str,
     parts: ViewParts,
     stages: Vec<Stage>,
 ) -> Frame {

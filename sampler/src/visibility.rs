@@ -71,12 +71,25 @@ impl VisibilityBackends {
         let TileContext { gpu, resident, .. } = context;
         let mut backends = Visibility::ALL.to_vec();
         backends.retain(|&backend| self.prepare(gpu, resident, backend).is_ok());
-        backend_timing::measure(&backends, |backend| {
-            let mut commands = gpu.commands("measure");
-            self.record(&mut commands, context, backend, &mut Vec::new())?;
+        backend_timing::measure(&backends, |backend| self.fill(context, backend))
+    }
+
+    /// Fills a tile's visibility buffer, and waits for it.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn fill(&self, context: &TileContext<'_>, backend: Visibility) -> Result<(), RenderError> {
+        let (gpu, mut stages) = (context.gpu, Vec::new());
+        let mut commands = gpu.commands("fill visibility");
+        self.record(&mut commands, context, backend, &mut stages)?;
+        let pending = self.unfinished(gpu, backend).map(|buffer| commands.read_buffer(buffer, 0..4));
+        let mut finished = commands.submit().wait()?;
+        if let Some(pending) = pending {
+            let mut commands = gpu.commands("complete visibility");
+            self.complete(&mut commands, context, &finished.take(pending), &mut stages)?;
             commands.submit().wait()?;
-            Ok(())
-        })
+        }
+        Ok(())
     }
 
     /// Builds what a backend needs, once. Fails with the reason if the device does not support it.
@@ -195,37 +208,45 @@ impl VisibilityBackends {
         stages: &mut Vec<Stage>,
     ) -> Result<(), RenderError> {
         let begin = Instant::now();
-        let list = DrawList::new(context.resident, context.eye.position, context.tile);
+        let list = DrawList::new(context.resident, context.eye.position, &context.tile);
         let draws = upload(context.gpu, "draws", &list.draws, wgpu::BufferUsages::STORAGE)?;
         timing::add_since(stages, "cull", begin);
         self.rasteriser.record(commands, context, &list, &draws);
         Ok(())
     }
 
-    /// Traces on the device. The software driver silently ends long loops, so there the result is checked, and an
-    /// incomplete tile is rasterised.
+    /// Traces on the device.
     fn trace(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
         stages: &mut Vec<Stage>,
     ) -> Result<(), RenderError> {
-        let hierarchy = self.packets()?.hierarchy();
-        let Some(Ok(trace)) = &self.trace else {
-            return self.rasterise(commands, context, stages);
-        };
-        if !context.gpu.is_software() {
-            return trace.record(commands, context, hierarchy);
+        match &self.trace {
+            Some(Ok(trace)) => trace.record(commands, context, self.packets()?.hierarchy()),
+            _ => self.rasterise(commands, context, stages),
         }
-        let mut own = context.gpu.commands("trace");
-        trace.record(&mut own, context, hierarchy)?;
-        let pending = trace.read_unfinished(&mut own);
-        let mut finished = own.submit().wait()?;
-        timing::add(stages, std::mem::take(&mut finished.stages));
-        if Trace::is_whole(&finished.take(pending)) {
-            return Ok(());
+    }
+
+    /// What has to be read back once a backend is recorded: four bytes for [`Self::complete`]. A software driver silently ends
+    /// long loops of the compute tracer.
+    pub(crate) fn unfinished(&self, gpu: &Gpu, backend: Visibility) -> Option<&wgpu::Buffer> {
+        let trace = self.trace.as_ref()?.as_ref().ok()?;
+        (backend == Visibility::Trace && gpu.is_software()).then(|| trace.unfinished())
+    }
+
+    /// Rasterises a tile that the compute tracer did not finish.
+    pub(crate) fn complete(
+        &self,
+        commands: &mut Commands,
+        context: &TileContext<'_>,
+        unfinished: &[u8],
+        stages: &mut Vec<Stage>,
+    ) -> Result<(), RenderError> {
+        match Trace::is_whole(unfinished) {
+            true => Ok(()),
+            false => self.rasterise(commands, context, stages),
         }
-        self.rasterise(commands, context, stages)
     }
 }
 

@@ -13,8 +13,8 @@ struct AddDirect {
 @group(0) @binding(0) var<uniform> tile: AddDirect;
 @group(0) @binding(1) var<uniform> lighting: Lighting;
 @group(0) @binding(2) var<storage, read> lights: array<Light>;
-@group(0) @binding(3) var<storage, read> guides: array<vec4u>;
-@group(0) @binding(4) var<storage, read> guide_materials: array<vec4u>;
+@group(0) @binding(3) var<storage, read> g_surfaces: array<vec4u>;
+@group(0) @binding(4) var<storage, read> g_materials: array<vec4u>;
 // Irradiance / pi, and the shares of lights and sky that are seen, a byte each.
 @group(0) @binding(5) var<storage, read> arriving: array<vec4f>;
 @group(0) @binding(6) var<storage, read_write> shaded: array<vec4f>;
@@ -51,11 +51,11 @@ fn add_direct(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * tile.size.x + id.x;
-    let receiver = receiver_of(guides[at]);
+    let receiver = receiver_of(g_surfaces[at]);
     if !receiver.exists {
         return;
     }
-    let material = guide_materials[at];
+    let material = g_materials[at];
     let light = arriving[at];
     var sum = albedo_of(material.x) * light.rgb;
     if reflects_light {

@@ -11,8 +11,8 @@ struct AddReflections {
 }
 
 @group(0) @binding(0) var<uniform> tile: AddReflections;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
-@group(0) @binding(2) var<storage, read> guide_materials: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
+@group(0) @binding(2) var<storage, read> g_materials: array<vec4u>;
 // Words of reflectors: `shared/reflection_probes.wgsl`.
 @group(0) @binding(3) var<storage, read> reflectors: array<u32>;
 // Radiance along reflected rays, and then along refracted rays, if any surface lets light through.
@@ -25,12 +25,12 @@ fn add_reflections(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * tile.size.x + id.x;
-    let receiver = receiver_of(guides[at]);
+    let receiver = receiver_of(g_surfaces[at]);
     let word = reflectors[at];
     if !receiver.exists || probe_in_word(word) == 0u {
         return;
     }
-    let lobe = unpack4x8unorm(guide_materials[at].w);
+    let lobe = unpack4x8unorm(g_materials[at].w);
     let to_eye = -normalize(receiver.position);
     let black = vec3f(0.0);
     let normal = receiver.normal;

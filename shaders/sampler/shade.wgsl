@@ -1,7 +1,7 @@
 // Program of `sampler/src/passes/shade.rs`: shades each sub-sample of a direct view from the visibility buffer.
 
 import package::shared::finite::{finite_or_zero};
-import package::shared::guide::{keep_guide};
+import package::shared::g_buffer::{keep_surface};
 import package::shared::rays::{list_index, listed_sub_sample};
 import package::shared::surface::{has_specular, lighting, lit_by_rays, radiance};
 import package::shared::reflection_probes::{ProbeUniform, reflected_radiance, reflector_word};
@@ -32,7 +32,7 @@ fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
     let hit = hit_at(ids, place, 1.0);
     let probe = probe_of(ids.x);
     let surface = surface_of(hit, probe);
-    keep_guide(at, surface, probe);
+    keep_surface(at, surface, probe);
     var seen = radiance(surface, true);
     // The sky's reflection is added with the light, where rays find what blocks it.
     let is_glossy = has_specular && any(surface.f0 != vec3f(0.0));

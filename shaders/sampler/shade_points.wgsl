@@ -2,7 +2,7 @@
 
 import package::shared::encode::{rgb9e5_from_radiance};
 import package::shared::finite::{finite_or_zero};
-import package::shared::guide::{keep_guide};
+import package::shared::g_buffer::{keep_surface};
 import package::shared::projected::{projected_onto};
 import package::shared::surface::{radiance, surface_at};
 import package::shared::chunk::{LeafChunk, leaf_side};
@@ -48,7 +48,7 @@ fn shade_points(@builtin(global_invocation_id) id: vec3u) {
     }
     let ids = vec2u(point.instance, point.primitive);
     let surface = surface_at(projected_onto(ids, point.position, point.width, point.front != 0u).hit);
-    keep_guide(at, surface, 0u);
+    keep_surface(at, surface, 0u);
     shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), 1.0);
 }
 

@@ -8,7 +8,7 @@ import package::shared::dominant::{MOST_SUB_SAMPLES, dominant, same_surface};
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
 import package::shared::geometry::{instances, mesh_from_world, meshes, triangle_about_eye};
-import package::shared::guide::{keep_guide, keeps_guides};
+import package::shared::g_buffer::{keep_surface, keeps_g_buffer};
 import package::shared::shading::{Surface};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{ray_through};
@@ -54,7 +54,7 @@ struct Texel {
     lobes: f32,
     // A surface has one probe; at edges of objects the greatest word is taken.
     word: u32,
-    // What the guide shows: the surface that was added last, and albedo times sub-samples.
+    // What the G-buffer shows: the surface that was added last, and albedo times sub-samples.
     surface: Surface,
     albedo: vec3f,
     exists: bool,
@@ -74,7 +74,7 @@ fn add(texel: ptr<function, Texel>, ids: vec2u, place: vec2f, width: f32, member
     let hit = hit_at(ids, place, width);
     let probe = probe_of(ids.x);
     let surface = surface_of(hit, probe);
-    if keeps_guides {
+    if keeps_g_buffer {
         (*texel).surface = surface;
         (*texel).albedo += surface.albedo * members;
         (*texel).exists = true;
@@ -97,10 +97,10 @@ fn add(texel: ptr<function, Texel>, ids: vec2u, place: vec2f, width: f32, member
 
 fn keep(texel: Texel, at: u32, members: f32, inverse_range: f32) {
     shaded[at] = vec4f(texel.radiance / members, inverse_range);
-    if keeps_guides && texel.exists {
+    if keeps_g_buffer && texel.exists {
         var surface = texel.surface;
         surface.albedo = texel.albedo / members;
-        keep_guide(at, surface, 0u);
+        keep_surface(at, surface, 0u);
     }
     if glossy {
         let normal = texel.normal / max(length(texel.normal), 1e-12);

@@ -12,8 +12,8 @@ struct LitTile {
 }
 
 @group(0) @binding(0) var<uniform> tile: LitTile;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
-@group(0) @binding(2) var<storage, read> guide_materials: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
+@group(0) @binding(2) var<storage, read> g_materials: array<vec4u>;
 
 // A visible surface. Positions are relative to the eye.
 struct LitTexel {
@@ -32,8 +32,8 @@ struct LitTexel {
 const OFF_SURFACE: f32 = 5e-7;
 
 fn texel_at(at: u32) -> LitTexel {
-    let surface = guides[at];
-    let material = guide_materials[at];
+    let surface = g_surfaces[at];
+    let material = g_materials[at];
     let position = bitcast<vec3f>(surface.xyz);
     let exists = any(position != vec3f(0.0)) && all((surface.xyz & vec3u(0x7f800000u)) != vec3u(0x7f800000u));
     let range = length(position);
@@ -91,5 +91,5 @@ fn index_of(group: vec3u, groups: vec3u, lane: u32) -> u32 {
 }
 
 fn texel_count() -> u32 {
-    return min(tile.size.x * tile.size.y, arrayLength(&guides));
+    return min(tile.size.x * tile.size.y, arrayLength(&g_surfaces));
 }

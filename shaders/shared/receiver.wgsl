@@ -1,4 +1,4 @@
-// Reads the surface of a sub-sample for passes that add indirect light. `guide.wgsl` writes it.
+// Reads the surface of a sub-sample for passes that add indirect light. `g_buffer.wgsl` writes it.
 
 import package::shared::encode::{unit_from_octahedral};
 
@@ -10,9 +10,9 @@ struct Receiver {
     exists: bool,
 }
 
-fn receiver_of(guide: vec4u) -> Receiver {
+fn receiver_of(texel: vec4u) -> Receiver {
     return Receiver(
-        bitcast<vec3f>(guide.xyz), unit_from_octahedral(unpack2x16snorm(guide.w)), any(guide.xyz != vec3u(0u)),
+        bitcast<vec3f>(texel.xyz), unit_from_octahedral(unpack2x16snorm(texel.w)), any(texel.xyz != vec3u(0u)),
     );
 }
 

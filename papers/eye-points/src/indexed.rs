@@ -38,7 +38,9 @@ impl IndexedMaps {
         scene: &Scene,
         instances: &[u32],
         ids: &[[u32; 2]],
-        (view, time_secs, budget): (&ViewJob, f64, u32),
+        view: &ViewJob,
+        time_secs: f64,
+        budget: u32,
     ) -> Self {
         let near = (NEAR * scene.bounds().size().max_element()).max(f64::MIN_POSITIVE);
         let eye = Eye::of(&view.camera, view.width, view.height, near);

@@ -50,7 +50,7 @@ use argus_scene::{Scene, Stage};
 use glam::Vec3;
 use rayon::prelude::*;
 
-use argus_sampler::plug::{Cutouts, IndexMaps, MappedReflector, Requests, ShadingPoint, Side};
+use argus_sampler::plug::{Cutouts, IndexMaps, MappedReflector, Requests, Side, SurfacePoint};
 
 pub use adaptive::reflect_adaptively;
 pub use bounces::{Bounces, Mirror, Sight, Surfaces};
@@ -300,7 +300,7 @@ impl PointScene {
         maps: &IndexMaps,
         reflectors: &[MappedReflector],
         texel: usize,
-    ) -> Option<ShadingPoint> {
+    ) -> Option<SurfacePoint> {
         let (id, range) = maps.get(texel)?;
         let facet = self.facets.get(id as usize)?;
         let (map, direction) = maps.direction_of(texel);
@@ -311,7 +311,7 @@ impl PointScene {
         let normal = facet.area_vector().normalize_or(direction);
         // A square of a texel's width in the triangle's plane.
         let right = normal.any_orthonormal_vector();
-        Some(ShadingPoint {
+        Some(SurfacePoint {
             instance: facet.instance,
             primitive: facet.primitive,
             weights: facet.weights(position),
@@ -322,14 +322,14 @@ impl PointScene {
     }
 
     /// A point, for shading: the middle of its cell, or the closest place of its triangle.
-    pub fn shading_of_point(&self, points: &EyePoints, id: u32) -> ShadingPoint {
+    pub fn shading_of_point(&self, points: &EyePoints, id: u32) -> SurfacePoint {
         let point = points.point(id);
         let piece = &points.pieces.all[point.piece() as usize];
         let facet = &self.facets[piece.facet as usize];
         let middle = piece.grid.point(point.middle());
         let position = argus_scene::closest_on_triangle(middle, facet.corners);
         let width = piece.grid.density.recip();
-        ShadingPoint {
+        SurfacePoint {
             instance: facet.instance,
             primitive: facet.primitive,
             weights: facet.weights(position),

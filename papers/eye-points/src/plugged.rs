@@ -59,9 +59,11 @@ impl PointMethod for PointScene {
         scene: &Scene,
         instances: &[u32],
         ids: &[[u32; 2]],
-        view: (&ViewJob, f64, u32),
+        view: &ViewJob,
+        time_secs: f64,
+        budget: u32,
     ) -> Box<dyn ViewMaps> {
-        Box::new(IndexedMaps::new(self, scene, instances, ids, view))
+        Box::new(IndexedMaps::new(self, scene, instances, ids, view, time_secs, budget))
     }
 }
 

@@ -3,7 +3,7 @@
 
 import package::shared::encode::{octahedral_from_unit};
 import package::shared::finite::{finite_or_zero};
-import package::shared::guide::{keep_guide};
+import package::shared::g_buffer::{keep_surface};
 import package::shared::projected::{projected_onto};
 import package::shared::surface::{radiance, surface_at};
 import package::shared::chunk::{LeafChunk, leaf_side};
@@ -44,7 +44,7 @@ fn shade_leaves(@builtin(global_invocation_id) id: vec3u) {
     let seen = front || (ids.y & SINGLE_SIDED) == 0u;
     let found = projected_onto(vec2u(ids.x, ids.y & ~SINGLE_SIDED), position, chunk.cell, front);
     let surface = surface_at(found.hit);
-    keep_guide(at, surface, 0u);
+    keep_surface(at, surface, 0u);
     shaded[at] = vec4f(finite_or_zero(radiance(surface, false)), select(0.0, 1.0, seen));
     if !is_back {
         surfels[leaf].axis = pack2x16snorm(octahedral_from_unit(found.normal));

@@ -28,7 +28,7 @@ use self::probes::OctreeProbes;
 /// Adds samples from maps, and reflection probes from an octree, to the methods of a sampler.
 pub fn add_to(methods: &mut Methods) {
     methods.samples = Some(Arc::new(|scene, knobs| Box::new(OmniMaps::new(scene, knobs))));
-    methods.probes = Some(Arc::new(|gpu, resident, guides, levels| {
-        Box::new(OctreeProbes::new(gpu, resident, guides, levels))
+    methods.probes = Some(Arc::new(|gpu, resident, g_buffer, levels| {
+        Box::new(OctreeProbes::new(gpu, resident, g_buffer, levels))
     }));
 }

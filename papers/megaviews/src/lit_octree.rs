@@ -17,8 +17,8 @@ use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
 use argus_sampler::plug::{
-    CHUNK_SIDE, Cull, GuideUse, LightSharing, LitScene, Placement, Resident, Tile, TileContext, image_of,
-    timing, upload,
+    CHUNK_SIDE, Cull, Frame, GBufferUse, LightSharing, LitScene, Placement, Resident, Tile, TileContext,
+    image_of, timing, upload,
 };
 
 use crate::passes::{Leaves, NodeSurfaces, OwnNodes, ShadeLeaves, Surfels};
@@ -72,10 +72,10 @@ pub struct LitNodes<'a> {
 
 impl LitOctree {
     /// The lit octree of a scene on a device.
-    pub fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, levels: u32) -> Self {
+    pub fn new(gpu: &Gpu, resident: &Resident, g_buffer: GBufferUse, levels: u32) -> Self {
         Self {
             levels,
-            shade: ShadeLeaves::new(gpu, resident.features, guides),
+            shade: ShadeLeaves::new(gpu, resident.features, g_buffer),
             surfels: Surfels::new(gpu),
             builder: None,
             faced: None,
@@ -175,16 +175,16 @@ impl LitOctree {
         }
         let begin = Instant::now();
         let (surfels, chunks) = (self.make_surfels(gpu)?, self.chunks(gpu));
-        let guides = scene.keeps_guides();
+        let g_buffer = scene.keeps_g_buffer();
         let eye = scene.eye(root.world_from_unit(DVec3::splat(0.5)), lighting)?;
         for chunk in &chunks {
             scene.check_wanted()?;
-            let mut commands = gpu.commands("shade leaves");
-            let context = TileContext { places: self.places(), ..scene.context(&eye, &chunk.tile, guides) };
-            self.shade(&mut commands, &context, chunk, &surfels);
-            let mut commands = scene.add_light(commands, &context, LightSharing::Leaves, &mut stages)?;
-            self.keep(&mut commands, &context, chunk, &surfels);
-            commands.submit().wait()?;
+            let context = TileContext { places: self.places(), ..scene.context(&eye, &chunk.tile, g_buffer) };
+            let mut frame = Frame::new(context, LightSharing::Leaves, "shade leaves", &mut stages);
+            self.shade(&mut frame.commands, &frame.context, chunk, &surfels);
+            scene.add_light(&mut frame)?;
+            self.keep(&mut frame.commands, &frame.context, chunk, &surfels);
+            frame.commands.submit().wait()?;
         }
         let mut commands = gpu.commands("average surfels");
         self.light(&mut commands, surfels, lighting, time_secs);
@@ -269,7 +269,7 @@ impl LitOctree {
         Ok(gpu.buffer("surfels", nodes.max(1) * SURFEL_BYTES, wgpu::BufferUsages::STORAGE))
     }
 
-    /// Shades a chunk's leaves, and stores the guides that indirect light needs.
+    /// Shades a chunk's leaves, and stores the G-buffer that indirect light needs.
     pub fn shade(
         &self,
         commands: &mut Commands,

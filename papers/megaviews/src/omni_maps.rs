@@ -38,7 +38,7 @@ use std::time::Instant;
 use crate::hierarchy::Octree;
 use crate::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
 use argus_gpu::{Commands, Gpu};
-use argus_sampler::plug::{GuideUse, LitScene, ResolveSample, TileContext};
+use argus_sampler::plug::{GBufferUse, LitScene, ResolveSample, TileContext};
 use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
 use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
@@ -75,10 +75,10 @@ impl OmniMaps {
     /// The maps of a scene on a device.
     pub(crate) fn new(scene: &LitScene<'_>, knobs: MegaViews) -> Self {
         let (gpu, resident, sampler) = (scene.gpu, scene.resident, scene.knobs);
-        let guides = GuideUse::of(sampler);
+        let g_buffer = GBufferUse::of(sampler);
         Self {
             knobs,
-            octree: LitOctree::new(gpu, resident, guides, knobs.levels),
+            octree: LitOctree::new(gpu, resident, g_buffer, knobs.levels),
             look_up: MapLookup::new(gpu, resident.features, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side(), false, false),
             views: None,

@@ -3,7 +3,7 @@
 use crate::many_views::{ManyViews, NodeOwners, ViewList, ViewPoint};
 use argus_gpu::Gpu;
 use argus_sampler::plug::{
-    BlurProbes, GuideUse, LitScene, ProbeBytes, ProbeMethod, ProbePlaces, ProbePlanes, Resident,
+    BlurProbes, GBufferUse, LitScene, ProbeBytes, ProbeMethod, ProbePlaces, ProbePlanes, Resident,
 };
 use argus_scene::{Lighting, RenderError, Stage};
 use glam::DVec3;
@@ -25,9 +25,9 @@ pub(crate) struct OctreeProbes {
 }
 
 impl OctreeProbes {
-    pub(crate) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, levels: u32) -> Self {
+    pub(crate) fn new(gpu: &Gpu, resident: &Resident, g_buffer: GBufferUse, levels: u32) -> Self {
         Self {
-            octree: LitOctree::new(gpu, resident, guides, levels),
+            octree: LitOctree::new(gpu, resident, g_buffer, levels),
             own_nodes: OwnNodes::new(gpu),
             resample: ResampleProbes::new(gpu, resident.features, 1),
             blur: BlurProbes::new(gpu),

@@ -6,7 +6,7 @@ import package::shared::receiver::{Receiver, receiver_of};
 import package::virtual_lights::shared::receivers::{Blocks, Chosen, MOST_OF_BLOCK, OF_BLOCK};
 
 @group(0) @binding(0) var<uniform> blocks: Blocks;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
 @group(0) @binding(2) var<storage, read_write> chosen: array<Chosen>;
 
 // Distance from the first receiver's plane, as a share of its range, beyond which a point belongs to another surface.
@@ -29,7 +29,7 @@ fn place_of(corner: vec2u, i: u32) -> vec2u {
 
 fn receiver_at(place: vec2u) -> Receiver {
     let clamped = min(place, blocks.size - 1u);
-    var receiver = receiver_of(guides[clamped.y * blocks.size.x + clamped.x]);
+    var receiver = receiver_of(g_surfaces[clamped.y * blocks.size.x + clamped.x]);
     receiver.exists = receiver.exists & all(place < blocks.size);
     return receiver;
 }
@@ -49,7 +49,7 @@ fn keep(at: u32, receiver: Receiver, place: vec2u, exists: bool) {
 fn choose_receivers(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
     let corner = group.xy * blocks.block;
     // The bound is not uniform alone: see resolve_view.wgsl.
-    let all_of_block = min(min(blocks.block.x * blocks.block.y, MOST_OF_BLOCK), arrayLength(&guides) * MOST_OF_BLOCK);
+    let all_of_block = min(min(blocks.block.x * blocks.block.y, MOST_OF_BLOCK), arrayLength(&g_surfaces) * MOST_OF_BLOCK);
     if local == 0u {
         atomicStore(&nearest, 0xffffffffu);
         atomicStore(&farthest, 0u);

@@ -7,7 +7,7 @@ import package::shared::receiver::{Receiver, receiver_of};
 import package::virtual_lights::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, VplNode};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
 @group(0) @binding(2) var<storage, read> nodes: array<VplNode>;
 @group(0) @binding(3) var<storage, read_write> lists: array<u32>;
 // Number of blocks with surfaces, and of groups that they keep.
@@ -25,7 +25,7 @@ fn receiver_at(corner: vec2u, i: u32) -> Receiver {
     let at = corner + vec2u(i % BLOCK, i / BLOCK);
     let inside = all(at < gathering.size);
     let clamped = min(at, gathering.size - 1u);
-    var receiver = receiver_of(guides[clamped.y * gathering.size.x + clamped.x]);
+    var receiver = receiver_of(g_surfaces[clamped.y * gathering.size.x + clamped.x]);
     receiver.exists = receiver.exists & inside;
     return receiver;
 }

@@ -6,10 +6,10 @@ import package::shared::receiver::{Receiver, albedo_of, receiver_of};
 import package::virtual_lights::shared::vpl::{Gathering};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
 @group(0) @binding(2) var<storage, read> gathered: array<vec4f>;
 @group(0) @binding(3) var<storage, read_write> filtered: array<vec4f>;
-@group(0) @binding(4) var<storage, read> guide_materials: array<vec4u>;
+@group(0) @binding(4) var<storage, read> g_materials: array<vec4u>;
 @group(0) @binding(5) var<storage, read_write> shaded: array<vec4f>;
 
 // Distance from the plane, as a share of the range, at which a neighbour's weight is 1/e.
@@ -27,7 +27,7 @@ fn agreement(a: Receiver, b: Receiver) -> f32 {
 // offset of the gathering equally often.
 fn smoothed(at: vec2u, along: vec2i) -> vec3f {
     let own = at.y * gathering.size.x + at.x;
-    let center = receiver_of(guides[own]);
+    let center = receiver_of(g_surfaces[own]);
     let reach = i32(gathering.reach);
     var sum = vec3f(0.0);
     var weights = 0.0;
@@ -38,7 +38,7 @@ fn smoothed(at: vec2u, along: vec2i) -> vec3f {
         let clamped = vec2u(clamp(there, vec2i(0), vec2i(gathering.size) - 1));
         let index = clamped.y * gathering.size.x + clamped.x;
         let edge = select(1.0, 0.5, (abs(i) == reach) & (reach > 0));
-        let weight = select(0.0, edge * agreement(center, receiver_of(guides[index])), inside);
+        let weight = select(0.0, edge * agreement(center, receiver_of(g_surfaces[index])), inside);
         sum += gathered[index].rgb * weight;
         weights += weight;
         i += 1;
@@ -65,8 +65,8 @@ fn add_filtered_columns(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * gathering.size.x + id.x;
-    let albedo = albedo_of(guide_materials[at].x);
+    let albedo = albedo_of(g_materials[at].x);
     let light = smoothed(id.xy, vec2i(0, 1));
-    let exists = any(guides[at].xyz != vec3u(0u));
+    let exists = any(g_surfaces[at].xyz != vec3u(0u));
     shaded[at] += vec4f(select(vec3f(0.0), albedo * light, exists), 0.0);
 }

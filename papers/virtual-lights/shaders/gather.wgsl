@@ -8,7 +8,7 @@ import package::shared::receiver::{receiver_of};
 import package::virtual_lights::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, Vpl};
 
 @group(0) @binding(0) var<uniform> gathering: Gathering;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
 @group(0) @binding(2) var<storage, read> vpls: array<Vpl>;
 @group(0) @binding(3) var<storage, read> lists: array<u32>;
 @group(0) @binding(4) var<storage, read_write> gathered: array<vec4f>;
@@ -148,7 +148,7 @@ fn gather(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * gathering.size.x + id.x;
-    let receiver = receiver_of(guides[at]);
+    let receiver = receiver_of(g_surfaces[at]);
     let block = id.xy / BLOCK;
     let list = (block.y * gathering.blocks.x + block.x) * LIST_WORDS;
     let lights = lists[list + 1u];

@@ -6,8 +6,8 @@ import package::shared::receiver::{albedo_of, receiver_of};
 import package::virtual_lights::shared::receivers::{Blocks, Chosen};
 
 @group(0) @binding(0) var<uniform> blocks: Blocks;
-@group(0) @binding(1) var<storage, read> guides: array<vec4u>;
-@group(0) @binding(2) var<storage, read> guide_materials: array<vec4u>;
+@group(0) @binding(1) var<storage, read> g_surfaces: array<vec4u>;
+@group(0) @binding(2) var<storage, read> g_materials: array<vec4u>;
 // Indices of each block's receivers; NONE for none.
 @group(0) @binding(3) var<storage, read> of_blocks: array<vec2u>;
 @group(0) @binding(4) var<storage, read> receivers: array<Chosen>;
@@ -26,7 +26,7 @@ fn spread(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * blocks.size.x + id.x;
-    let own = receiver_of(guides[at]);
+    let own = receiver_of(g_surfaces[at]);
     if !own.exists {
         return;
     }
@@ -58,5 +58,5 @@ fn spread(@builtin(global_invocation_id) id: vec3u) {
         }
     }
     let light = select(vec3f(0.0), sum.rgb / max(sum.w, 1e-30), sum.w > 0.0);
-    shaded[at] += vec4f(albedo_of(guide_materials[at].x) * light, 0.0);
+    shaded[at] += vec4f(albedo_of(g_materials[at].x) * light, 0.0);
 }

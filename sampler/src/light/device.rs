@@ -1,4 +1,4 @@
-//! The light of lights and of the sky, found on the device: rays start at the guides, and nothing is read back.
+//! The light of lights and of the sky, found on the device: rays start at the G-buffer's surfaces, and nothing is read back.
 //!
 //! Rays, points of lights and the sky, penumbras and the filter are those of [`super::shadows`], [`super::sky`] and
 //! [`super::filter`], in single precision. So texels differ where a ray grazes an edge, and in the last digits.
@@ -7,21 +7,23 @@ mod choice;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use argus_gpu::{Commands, ComputeCall, Gpu, wgpu};
+use argus_gpu::{Gpu, wgpu};
 use argus_scene::{LightEffects, RenderError, Sky};
 use argus_shaders::layout::sampler::LitTile as TileUniform;
 
-use super::LightTracing;
 use super::filter::REACHES;
 use super::pattern::{SLOTS, disc_points};
+use super::tracing::LightTracing;
 use crate::LightKnobs;
+use crate::frame::Frame;
 use crate::light_rays::device::{DevicePlaced, DeviceTrees};
+use crate::lit_tile::{LitBuffers, LitTexels};
 use crate::packets::PacketTracer;
 use crate::passes::{
     ArrivingLight, AskedLight, AskedSky, ScatteredRays, ShadowRays, SkyFrom, SkyRays, TileContext, Tracing,
 };
 use crate::resident::Features;
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 pub(super) use choice::chosen;
 
 /// Sizes of tiles whose buffers are kept.
@@ -51,73 +53,9 @@ impl Programs {
     }
 }
 
-/// Buffers of a tile's light, one entry a texel.
-#[derive(Clone)]
-pub(crate) struct LitBuffers {
-    count: u32,
-    /// Rays that [`Self::rays`] and [`Self::passed`] have room for.
-    pub(crate) capacity: u32,
-    pub(crate) rays: wgpu::Buffer,
-    /// The share of light that passes each ray.
-    pub(crate) passed: wgpu::Buffer,
-    /// The share of a light that each texel sees.
-    pub(crate) shares: wgpu::Buffer,
-    /// Texels in a penumbra, and their number.
-    pub(crate) penumbra: wgpu::Buffer,
-    pub(crate) penumbra_count: wgpu::Buffer,
-    /// Irradiance / π of all lights, and which of them are seen.
-    pub(crate) lit: wgpu::Buffer,
-    pub(crate) seen: wgpu::Buffer,
-    /// Sums over rays to the sky, before and after a step of the filter.
-    pub(crate) sky: [wgpu::Buffer; 2],
-}
-
-impl LitBuffers {
-    fn new(gpu: &Gpu, count: u32) -> Self {
-        // A texel in a penumbra needs 16.
-        let capacity = count.next_multiple_of(16).max(16);
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-        let of = |label, entries: u32, bytes: u64| gpu.buffer(label, u64::from(entries) * bytes, usage);
-        Self {
-            count,
-            capacity,
-            rays: of("rays to lights", capacity, 32),
-            passed: of("light that passes", capacity, 4),
-            shares: of("shares of a light", count, 4),
-            penumbra: of("texels in a penumbra", count, 4),
-            penumbra_count: of("number of texels in a penumbra", 1, 4),
-            lit: of("light of lights", count, 16),
-            seen: of("lights that are seen", count, 16),
-            sky: [of("light of the sky", count, 32), of("light of the sky, filtered", count, 32)],
-        }
-    }
-}
-
-/// The texels of a tile on the device.
-pub(crate) struct LitTexels<'a> {
-    tile: wgpu::Buffer,
-    guides: &'a Guides,
-    pub(crate) count: u32,
-}
-
-impl LitTexels<'_> {
-    /// Binds what a program reads to find texels.
-    pub(crate) fn bind<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
-        self.bind_size(call).read("guide_materials", &self.guides.materials)
-    }
-
-    /// Binds what a program reads to find how many texels there are.
-    pub(crate) fn bind_size<'b>(&'b self, call: ComputeCall<'b>) -> ComputeCall<'b> {
-        call.read("tile", &self.tile).read("guides", &self.guides.surfaces)
-    }
-}
-
-/// The light of one tile, as it is recorded.
-pub(super) struct LitTile<'a> {
-    device: &'a DeviceLight,
-    context: &'a TileContext<'a>,
-    texels: LitTexels<'a>,
-    buffers: LitBuffers,
+/// A tile whose light is found on the device.
+pub(crate) struct LitTile {
+    texels: LitTexels,
     placed: DevicePlaced,
 }
 
@@ -148,24 +86,25 @@ impl DeviceLight {
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if trees are larger than the device can bind.
-    pub(super) fn begin<'a>(
-        &'a self,
-        context: &'a TileContext<'a>,
-        guides: &'a Guides,
+    pub(super) fn begin(
+        &self,
+        context: &TileContext<'_>,
+        g_buffer: &GBuffer,
         first: [u32; 2],
-    ) -> Result<LitTile<'a>, RenderError> {
+    ) -> Result<LitTile, RenderError> {
         let gpu = context.gpu;
         let placed = self.trees.about(gpu, context.eye.position)?;
         let size = context.tile.sub_samples();
         let merged_eye = placed.merged_eye.to_array();
         let tile = TileUniform { merged_eye, _pad: 0.0, size, first };
+        let count = size[0] * size[1];
         let texels = LitTexels {
             tile: gpu.upload("texels of a tile", &[tile], wgpu::BufferUsages::UNIFORM),
-            guides,
-            count: size[0] * size[1],
+            g_buffer: g_buffer.clone(),
+            count,
+            buffers: self.buffers(gpu, count),
         };
-        let buffers = self.buffers(gpu, texels.count);
-        Ok(LitTile { device: self, context, texels, buffers, placed })
+        Ok(LitTile { texels, placed })
     }
 
     fn buffers(&self, gpu: &Gpu, count: u32) -> LitBuffers {
@@ -176,51 +115,49 @@ impl DeviceLight {
         kept.truncate(KEPT);
         buffers
     }
-}
 
-impl LitTile<'_> {
-    fn tracing(&self) -> Tracing<'_> {
-        Tracing { rays: &self.device.tracer, trees: &self.device.trees, placed: &self.placed }
+    fn tracing<'a>(&'a self, tile: &'a LitTile) -> Tracing<'a> {
+        Tracing { rays: &self.tracer, trees: &self.trees, placed: &tile.placed }
     }
 
     /// Records the light of all lights.
-    pub(super) fn lights(&self, commands: &mut Commands, tracing: &LightTracing) {
+    pub(super) fn trace_lights(&self, frame: &mut Frame<'_>, tile: &LitTile, tracing: &LightTracing) {
         let LightEffects { shadows, soft_shadows, .. } = tracing.effects;
-        commands.clear(&self.buffers.lit).clear(&self.buffers.seen);
+        let Frame { commands, context, .. } = frame;
+        commands.clear(&tile.texels.buffers.lit).clear(&tile.texels.buffers.seen);
         for (index, light) in tracing.lighting.lights.iter().enumerate() {
             let asked = AskedLight {
                 light,
                 index,
-                all: &self.context.eye.lights,
+                all: &context.eye.lights,
                 casts_shadows: shadows,
                 is_soft: shadows && soft_shadows && light.is_extended(),
             };
-            let programs = &self.device.programs;
-            let texels = (&self.texels, &self.buffers);
-            programs.shadows.record(commands, self.context.gpu, texels, self.tracing(), asked);
+            self.programs.shadows.record(commands, context.gpu, &tile.texels, self.tracing(tile), asked);
         }
     }
 
     /// Records the share of the sky that texels see.
-    pub(super) fn sky(&self, commands: &mut Commands, sky: &Sky, knobs: LightKnobs) {
+    pub(super) fn trace_sky(&self, frame: &mut Frame<'_>, tile: &LitTile, sky: &Sky, knobs: LightKnobs) {
         let asked = AskedSky {
             rays: knobs.sky_rays,
             reach: sky.reach.map_or(f32::MAX, |reach| reach as f32),
             filter: knobs.filter,
         };
-        let texels = (&self.texels, &self.buffers);
-        self.device.programs.sky.record(commands, (self.context, asked), texels, self.tracing());
+        let Frame { commands, context, .. } = frame;
+        self.programs.sky.record(commands, context, asked, &tile.texels, self.tracing(tile));
     }
 
-    /// Records the sum of all light: [`super::Arriving`] of each texel. `rest`: light that was found on the CPU.
+    /// Records the sum of all light: [`crate::lit_tile::Arriving`] of each texel. `rest`: light that was found on the CPU.
     pub(super) fn sum(
         &self,
-        commands: &mut Commands,
+        frame: &mut Frame<'_>,
+        tile: &LitTile,
         tracing: &LightTracing,
         sky: SkyFrom,
         rest: Option<&wgpu::Buffer>,
     ) -> wgpu::Buffer {
-        let texels = (&self.texels, &self.buffers);
-        self.device.programs.sum.record(commands, self.context, texels, (sky, tracing.sky.table()), rest)
+        let Frame { commands, context, .. } = frame;
+        self.programs.sum.record(commands, context, &tile.texels, sky, tracing.sky.table(), rest)
     }
 }

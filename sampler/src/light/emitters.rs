@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::filter::smoothed;
 use super::pattern::{Pattern, SLOTS, square_points};
-use super::texels::{Effort, Texel, Texels};
+use super::shading_points::{Effort, ShadingPoint, ShadingPoints};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 
@@ -30,7 +30,7 @@ impl Emitters {
     /// Irradiance / π at each texel; `None` if nothing emits.
     pub(super) fn irradiance_over_pi(
         &self,
-        texels: &Texels,
+        points: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         knobs: LightKnobs,
@@ -40,24 +40,24 @@ impl Emitters {
             return None;
         }
         let near = Near::new(emitters, eye);
-        let rays = texels.rays(knobs.emitter_rays as usize);
-        let alone = match texels.effort {
+        let rays = points.rays(knobs.emitter_rays as usize);
+        let alone = match points.effort {
             Effort::Whole { rays } => Some(square_points(rays)),
             Effort::Shared => None,
         };
         let pattern = Pattern::of_square(rays);
         let at = |index: usize| {
-            let texel = &texels.all[index];
-            if !texel.exists {
+            let from = &points.all[index];
+            if !from.exists {
                 return Vec3::ZERO;
             }
-            let slot = texels.slot(index);
+            let slot = points.slot(index);
             let mut sum = Vec3::ZERO;
             let mut cast = |ray: usize, square: glam::Vec2| {
                 // Power in as many strata as there are rays; within one, each slot has its place.
                 let place = (ray as f64 + (slot as f64 + 0.5) / SLOTS as f64) / rays as f64;
                 if let Some(which) = emitters.pick(place) {
-                    sum += near.contribution(which, texel, square, about);
+                    sum += near.contribution(which, from, square, about);
                 }
             };
             match &alone {
@@ -66,8 +66,8 @@ impl Emitters {
             }
             sum / rays as f32
         };
-        let found: Vec<Vec3> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(at).collect();
-        Some(if knobs.filter { smoothed(found, texels) } else { found })
+        let found: Vec<Vec3> = (0..points.all.len()).into_par_iter().with_min_len(256).map(at).collect();
+        Some(if knobs.filter { smoothed(found, points) } else { found })
     }
 }
 
@@ -98,7 +98,7 @@ impl Near {
     fn contribution(
         &self,
         which: usize,
-        texel: &Texel,
+        from: &ShadingPoint,
         square: glam::Vec2,
         about: &LightRaysAbout<'_>,
     ) -> Vec3 {
@@ -106,16 +106,16 @@ impl Near {
         let [a, b, c] = emitter.corners;
         let root = square.x.sqrt();
         let point = a + (b - a) * (root * (1.0 - square.y)) + (c - a) * (root * square.y);
-        let to_light = point - texel.start;
+        let to_light = point - from.start;
         let squared = to_light.length_squared();
-        let cosine = texel.normal.dot(to_light);
+        let cosine = from.normal.dot(to_light);
         let facing = -emitter.area.dot(to_light);
         let facing = if emitter.both_sides { facing.abs() } else { facing };
         let weight = cosine * facing / (squared * squared);
         // NaN fails.
         let arrives = cosine > 0.0 && facing > 0.0 && weight.is_finite();
         match arrives {
-            true => emitter.radiance * weight * texel.sees(about, to_light, ALMOST),
+            true => emitter.radiance * weight * from.sees(about, to_light, ALMOST),
             false => Vec3::ZERO,
         }
     }

@@ -5,7 +5,7 @@ use std::ops::{AddAssign, Mul};
 use rayon::prelude::*;
 
 use super::pattern::SQUARE;
-use super::texels::Texels;
+use super::shading_points::ShadingPoints;
 
 /// Reaches of the filter's two boxes in texels, whose outermost texels have half weight. The first covers a square of slots,
 /// so that every slot has the same weight. The second takes off the edges that a few bright rays leave.
@@ -18,27 +18,28 @@ impl<T: Copy + Default + Send + Sync + AddAssign + Mul<f32, Output = T>> Shared 
 
 /// Means over the texels around each that show the same surface, rows and then columns. Nothing changes without
 /// neighbours.
-pub(super) fn smoothed<T: Shared>(values: Vec<T>, texels: &Texels) -> Vec<T> {
-    if texels.first.is_none() {
+pub(super) fn smoothed<T: Shared>(values: Vec<T>, points: &ShadingPoints) -> Vec<T> {
+    if points.first.is_none() {
         return values;
     }
-    let [width, height] = texels.size;
+    let [width, height] = points.size;
     REACHES.into_iter().fold(values, |values, reach| {
-        let rows = along(&values, texels, (1, reach), |index| (index % width, width));
-        along(&rows, texels, (width, reach), |index| (index / width, height))
+        let rows = along(&values, points, 1, reach, |index| (index % width, width));
+        along(&rows, points, width, reach, |index| (index / width, height))
     })
 }
 
 /// Means over a reach along a line of texels `step` apart; `line` says which place a texel has on its line, and the line's length.
 fn along<T: Shared>(
     values: &[T],
-    texels: &Texels,
-    (step, reach): (usize, isize),
+    points: &ShadingPoints,
+    step: usize,
+    reach: isize,
     line: impl Fn(usize) -> (usize, usize) + Sync,
 ) -> Vec<T> {
     let mean = |index: usize| {
-        let texel = &texels.all[index];
-        if !texel.exists {
+        let point = &points.all[index];
+        if !point.exists {
             return T::default();
         }
         let (place, length) = line(index);
@@ -49,7 +50,7 @@ fn along<T: Shared>(
                 continue;
             }
             let other = index.wrapping_add_signed(by * step as isize);
-            if by == 0 || texel.agrees(&texels.all[other]) {
+            if by == 0 || point.agrees(&points.all[other]) {
                 let weight = if by.abs() == reach { 0.5 } else { 1.0 };
                 sum += values[other] * weight;
                 weights += weight;

@@ -4,7 +4,7 @@
 //! of one well-distributed set, so that the texels of a square together cast all of it.
 
 use argus_scene::light_sampling::{disc_point, r2};
-use glam::{Vec2, Vec3};
+use glam::{DVec2, Vec2, Vec3};
 
 /// Texels along a side of a square of slots.
 pub(super) const SQUARE: u32 = 8;
@@ -65,6 +65,17 @@ pub(super) fn above(normal: Vec3, disc: Vec2) -> Vec3 {
     let (tangent, bitangent) = normal.any_orthonormal_pair();
     let up = (1.0 - disc.length_squared()).max(0.0).sqrt();
     tangent * disc.x + bitangent * disc.y + normal * up
+}
+
+/// Two numbers in 0..1 by an index (lowbias32, Wellons).
+pub(super) fn hash(index: u32) -> DVec2 {
+    let mix = |x: u32| {
+        let x = (x ^ x >> 16).wrapping_mul(0x7feb_352d);
+        let x = (x ^ x >> 15).wrapping_mul(0x846c_a68b);
+        x ^ x >> 16
+    };
+    let (first, second) = (mix(index), mix(!index));
+    DVec2::new(f64::from(first), f64::from(second)) / (f64::from(u32::MAX) + 1.0)
 }
 
 #[cfg(test)]

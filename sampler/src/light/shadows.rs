@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::pattern::{SLOTS, disc_points};
-use super::texels::{Effort, Texel, Texels};
+use super::shading_points::{Effort, ShadingPoint, ShadingPoints};
 use crate::light_rays::LightRaysAbout;
 use crate::timing;
 
@@ -18,27 +18,27 @@ use crate::timing;
 const POINTS: usize = 16;
 
 /// Whether a light may reach any of the texels: it ends at its range and at its cone.
-pub(super) fn reaches(light: &Light, texels: &Texels, eye: DVec3) -> bool {
-    let Bounds { min, max } = texels.bounds;
+pub(super) fn reaches(light: &Light, points: &ShadingPoints, eye: DVec3) -> bool {
+    let Bounds { min, max } = points.bounds;
     light.reaches(&Bounds { min: min + eye, max: max + eye })
 }
 
 /// Irradiance / π of a light at each texel, as if nothing blocked it.
-pub(super) fn incident_at(light: &Light, texels: &Texels, eye: DVec3) -> Vec<Vec3> {
-    let at = |texel: &Texel| {
-        if !texel.exists {
+pub(super) fn incident_at(light: &Light, points: &ShadingPoints, eye: DVec3) -> Vec<Vec3> {
+    let at = |point: &ShadingPoint| {
+        if !point.exists {
             return Vec3::ZERO;
         }
-        let (to_light, irradiance) = incident(light, eye + texel.position.as_dvec3());
-        irradiance * (texel.normal.dot(to_light).max(0.0) * std::f32::consts::FRAC_1_PI)
+        let (to_light, irradiance) = incident(light, eye + point.position.as_dvec3());
+        irradiance * (point.normal.dot(to_light).max(0.0) * std::f32::consts::FRAC_1_PI)
     };
-    texels.all.par_iter().with_min_len(1024).map(at).collect()
+    points.all.par_iter().with_min_len(1024).map(at).collect()
 }
 
 /// Rays from texels to one light.
 pub(super) struct ShadowRays<'a> {
     pub(super) light: &'a Light,
-    pub(super) texels: &'a Texels,
+    pub(super) points: &'a ShadingPoints,
     /// Irradiance of each texel if nothing blocks the light.
     pub(super) lit: &'a [Vec3],
     pub(super) about: &'a LightRaysAbout<'a>,
@@ -52,32 +52,33 @@ impl ShadowRays<'_> {
     /// For a soft shadow each texel first looks at one point of the light. Where neighbours on the same surface do not agree
     /// there is a penumbra, or the edge of a shadow: there each texel looks at all of [`POINTS`] points.
     pub(super) fn seen_shares(&self, soft: bool, stages: &mut Vec<Stage>) -> Vec<f32> {
-        let Self { light, texels, lit, .. } = *self;
+        let Self { light, points, lit, .. } = *self;
         let is_soft = soft && light.is_extended();
         let begin = Instant::now();
         let discs: Vec<DVec2> = disc_points(POINTS).iter().map(|point| point.as_dvec2()).collect();
-        let of_all =
-            |texel: &Texel| discs.iter().map(|&disc| self.sees(texel, disc)).sum::<f32>() / POINTS as f32;
+        let of_all = |point: &ShadingPoint| {
+            discs.iter().map(|&disc| self.sees(point, disc)).sum::<f32>() / POINTS as f32
+        };
         let first = |index: usize| {
-            let texel = &texels.all[index];
+            let point = &points.all[index];
             if lit[index] == Vec3::ZERO {
                 return 0.0;
             }
-            if is_soft && texels.effort != Effort::Shared {
-                return of_all(texel);
+            if is_soft && points.effort != Effort::Shared {
+                return of_all(point);
             }
-            let disc = if is_soft { discs[texels.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
-            self.sees(texel, disc)
+            let disc = if is_soft { discs[points.slot(index) * POINTS / SLOTS] } else { DVec2::ZERO };
+            self.sees(point, disc)
         };
-        let count = texels.all.len();
+        let count = points.all.len();
         let first: Vec<f32> = (0..count).into_par_iter().with_min_len(256).map(first).collect();
         timing::add_since(stages, "trace shadows", begin);
-        if !is_soft || texels.first.is_none() {
+        if !is_soft || points.first.is_none() {
             return first;
         }
         let begin = Instant::now();
-        let share = |index: usize| match lit[index] != Vec3::ZERO && is_mixed(texels, lit, &first, index) {
-            true => of_all(&texels.all[index]),
+        let share = |index: usize| match lit[index] != Vec3::ZERO && is_mixed(points, lit, &first, index) {
+            true => of_all(&points.all[index]),
             false => first[index],
         };
         let shares = (0..count).into_par_iter().with_min_len(256).map(share).collect();
@@ -86,22 +87,22 @@ impl ShadowRays<'_> {
     }
 
     /// The share of a point of the light's disc that a texel sees.
-    fn sees(&self, texel: &Texel, disc: DVec2) -> f32 {
-        let ray = shadow_ray(self.light, self.eye + texel.start.as_dvec3(), disc);
-        texel.sees(self.about, ray.direction.as_vec3(), ray.most as f32)
+    fn sees(&self, point: &ShadingPoint, disc: DVec2) -> f32 {
+        let ray = shadow_ray(self.light, self.eye + point.start.as_dvec3(), disc);
+        point.sees(self.about, ray.direction.as_vec3(), ray.most as f32)
     }
 }
 
 /// Whether lit texels around one on the same surface see different things.
-fn is_mixed(texels: &Texels, lit: &[Vec3], first: &[f32], index: usize) -> bool {
+fn is_mixed(points: &ShadingPoints, lit: &[Vec3], first: &[f32], index: usize) -> bool {
     const REACH: usize = 2;
-    let [width, height] = texels.size;
+    let [width, height] = points.size;
     let (x, y) = (index % width, index / width);
-    let texel = &texels.all[index];
+    let point = &points.all[index];
     for row in y.saturating_sub(REACH)..(y + REACH + 1).min(height) {
         for column in x.saturating_sub(REACH)..(x + REACH + 1).min(width) {
             let other = row * width + column;
-            if first[other] != first[index] && lit[other] != Vec3::ZERO && texel.agrees(&texels.all[other]) {
+            if first[other] != first[index] && lit[other] != Vec3::ZERO && point.agrees(&points.all[other]) {
                 return true;
             }
         }
@@ -117,8 +118,8 @@ pub(super) struct VisibilityWords {
 }
 
 impl VisibilityWords {
-    pub(super) fn new(lighting: &Lighting, texels: usize) -> Self {
-        Self { byte_of: lighting.visibility_bytes(), sums: vec![[0.0; SEPARATE_LIGHTS + 2]; texels] }
+    pub(super) fn new(lighting: &Lighting, points: usize) -> Self {
+        Self { byte_of: lighting.visibility_bytes(), sums: vec![[0.0; SEPARATE_LIGHTS + 2]; points] }
     }
 
     /// Takes the shares of one light over. `lit` is its irradiance.
@@ -136,8 +137,8 @@ impl VisibilityWords {
     }
 
     /// The word of a texel; `sky` is the share of the sky that it sees.
-    pub(super) fn word(&self, texel: usize, sky: f32) -> u32 {
-        let [first, second, seen, whole] = self.sums[texel];
+    pub(super) fn word(&self, point: usize, sky: f32) -> u32 {
+        let [first, second, seen, whole] = self.sums[point];
         let rest = if whole > 0.0 { seen / whole } else { 1.0 };
         let bytes = [first, second, rest, sky].map(|share| (share.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
         u32::from_le_bytes(bytes)

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::filter::smoothed;
 use super::pattern::{Pattern, above, disc_points};
-use super::texels::{Effort, Texels};
+use super::shading_points::{Effort, ShadingPoints};
 use crate::LightKnobs;
 use crate::light_rays::LightRaysAbout;
 use crate::passes::SkyTable;
@@ -132,37 +132,37 @@ impl Mul<f32> for SkySums {
 /// open sky has no noise.
 pub(super) fn seen_share(
     sky: &Sky,
-    texels: &Texels,
+    points: &ShadingPoints,
     about: &LightRaysAbout<'_>,
     knobs: LightKnobs,
 ) -> Vec<Vec3> {
-    let alone = match texels.effort {
+    let alone = match points.effort {
         Effort::Whole { rays } => Some(disc_points(rays)),
         Effort::Shared => None,
     };
     let pattern = Pattern::of_disc(knobs.sky_rays as usize);
     let reach = sky.reach.map_or(f32::MAX, |reach| reach as f32);
     let cast = |index: usize| {
-        let texel = &texels.all[index];
+        let point = &points.all[index];
         let mut sums = SkySums::default();
-        if !texel.exists {
+        if !point.exists {
             return sums;
         }
         let mut cast = |disc: Vec2| {
-            let direction = above(texel.normal, disc);
+            let direction = above(point.normal, disc);
             let radiance = sky_radiance(sky, direction);
             sums.whole += radiance;
-            sums.seen += radiance * texel.sees(about, direction, reach);
+            sums.seen += radiance * point.sees(about, direction, reach);
         };
         match &alone {
             Some(all) => all.iter().for_each(|&disc| cast(disc)),
-            None => pattern.of_slot(texels.slot(index)).for_each(cast),
+            None => pattern.of_slot(points.slot(index)).for_each(cast),
         }
         sums
     };
-    let sums: Vec<SkySums> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
+    let sums: Vec<SkySums> = (0..points.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
     // Each sum by itself: the mean of ratios of a few rays would favour directions in which the sky is dark.
-    let sums = if knobs.filter { smoothed(sums, texels) } else { sums };
+    let sums = if knobs.filter { smoothed(sums, points) } else { sums };
     let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
     let share = |SkySums { seen, whole }: SkySums| {
         Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z))
@@ -197,8 +197,8 @@ mod tests {
 
     /// The sky of a map with this radiance by direction, the means of texels of a map of 128 × 64.
     fn sky_of(radiance: impl Fn(f64, f64) -> f32) -> Sky {
-        let texel = |i: u32| Vec3::splat(radiance(f64::from(i % 128) + 0.5, f64::from(i / 128) + 0.5));
-        let environment = Environment::new(128, 64, (0..128 * 64).map(texel).collect()).unwrap();
+        let point = |i: u32| Vec3::splat(radiance(f64::from(i % 128) + 0.5, f64::from(i / 128) + 0.5));
+        let environment = Environment::new(128, 64, (0..128 * 64).map(point).collect()).unwrap();
         assert!(environment.lights.is_empty());
         Sky::of_map(environment.map)
     }

@@ -7,10 +7,22 @@ use argus_scene::light_sampling::{cosine_direction, disc_point, r2, shadow_ray};
 use argus_scene::shading::{incident, sky_ambient, sky_radiance};
 use glam::{DVec2, DVec3, Vec3};
 
-use super::VisiblePoint;
 use crate::light_rays::{LightRaysAbout, RayHit};
 use crate::packets::Hit;
 use crate::surfaces::Surfaces;
+
+/// A visible point of a surface. Positions are about the meter's centre.
+pub(super) struct VisiblePoint {
+    pub(super) position: Vec3,
+    /// Unit shading normal, and unit normal of the triangle, on the visible side.
+    pub(super) normal: Vec3,
+    pub(super) side: Vec3,
+    /// Where rays of light begin.
+    pub(super) start: Vec3,
+    pub(super) albedo: Vec3,
+    pub(super) base: Vec3,
+    pub(super) emissive: Vec3,
+}
 
 /// Directions from each visible point, and how many of them are followed to further surfaces.
 const DIRECTIONS: u32 = 32;

@@ -26,7 +26,7 @@ use crate::light_rays::{CullMode, LightRays};
 use crate::packets::PacketTracer;
 use crate::resident::placed;
 use crate::surfaces::Surfaces;
-use arriving::Light;
+use arriving::{Light, VisiblePoint};
 
 /// Share of the visible points that light must reach.
 const ENOUGH: f64 = 0.75;
@@ -50,19 +50,6 @@ pub struct ResolvedLight {
     pub reason: String,
     /// Light at visible surfaces in it, for [`argus_scene::Exposure::factor`]; `None` if there is none.
     pub metered: Option<f64>,
-}
-
-/// A visible point of a surface. Positions are about the meter's centre.
-struct VisiblePoint {
-    position: Vec3,
-    /// Unit shading normal, and unit normal of the triangle, on the visible side.
-    normal: Vec3,
-    side: Vec3,
-    /// Where rays of light begin.
-    start: Vec3,
-    albedo: Vec3,
-    base: Vec3,
-    emissive: Vec3,
 }
 
 /// A scene that is ready to be metered.

@@ -119,7 +119,8 @@ fn lamp(center: DVec3, side: f64, radiance: f32) -> (Mesh, Material) {
     (cuboid(center, DVec3::splat(side), false), Material { emissive: Vec3::splat(radiance), ..grey() })
 }
 
-fn with(mut scene: Scene, (mesh, material): (Mesh, Material)) -> Scene {
+fn with(mut scene: Scene, part: (Mesh, Material)) -> Scene {
+    let (mesh, material) = part;
     let index = scene.meshes.len() as u32;
     // As loaders do for files with lamps.
     if material.emissive.max_element() > 1.0 {

@@ -20,9 +20,9 @@ use crate::bvh::{OF_OBJECT, PlacedObject, TopNode, Triangle, flags};
 use crate::packets::PacketTracer;
 use crate::packets::cutouts::Cutouts;
 use crate::resident::upload;
-use collapse::{Binary, LEAF};
+use collapse::{Binary, Bounds, LEAF};
 use masks::Masks;
-use node::{Bounds, LeafUse, Record};
+use node::{LeafUse, Record};
 
 /// Entries of a ray's stack; `MOST_ENTRIES` of `shaders/shared/scattered/stack.wgsl`.
 const MOST_ENTRIES: u32 = 48;

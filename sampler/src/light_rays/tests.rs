@@ -1,13 +1,17 @@
 //! Scattered rays against f64 single rays, and where rounding could leak light.
 
+use std::sync::Arc;
+
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::{
     AlphaMode, Instance, Lighting, Material, Mesh, RigKind, Scene, SceneHash, Sky, Texture, TextureRef,
 };
-use glam::{DAffine3, DQuat, Vec4};
+use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
 
 use super::*;
 use crate::mixed::mixed;
+use crate::packets::PacketTracer;
+use crate::packets::lanes::Plain;
 use crate::resident;
 
 pub(super) fn scene(meshes: Vec<Mesh>, places: Vec<(u32, DAffine3)>, materials: Vec<Material>) -> Scene {

@@ -3,10 +3,22 @@
 use argus_shaders::layout::sampler::Child;
 use glam::Vec3;
 
-use super::{CullMode, STACK};
 use crate::bvh::{Hierarchy, Triangle, flags};
 use crate::packets::lanes::LANES;
 use crate::wide::Wide;
+
+/// Pending references that a traversal has room for, 8 bytes each. Deeper trees are refused: more than 73 levels, where
+/// those of buildings have about ten.
+pub(super) const STACK: usize = 512;
+
+/// Which faces of single-sided triangles rays pass. Rays hit both faces of all other triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum CullMode {
+    /// None: a wall keeps light out from either side. Glass lets light pass and is not hit, nor are its clear parts.
+    None,
+    /// Back faces, as views do.
+    Back,
+}
 
 /// Bit of a reference to a leaf: a block of triangles, or a placed object.
 pub(super) const LEAF: u32 = 1 << 31;

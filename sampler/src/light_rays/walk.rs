@@ -11,8 +11,7 @@ use std::mem::MaybeUninit;
 
 use glam::Vec3;
 
-use super::STACK;
-use super::tree::{Block, LEAF, Node};
+use super::tree::{Block, LEAF, Node, STACK};
 use crate::packets::lanes::{LANES, Lanes, Mask};
 
 /// Slack for rounding of a ray's exit from a box: three operations of at most 2⁻²⁴ each, at both ends.
@@ -35,7 +34,7 @@ pub(super) struct Slabs<L> {
 impl<L: Lanes> Slabs<L> {
     /// A finite ray in the space of a tree with the given box.
     #[inline(always)]
-    pub(super) fn new(origin: Vec3, direction: Vec3, (min, max): (Vec3, Vec3)) -> Self {
+    pub(super) fn new(origin: Vec3, direction: Vec3, [min, max]: [Vec3; 2]) -> Self {
         let reach = (min - origin).abs().max((max - origin).abs()).max_element();
         let slack = reach * MOVED + origin.abs().max_element() * LAST_PLACE;
         let mut slabs = Self {

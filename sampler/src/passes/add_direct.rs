@@ -6,7 +6,7 @@ use argus_shaders::sampler::ADD_DIRECT;
 
 use super::TileContext;
 use crate::resident::Features;
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 
 /// Adds arriving light, times albedo, and in views the reflection of lights and sky.
 pub(crate) struct AddDirect {
@@ -25,12 +25,12 @@ impl AddDirect {
         Self { diffuse: pipeline(false), view: pipeline(features.specular) }
     }
 
-    /// Adds `arriving` ([`crate::light::Arriving`] of each sub-sample) to a tile.
+    /// Adds `arriving` ([`crate::lit_tile::Arriving`] of each sub-sample) to a tile.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        guides: &Guides,
+        g_buffer: &GBuffer,
         arriving: &wgpu::Buffer,
         is_view: bool,
     ) {
@@ -45,8 +45,8 @@ impl AddDirect {
             .read("lighting", &eye.lighting)
             .read("environment_map", context.resident.environment.view())
             .read("lights", &eye.lights)
-            .read("guides", &guides.surfaces)
-            .read("guide_materials", &guides.materials)
+            .read("g_surfaces", &g_buffer.surfaces)
+            .read("g_materials", &g_buffer.materials)
             .read("arriving", arriving)
             .write("shaded", &targets.shaded)
             .dispatch_threads([width, height, 1]);

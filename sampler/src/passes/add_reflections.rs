@@ -5,7 +5,7 @@ use argus_shaders::layout::sampler::AddDirect as Parameters;
 use argus_shaders::sampler::ADD_REFLECTIONS;
 
 use super::TileContext;
-use crate::scratch::Guides;
+use crate::scratch::GBuffer;
 
 /// Adds arriving radiance, weighted by each surface's lobe.
 pub(crate) struct AddReflections {
@@ -23,7 +23,8 @@ impl AddReflections {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (guides, reflectors): (&Guides, &wgpu::Buffer),
+        g_buffer: &GBuffer,
+        reflectors: &wgpu::Buffer,
         arriving: &wgpu::Buffer,
     ) {
         let TileContext { gpu, targets, tile, .. } = context;
@@ -33,8 +34,8 @@ impl AddReflections {
         commands
             .compute("add reflections", &self.pipeline)
             .read("tile", &parameters)
-            .read("guides", &guides.surfaces)
-            .read("guide_materials", &guides.materials)
+            .read("g_surfaces", &g_buffer.surfaces)
+            .read("g_materials", &g_buffer.materials)
             .read("reflectors", reflectors)
             .read("arriving", arriving)
             .write("shaded", &targets.shaded)

@@ -7,7 +7,7 @@ use argus_shaders::sampler::ARRIVING_LIGHT;
 use glam::Vec3;
 
 use super::TileContext;
-use crate::light::device::{LitBuffers, LitTexels};
+use crate::lit_tile::LitTexels;
 use crate::resident::Features;
 
 /// Where the light of the sky is found.
@@ -50,16 +50,17 @@ impl ArrivingLight {
         Self { pipelines: [SkyFrom::Rays, SkyFrom::Rest, SkyFrom::Open].map(both) }
     }
 
-    /// Returns [`crate::light::Arriving`] of each texel. `rest`: light that was found on the CPU.
+    /// Returns [`crate::lit_tile::Arriving`] of each texel. `rest`: light that was found on the CPU.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (texels, buffers): (&LitTexels<'_>, &LitBuffers),
-        (sky, table): (SkyFrom, SkyTable<'_>),
+        texels: &LitTexels,
+        sky: SkyFrom,
+        table: SkyTable<'_>,
         rest: Option<&wgpu::Buffer>,
     ) -> wgpu::Buffer {
-        let gpu = context.gpu;
+        let (gpu, buffers) = (context.gpu, &texels.buffers);
         let query = ArrivingQuery { columns: table.columns.max(1) as u32 };
         let query = gpu.upload("arriving light", &[query], wgpu::BufferUsages::UNIFORM);
         let entries: Vec<[f32; 4]> = table.entries.iter().map(|light| light.extend(0.0).to_array()).collect();

@@ -23,7 +23,7 @@ pub(crate) struct Blend {
 #[derive(Clone, Copy)]
 pub(crate) struct Shaded<'a> {
     pub(crate) targets: &'a Targets,
-    /// [`crate::light::Arriving`] of each, if light was found by rays.
+    /// [`crate::lit_tile::Arriving`] of each, if light was found by rays.
     pub(crate) arriving: Option<&'a wgpu::Buffer>,
 }
 

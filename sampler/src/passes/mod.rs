@@ -20,7 +20,7 @@ mod visibility;
 
 use std::sync::Arc;
 
-use argus_gpu::{ComputeCall, Gpu, wgpu};
+use argus_gpu::{ComputeCall, Gpu, ReflectionProbes, wgpu};
 
 use crate::eye::Eye;
 use crate::resident::Resident;
@@ -44,6 +44,23 @@ pub(crate) use sky_rays::{AskedSky, SkyRays};
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
 
+/// The reflection probes that shading programs bind.
+pub(crate) struct ProbeBindings {
+    pub(crate) probes: ReflectionProbes,
+    /// For each instance 1 + the index of its probe; 0 for none.
+    pub(crate) probe_of_instance: wgpu::Buffer,
+}
+
+impl ProbeBindings {
+    /// Bindings without probes.
+    pub(crate) fn none(gpu: &Gpu) -> Self {
+        Self {
+            probes: ReflectionProbes::none(gpu),
+            probe_of_instance: gpu.buffer("no probes of instances", 16, wgpu::BufferUsages::STORAGE),
+        }
+    }
+}
+
 /// What the passes of a tile share.
 pub struct TileContext<'a> {
     /// The device.
@@ -53,7 +70,7 @@ pub struct TileContext<'a> {
     /// The eye that positions are relative to.
     pub eye: &'a Eye,
     /// The tile.
-    pub tile: &'a Tile,
+    pub tile: Tile,
     /// Uniform of the tile's rays.
     pub rays: wgpu::Buffer,
     /// For a list of pixels: the position of each in the tile of the rays.
@@ -68,19 +85,19 @@ impl<'a> TileContext<'a> {
         gpu: &'a Arc<Gpu>,
         resident: &'a Resident,
         eye: &'a Eye,
-        tile: &'a Tile,
+        tile: &Tile,
         scratch: &mut Scratch,
         extras: Extras,
     ) -> Self {
         let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
         let targets = scratch.targets(gpu, tile.sub_samples(), extras);
-        Self { gpu, resident, eye, tile, rays, places: None, targets }
+        Self { gpu, resident, eye, tile: *tile, rays, places: None, targets }
     }
 
-    /// The context with one ray a texel, for shading what the tile's sub-samples see.
-    pub(crate) fn of_texels(self, texels: &'a Tile) -> Self {
-        let rays = self.gpu.upload("rays", &[texels.rays()], wgpu::BufferUsages::UNIFORM);
-        Self { tile: texels, rays, ..self }
+    /// Casts one ray a texel from now on, for shading what the tile's sub-samples see.
+    pub(crate) fn cast_texels(&mut self) {
+        self.tile = self.tile.of_texels();
+        self.rays = self.gpu.upload("rays", &[self.tile.rays()], wgpu::BufferUsages::UNIFORM);
     }
 
     /// Binds what a program reads to shade surfaces.

@@ -24,8 +24,10 @@ impl ResamplePoints {
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
-        (texels, points): (&wgpu::Buffer, &wgpu::Buffer),
-        (lighting, environment): (&wgpu::Buffer, &EnvironmentTexture),
+        texels: &wgpu::Buffer,
+        points: &wgpu::Buffer,
+        lighting: &wgpu::Buffer,
+        environment: &EnvironmentTexture,
         planes: &ProbePlanes,
     ) {
         let call = commands

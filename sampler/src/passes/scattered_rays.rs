@@ -56,7 +56,8 @@ impl Tracing<'_> {
         name: &str,
         commands: &mut Commands,
         gpu: &Arc<Gpu>,
-        (rays, count): (&wgpu::Buffer, u32),
+        rays: &wgpu::Buffer,
+        count: u32,
         sought: Sought<'_>,
     ) {
         let Self { rays: tracer, trees, placed } = self;

@@ -3,10 +3,9 @@
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE;
 
-use super::TileContext;
-use crate::probe_renderer::ProbeBindings;
-use crate::resident::{Features, GuideUse};
-use crate::scratch::Guides;
+use super::{ProbeBindings, TileContext};
+use crate::resident::{Features, GBufferUse};
+use crate::scratch::GBuffer;
 
 /// Shades visible surfaces.
 pub(crate) struct Shade {
@@ -19,17 +18,17 @@ pub(crate) struct Shade {
 impl Shade {
     /// The pipelines for a scene's features. `reflects` looks up
     /// reflection probes.
-    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse, reflects: bool) -> Self {
-        Self::with(gpu, features, guides, [reflects, false])
+    pub(crate) fn new(gpu: &Gpu, features: Features, g_buffer: GBufferUse, reflects: bool) -> Self {
+        Self::with(gpu, features, g_buffer, [reflects, false])
     }
 
     /// The pipelines that leave reflections of the scene to a later pass, and note which reflector each sub-sample shows.
-    pub(crate) fn deferring(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
-        Self::with(gpu, features, guides, [true, true])
+    pub(crate) fn deferring(gpu: &Gpu, features: Features, g_buffer: GBufferUse) -> Self {
+        Self::with(gpu, features, g_buffer, [true, true])
     }
 
-    fn with(gpu: &Gpu, features: Features, guides: GuideUse, [reflects, defers]: [bool; 2]) -> Self {
-        let mut constants = features.constants(guides).to_vec();
+    fn with(gpu: &Gpu, features: Features, g_buffer: GBufferUse, [reflects, defers]: [bool; 2]) -> Self {
+        let mut constants = features.constants(g_buffer).to_vec();
         constants.push(("reflects", f64::from(u8::from(reflects))));
         constants.push(("defers_reflection", f64::from(u8::from(defers))));
         let pipeline = |entry| gpu.compute_pipeline_with(&SHADE, entry, &constants);
@@ -48,10 +47,11 @@ impl Shade {
         probe_bindings: &ProbeBindings,
     ) {
         let TileContext { gpu, eye, targets, tile, rays, .. } = context;
-        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
-        if targets.guides.is_some() {
-            // Sky has no guides.
-            commands.clear(guides);
+        let (g_buffer, materials) =
+            targets.g_buffer.as_ref().map_or((&self.unused, &self.unused), GBuffer::both);
+        if targets.g_buffer.is_some() {
+            // Sky has no surface.
+            commands.clear(g_buffer);
         }
         let (name, pipeline) = match context.places {
             Some(_) => ("shade pixels", &self.pixels),
@@ -64,8 +64,8 @@ impl Shade {
             .read("environment_map", context.resident.environment.view())
             .read("rays", rays)
             .read("visibility", &targets.visibility)
-            .write("guides", guides)
-            .write("guide_materials", materials)
+            .write("g_surfaces", g_buffer)
+            .write("g_materials", materials)
             .write("shaded", &targets.shaded)
             .write("reflectors", targets.reflectors.as_ref().unwrap_or(&self.unused))
             .read("probe_of_instance", &probe_bindings.probe_of_instance)

@@ -4,8 +4,8 @@ use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE_POINTS;
 
 use super::TileContext;
-use crate::resident::{Features, GuideUse};
-use crate::scratch::Guides;
+use crate::resident::{Features, GBufferUse};
+use crate::scratch::GBuffer;
 
 /// Shades points with the functions that shade surfaces.
 pub(crate) struct ShadePoints {
@@ -17,11 +17,11 @@ pub(crate) struct ShadePoints {
 
 impl ShadePoints {
     /// The pipelines for a scene's features.
-    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
+    pub(crate) fn new(gpu: &Gpu, features: Features, g_buffer: GBufferUse) -> Self {
         Self {
-            shade: gpu.compute_pipeline_with(&SHADE_POINTS, "shade_points", &features.constants(guides)),
+            shade: gpu.compute_pipeline_with(&SHADE_POINTS, "shade_points", &features.constants(g_buffer)),
             keep: gpu.compute_pipeline(&SHADE_POINTS, "keep_points"),
-            unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
+            unused: gpu.buffer("no G-buffer", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 
@@ -31,21 +31,23 @@ impl ShadePoints {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (chunk, points): (&wgpu::Buffer, &wgpu::Buffer),
+        chunk: &wgpu::Buffer,
+        points: &wgpu::Buffer,
     ) {
         let TileContext { targets, tile, .. } = context;
-        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
-        if targets.guides.is_some() {
-            // Texels beyond the last point have no guides.
-            commands.clear(guides);
+        let (g_buffer, materials) =
+            targets.g_buffer.as_ref().map_or((&self.unused, &self.unused), GBuffer::both);
+        if targets.g_buffer.is_some() {
+            // Texels beyond the last point have no surface.
+            commands.clear(g_buffer);
         }
         let [width, height] = tile.sub_samples();
         context
             .with_surfaces(commands.compute("shade points", &self.shade))
             .read("chunk", chunk)
             .read("points", points)
-            .write("guides", guides)
-            .write("guide_materials", materials)
+            .write("g_surfaces", g_buffer)
+            .write("g_materials", materials)
             .write("shaded", &targets.shaded)
             .dispatch_threads([width, height, 1]);
     }
@@ -55,7 +57,8 @@ impl ShadePoints {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        (chunk, radiance): (&wgpu::Buffer, &wgpu::Buffer),
+        chunk: &wgpu::Buffer,
+        radiance: &wgpu::Buffer,
     ) {
         let [width, height] = context.tile.sub_samples();
         commands

@@ -4,10 +4,9 @@
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_shaders::sampler::SHADE_SAMPLE;
 
-use super::TileContext;
-use crate::probe_renderer::ProbeBindings;
-use crate::resident::{Features, GuideUse};
-use crate::scratch::Guides;
+use super::{ProbeBindings, TileContext};
+use crate::resident::{Features, GBufferUse};
+use crate::scratch::GBuffer;
 
 /// Texels that an invocation searches for split texels, as in the program.
 const RUN: u32 = 64;
@@ -26,9 +25,15 @@ pub(crate) struct ShadeSample {
 
 impl ShadeSample {
     /// The pipelines for a scene's features and `side` sub-samples along a texel's side. `reflects` writes the Reflector plane.
-    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse, reflects: bool, side: u32) -> Self {
+    pub(crate) fn new(
+        gpu: &Gpu,
+        features: Features,
+        g_buffer: GBufferUse,
+        reflects: bool,
+        side: u32,
+    ) -> Self {
         let glossy = features.specular;
-        let mut constants = features.constants(guides).to_vec();
+        let mut constants = features.constants(g_buffer).to_vec();
         constants.push(("reflects", f64::from(u8::from(reflects && glossy))));
         constants.push(("glossy", f64::from(u8::from(glossy))));
         constants.push(("side", f64::from(side)));
@@ -50,10 +55,11 @@ impl ShadeSample {
         probe_bindings: &ProbeBindings,
     ) {
         let TileContext { targets, tile, rays, .. } = context;
-        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
-        if targets.guides.is_some() {
-            // Sky has no guides.
-            commands.clear(guides);
+        let (g_buffer, materials) =
+            targets.g_buffer.as_ref().map_or((&self.unused, &self.unused), GBuffer::both);
+        if targets.g_buffer.is_some() {
+            // Sky has no surface.
+            commands.clear(g_buffer);
         }
         let gloss = targets.gloss.as_ref().filter(|_| self.glossy).unwrap_or(&self.unused);
         let reflectors = targets.reflectors.as_ref().filter(|_| self.reflects).unwrap_or(&self.unused);
@@ -69,8 +75,8 @@ impl ShadeSample {
                 .read("rays", rays)
                 .read("visibility", &targets.visibility)
                 .read("probe_of_instance", &probe_bindings.probe_of_instance)
-                .write("guides", guides)
-                .write("guide_materials", materials)
+                .write("g_surfaces", g_buffer)
+                .write("g_materials", materials)
                 .write("shaded", &targets.shaded)
                 .write("gloss", gloss)
                 .write("reflectors", reflectors)

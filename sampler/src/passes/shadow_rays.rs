@@ -10,7 +10,7 @@ use argus_shaders::layout::sampler::{ShadowLight, shadow_flags};
 use argus_shaders::sampler::SHADOW_RAYS;
 
 use super::scattered_rays::{Sought, Tracing};
-use crate::light::device::{LitBuffers, LitTexels};
+use crate::lit_tile::LitTexels;
 
 /// Points of a light that a texel in a penumbra looks at; `POINTS` of the program.
 const POINTS: u32 = 16;
@@ -79,11 +79,12 @@ impl ShadowRays {
         &self,
         commands: &mut Commands,
         gpu: &Arc<Gpu>,
-        (texels, buffers): (&LitTexels<'_>, &LitBuffers),
+        texels: &LitTexels,
         tracing: Tracing<'_>,
         light: AskedLight<'_>,
     ) {
         let (whole, count) = (light.uniform(gpu, 0), u64::from(texels.count));
+        let buffers = &texels.buffers;
         texels
             .bind(commands.compute(SHADOWS, &self.first_rays))
             .read("shadow", &whole)
@@ -94,7 +95,7 @@ impl ShadowRays {
             .dispatch_linear(count);
         if light.casts_shadows {
             let sought = Sought::Passed(&buffers.passed);
-            tracing.record_as(SHADOWS, commands, gpu, (&buffers.rays, texels.count), sought);
+            tracing.record_as(SHADOWS, commands, gpu, &buffers.rays, texels.count, sought);
             texels
                 .bind_size(commands.compute(SHADOWS, &self.first_shares))
                 .write("shadow_rays", &buffers.rays)
@@ -103,7 +104,7 @@ impl ShadowRays {
                 .dispatch_linear(count);
         }
         if light.casts_shadows && light.is_soft {
-            self.penumbras(commands, gpu, (texels, buffers), tracing, light);
+            self.penumbras(commands, gpu, texels, tracing, light);
         }
         texels
             .bind(commands.compute(SHARED_STAGE, &self.add_light))
@@ -121,10 +122,11 @@ impl ShadowRays {
         &self,
         commands: &mut Commands,
         gpu: &Arc<Gpu>,
-        (texels, buffers): (&LitTexels<'_>, &LitBuffers),
+        texels: &LitTexels,
         tracing: Tracing<'_>,
         light: AskedLight<'_>,
     ) {
+        let buffers = &texels.buffers;
         commands.clear(&buffers.penumbra_count);
         texels
             .bind(commands.compute(PENUMBRAS, &self.find_penumbras))
@@ -145,7 +147,7 @@ impl ShadowRays {
                 .write("penumbra", &buffers.penumbra)
                 .dispatch_linear(u64::from(each * POINTS));
             let sought = Sought::Passed(&buffers.passed);
-            tracing.record_as(PENUMBRAS, commands, gpu, (&buffers.rays, each * POINTS), sought);
+            tracing.record_as(PENUMBRAS, commands, gpu, &buffers.rays, each * POINTS, sought);
             commands
                 .compute(PENUMBRAS, &self.penumbra_shares)
                 .read("shadow", &part)

@@ -9,7 +9,7 @@ use glam::Vec2;
 
 use super::TileContext;
 use super::scattered_rays::{Sought, Tracing};
-use crate::light::device::{LitBuffers, LitTexels};
+use crate::lit_tile::LitTexels;
 use crate::resident::Features;
 
 /// Row of the timing table.
@@ -55,12 +55,13 @@ impl SkyRays {
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
-        (context, sky): (&TileContext<'_>, AskedSky),
-        (texels, buffers): (&LitTexels<'_>, &LitBuffers),
+        context: &TileContext<'_>,
+        sky: AskedSky,
+        texels: &LitTexels,
         tracing: Tracing<'_>,
     ) {
         let gpu: &Arc<Gpu> = context.gpu;
-        let count = u64::from(texels.count);
+        let (count, buffers) = (u64::from(texels.count), &texels.buffers);
         commands.clear(&buffers.sky[0]);
         for ray in 0..sky.rays {
             let query = SkyQuery { ray, reach: sky.reach };
@@ -72,7 +73,7 @@ impl SkyRays {
                 .write("sky_rays", &buffers.rays)
                 .dispatch_linear(count);
             let sought = Sought::Passed(&buffers.passed);
-            tracing.record_as(SKY, commands, gpu, (&buffers.rays, texels.count), sought);
+            tracing.record_as(SKY, commands, gpu, &buffers.rays, texels.count, sought);
             texels
                 .bind(commands.compute(SKY, &self.sum_rays))
                 .read("lighting", &context.eye.lighting)

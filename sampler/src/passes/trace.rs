@@ -2,14 +2,14 @@
 
 use std::sync::OnceLock;
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, PendingReadback, wgpu};
+use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::RenderError;
 use argus_shaders::layout::sampler::PlacedTree;
 use argus_shaders::sampler::TRACE;
 use glam::DVec3;
 
 use super::TileContext;
-use super::trace_cutouts::TraceCutouts;
+use super::trace_cutouts::{TraceCutouts, TracedTrees};
 use crate::bvh::{Hierarchy, PlacedObject};
 use crate::resident::upload;
 use crate::wide::Wide;
@@ -24,12 +24,12 @@ const LANES: u32 = 8;
 /// Traces packets of rays, one a subgroup.
 pub(crate) struct Trace {
     wide: Wide,
-    pub(super) children: wgpu::TextureView,
-    pub(super) triangles: wgpu::TextureView,
+    children: wgpu::TextureView,
+    triangles: wgpu::TextureView,
     /// Distance of the near plane, in units of the rays' directions.
     near: f32,
     /// Set by packets that ended early.
-    pub(super) unfinished: wgpu::Buffer,
+    unfinished: wgpu::Buffer,
     /// By the base-2 logarithm of a lane's rows.
     opaque: [OnceLock<ComputePipeline>; 4],
     cutouts: Option<TraceCutouts>,
@@ -122,23 +122,27 @@ impl Trace {
             .write("unfinished", &self.unfinished)
             .dispatch([width.div_ceil(8), height.div_ceil(8 << log), 1]);
         if let Some(cutouts) = &self.cutouts {
-            cutouts.record(commands, context, self, &top, &placed);
+            let Self { children, triangles, unfinished, .. } = self;
+            let nearest_inverse = self.nearest_inverse();
+            let (top, placed) = (&top, &placed);
+            let trees = TracedTrees { children, triangles, top, placed, unfinished, nearest_inverse };
+            cutouts.record(commands, context, &trees);
         }
         Ok(())
     }
 
-    /// Reads back whether any packet ended early. Decode with [`Self::is_whole`].
-    pub(crate) fn read_unfinished(&self, commands: &mut Commands) -> PendingReadback {
-        commands.read_buffer(&self.unfinished, 0..4)
+    /// Four bytes that say whether any packet ended early. Decode them with [`Self::is_whole`].
+    pub(crate) fn unfinished(&self) -> &wgpu::Buffer {
+        &self.unfinished
     }
 
-    /// Whether no packet ended early, from the bytes of [`Self::read_unfinished`].
+    /// Whether no packet ended early, by the bytes of [`Self::unfinished`].
     pub(crate) fn is_whole(unfinished: &[u8]) -> bool {
         unfinished.iter().all(|&byte| byte == 0)
     }
 
     /// Inverse distance of the near plane, in units of the rays' directions.
-    pub(super) fn nearest_inverse(&self) -> f64 {
+    fn nearest_inverse(&self) -> f64 {
         1.0 / f64::from(self.near)
     }
 

@@ -5,15 +5,14 @@
 
 use argus_gpu::Gpu;
 use argus_scene::{ProbeEye, Scene};
-use argus_shaders::layout::sampler::ProbePoint;
 use glam::DVec3;
 
-use super::ProbePlaces;
-use crate::index_maps::{IndexMaps, MappedReflector, Requests};
+use super::method::ProbePlaces;
+use crate::index_maps::{MappedReflector, Requests};
 use crate::passes::{BlurProbes, ResamplePoints, ShadePoints};
 use crate::point_shading::probe_point;
-use crate::reflected_light::{Ray, ReflectionRays, ReflectionSource};
-use crate::resident::{GuideUse, Resident};
+use crate::reflected_light::{FilledMaps, Ray, ReflectionRays, ReflectionSource};
+use crate::resident::{GBufferUse, Resident};
 
 /// Most bytes of cube maps that are filled at once: 340 of 64 texels a side, or 21 of 256.
 const MOST_BYTES: usize = 64 << 20;
@@ -23,21 +22,11 @@ const TEXEL_BYTES: usize = 8;
 /// The programs that fill probes with points, for one scene on one device.
 pub(crate) struct PointProbes {
     pub(crate) source: Fill,
+    /// Texels along a side of a probe.
+    pub(crate) side: u32,
     pub(crate) shade: ShadePoints,
     pub(crate) resample: ResamplePoints,
     pub(crate) blur: BlurProbes,
-}
-
-/// Some reflectors' cube maps, and the points that they show.
-pub struct FilledMaps {
-    /// For each texel 1 + the index of its point, or 0 for sky; and its inverse range, 1/metres, f32 bits.
-    pub texels: Vec<[u32; 2]>,
-    /// The points, each once. Positions are relative to [`ProbePlaces::middle`].
-    pub points: Vec<ProbePoint>,
-    /// The rays that found them, if rays did.
-    pub rays: Vec<Ray>,
-    /// Number of maps.
-    pub maps: u32,
 }
 
 /// What fills cube maps.
@@ -61,15 +50,16 @@ impl Fill {
 }
 
 impl PointProbes {
-    pub(super) fn new(gpu: &Gpu, resident: &Resident, guides: GuideUse, source: Fill, side: u32) -> Self {
-        let guides = match source {
-            Fill::Points { .. } => guides,
-            // Rays go on from what guides say.
-            Fill::Rays => guides.at_least_kept(),
+    pub(super) fn new(gpu: &Gpu, resident: &Resident, g_buffer: GBufferUse, source: Fill, side: u32) -> Self {
+        let g_buffer = match source {
+            Fill::Points { .. } => g_buffer,
+            // Rays go on from what the G-buffer says.
+            Fill::Rays => g_buffer.at_least_kept(),
         };
         Self {
             source,
-            shade: ShadePoints::new(gpu, resident.features, guides),
+            side,
+            shade: ShadePoints::new(gpu, resident.features, g_buffer),
             resample: ResamplePoints::new(gpu, resident.features, source.cube_side(side)),
             blur: BlurProbes::new(gpu),
         }
@@ -81,7 +71,8 @@ impl PointProbes {
         by: &ReflectionSource,
         scene: &Scene,
         places: &ProbePlaces,
-        (side, time_secs): (u32, f64),
+        side: u32,
+        time_secs: f64,
     ) -> Vec<Vec<MappedReflector>> {
         let side = source.cube_side(side);
         let posed = scene.at(time_secs);
@@ -144,16 +135,5 @@ impl PointProbes {
         };
         let (points, found) = (0..).zip(shown.ids()).filter_map(point).unzip();
         FilledMaps { rays: found, ..FilledMaps::new(&maps, &shown, points) }
-    }
-}
-
-impl FilledMaps {
-    /// Maps whose ids are replaced by places in the list of shown points.
-    pub fn new(maps: &IndexMaps, shown: &Requests, points: Vec<ProbePoint>) -> Self {
-        let texel = |key: u64| match key {
-            0 => [0; 2],
-            key => [1 + shown.slot(key as u32) as u32, (key >> 32) as u32],
-        };
-        Self { texels: maps.bits().map(texel).collect(), points, rays: Vec::new(), maps: maps.count() }
     }
 }

@@ -8,7 +8,7 @@ use argus_scene::{Camera, RenderError, Scene};
 use argus_shaders::layout::sampler::{ScatteredHit, ScatteredRay};
 use glam::DVec3;
 
-use super::{Batch, RayKind, View};
+use super::views::{Batch, RayKind, View};
 use crate::draws;
 use crate::light_rays::device::{DevicePlaced, DeviceTrees};
 use crate::light_rays::{CullMode, LightRays};
@@ -174,7 +174,7 @@ impl DeviceRays {
         let mut commands = self.gpu.commands("scattered rays");
         pass.clear_unfinished(&mut commands);
         let tracing = Tracing { rays: pass, trees: &self.trees, placed: &batch.placed };
-        tracing.record_as("trace scattered rays", &mut commands, &self.gpu, (&batch.rays, count), sought);
+        tracing.record_as("trace scattered rays", &mut commands, &self.gpu, &batch.rays, count, sought);
         let unfinished = pass.read_unfinished(&mut commands);
         let mut finished = commands.submit().wait()?;
         let secs = begin.elapsed().as_secs_f64();

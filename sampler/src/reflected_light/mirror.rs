@@ -3,8 +3,8 @@
 use argus_scene::reflection::{half_vector, refracted};
 use glam::Vec3;
 
-use crate::light::{Texel, texel_of_guides};
-use crate::point_shading::PointGuides;
+use crate::light::{ShadingPoint, shading_point};
+use crate::point_shading::GBufferTexel;
 
 /// Largest α (squared roughness) of a reflection that is sharp: a lobe of two degrees.
 const SHARP: f32 = 0.02;
@@ -31,10 +31,10 @@ pub struct Ray {
     pub is_through: bool,
 }
 
-/// A reflective surface as guides describe it.
+/// A reflective surface as a G-buffer describes it.
 #[derive(Clone, Copy)]
 pub(crate) struct Mirror {
-    pub(crate) texel: Texel,
+    pub(crate) point: ShadingPoint,
     /// Number of its reflector, from 0.
     pub(crate) reflector: u32,
     /// Reflectance at normal incidence.
@@ -45,17 +45,18 @@ pub(crate) struct Mirror {
 }
 
 impl Mirror {
-    /// The surface of a sub-sample's guides; `None` without a surface.
-    pub(crate) fn of_guides(
-        [surface, material]: PointGuides,
+    /// The surface of a texel of the G-buffer; `None` without one.
+    pub(crate) fn of_g_buffer(
+        [surface, material]: GBufferTexel,
         offset: impl Fn(Vec3) -> f32,
-        (reflector, lets_through): (u32, bool),
+        reflector: u32,
+        lets_through: bool,
     ) -> Option<Self> {
-        let texel = texel_of_guides(surface, material, offset);
+        let point = shading_point(surface, material, offset);
         let [r, g, b, roughness] = material[3].to_le_bytes().map(|byte| f32::from(byte) / 255.0);
         let root = r.clamp(0.0, 0.5).sqrt();
         let eta = lets_through.then_some((1.0 - root) / (1.0 + root));
-        texel.exists.then_some(Self { texel, reflector, f0: Vec3::new(r, g, b), roughness, eta })
+        point.exists.then_some(Self { point, reflector, f0: Vec3::new(r, g, b), roughness, eta })
     }
 
     /// α of its lobe.
@@ -71,14 +72,14 @@ impl Mirror {
     /// The middle of its lobe if it is sharp; otherwise one of `count` half vectors that fill the lobe.
     pub(crate) fn half_vector(&self, index: u32, count: u32) -> Vec3 {
         match self.is_sharp() {
-            true => self.texel.normal,
-            false => half_vector(self.texel.normal.as_dvec3(), self.alpha().into(), index, count).as_vec3(),
+            true => self.point.normal,
+            false => half_vector(self.point.normal.as_dvec3(), self.alpha().into(), index, count).as_vec3(),
         }
     }
 
     /// Where refracted rays begin, and the direction of one that arrives in a unit direction; `None` if nothing passes.
     pub(crate) fn through(&self, direction: Vec3) -> Option<(Vec3, Vec3)> {
-        let Texel { position, normal, start, .. } = self.texel;
+        let ShadingPoint { position, normal, start, .. } = self.point;
         let inward = refracted(direction.as_dvec3(), normal.as_dvec3(), f64::from(self.eta?)).as_vec3();
         // From the other side of the surface.
         Some((position - (start - position), inward))

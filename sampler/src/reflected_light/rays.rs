@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::index_maps::{IndexMaps, MappedReflector};
 use crate::light_rays::{CullMode, LightRays, LightRaysAbout};
 use crate::packets::PacketTracer;
-use crate::point_shading::{ShadingPoint, Side};
+use crate::point_shading::{Side, SurfacePoint};
 use crate::resident::placed;
 
 /// Rays through a scene that pass through one instance, that which reflects them.
@@ -101,7 +101,8 @@ impl ReflectionRays {
     pub(crate) fn pose(
         &mut self,
         scene: &Scene,
-        (tracer, time_secs): (&PacketTracer, f64),
+        tracer: &PacketTracer,
+        time_secs: f64,
     ) -> Result<(), RenderError> {
         self.instances = scene.at(time_secs).instances;
         self.rays.pose(tracer).ok_or_else(too_large)
@@ -167,7 +168,7 @@ impl ReflectionRays {
     }
 
     /// What a ray met, for shading; `width` is that of the area which the ray stands for, metres.
-    pub fn shading_of(&self, met: &MetByRay, width: f64) -> ShadingPoint {
+    pub fn shading_of(&self, met: &MetByRay, width: f64) -> SurfacePoint {
         let instance = &self.instances[met.instance as usize];
         let mesh = &self.scene.meshes[instance.mesh as usize];
         let first = 3 * met.primitive as usize;
@@ -180,7 +181,7 @@ impl ReflectionRays {
         let [second, third] = met.weights;
         let normal = (b - a).cross(c - a).normalize_or(DVec3::Y);
         let right = normal.any_orthonormal_vector();
-        ShadingPoint {
+        SurfacePoint {
             instance: met.instance,
             primitive: met.primitive,
             weights: met.weights,

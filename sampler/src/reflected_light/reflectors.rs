@@ -8,7 +8,7 @@ pub(crate) struct Reflectors {
     pub(crate) instances: Vec<u32>,
     /// For each instance of the scene 1 + the number of its reflector, or 0; at least one.
     pub(crate) numbers: Vec<u32>,
-    /// For each instance the share of light that passes, in the mean over a transmission texture: guides do not hold it.
+    /// For each instance the share of light that passes, in the mean over a transmission texture: the G-buffer does not hold it.
     transmission: Vec<f32>,
 }
 

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use argus_scene::{ProbeSource, RenderError, Scene};
 
-use super::ReflectionRays;
+use super::point_method::{NewPoints, PointMethod};
+use super::rays::ReflectionRays;
+use crate::knobs::missing;
 use crate::packets::PacketTracer;
-use crate::plug::{NewPoints, PointMethod, missing};
 
 /// A scene, and whether it is at the sampler's present pose.
 pub(crate) struct ReflectedScene {
@@ -28,9 +29,11 @@ impl ReflectedScene {
     /// [`RenderError::OutOfMemory`] for a scene of too many triangles, [`RenderError::Invalid`] for points that are not plugged in.
     pub(crate) fn posed(
         before: Option<Self>,
-        (source, points): (ProbeSource, Option<&NewPoints>),
+        source: ProbeSource,
+        points: Option<&NewPoints>,
         scene: &Arc<Scene>,
-        (tracer, time_secs): (&PacketTracer, f64),
+        tracer: &PacketTracer,
+        time_secs: f64,
     ) -> Result<Self, RenderError> {
         let by_points = matches!(source, ProbeSource::Points { .. });
         let found_by = match before {
@@ -39,7 +42,7 @@ impl ReflectedScene {
                 ReflectionSource::Points(new(scene, time_secs))
             }
             Some(Self { found_by: ReflectionSource::Rays(mut rays), .. }) => {
-                rays.pose(scene, (tracer, time_secs))?;
+                rays.pose(scene, tracer, time_secs)?;
                 ReflectionSource::Rays(rays)
             }
             _ => ReflectionSource::Rays(Box::new(ReflectionRays::of_tracer(scene, time_secs, tracer)?)),

@@ -90,7 +90,7 @@ impl Features {
     }
 
     /// Values of the shading programs' `override`s.
-    pub fn constants(self, guides: GuideUse) -> [(&'static str, f64); 12] {
+    pub fn constants(self, g_buffer: GBufferUse) -> [(&'static str, f64); 12] {
         [
             ("has_nearest_textures", self.nearest_textures),
             ("has_second_uvs", self.second_uvs),
@@ -102,16 +102,16 @@ impl Features {
             ("has_vertex_colors", self.vertex_colors),
             ("has_specular", self.specular),
             ("has_environment", self.environment),
-            ("keeps_guides", guides != GuideUse::None),
-            ("lit_by_rays", guides == GuideUse::AllLight),
+            ("keeps_g_buffer", g_buffer != GBufferUse::None),
+            ("lit_by_rays", g_buffer == GBufferUse::AllLight),
         ]
         .map(|(name, has)| (name, f64::from(u8::from(has))))
     }
 }
 
-/// What passes after shading do with guides.
+/// What passes after shading do with the G-buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GuideUse {
+pub enum GBufferUse {
     /// Nothing: shading writes none.
     None,
     /// Indirect light is added to what is shaded.
@@ -120,7 +120,7 @@ pub enum GuideUse {
     AllLight,
 }
 
-impl GuideUse {
+impl GBufferUse {
     /// The use of a sampler with these knobs.
     pub fn of(knobs: &SamplerKnobs) -> Self {
         match (knobs.effects.any(), knobs.indirect) {
@@ -130,7 +130,7 @@ impl GuideUse {
         }
     }
 
-    /// The same use, with guides in any case.
+    /// The same use, with a G-buffer in any case.
     pub fn at_least_kept(self) -> Self {
         if self == Self::None { Self::IndirectLight } else { self }
     }

@@ -7,11 +7,10 @@ use argus_scene::{
     Stage, ViewJob,
 };
 
-use super::GpuSampler;
-use crate::indirect::{IndirectLight, LightInputs};
-use crate::light::{DirectLight, PathLight, PathReport};
-use crate::plug::IndirectMethod;
-use crate::resident::GuideUse;
+use super::gpu_sampler::GpuSampler;
+use crate::indirect::{IndirectLight, IndirectMethod, LightInputs};
+use crate::light::{DirectLight, LightSettings, PathLight, PathReport};
+use crate::resident::GBufferUse;
 use crate::{LightKnobs, SamplerKnobs, timing};
 
 impl GpuSampler {
@@ -25,25 +24,25 @@ impl GpuSampler {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
         let effects = self.knobs.effects;
         let mut stages = Vec::new();
-        match &mut self.direct {
+        match &mut self.lights.direct {
             Some(direct) => direct.relight(lighting),
             None if effects.any() => {
                 let begin = Instant::now();
                 let tracer = self.visibility.prepare_packets(resident);
-                let at = (lighting, time_secs);
-                let direct =
-                    DirectLight::new(gpu, scene, resident.features, tracer, (effects, self.knobs.light), at)?;
-                self.direct = Some(direct);
+                let settings = LightSettings { effects, knobs: self.knobs.light, lighting, time_secs };
+                let direct = DirectLight::new(gpu, scene, resident.features, tracer, settings)?;
+                self.lights.direct = Some(direct);
                 timing::add_since(&mut stages, "build trees for light", begin);
             }
             None => {}
         }
-        if self.indirect.is_none() {
-            self.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect, &self.methods);
+        if self.lights.indirect.is_none() {
+            let new = self.methods.indirect.as_ref();
+            self.lights.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect, new);
         }
-        let Some(indirect) = &mut self.indirect else { return Ok(stages) };
+        let Some(indirect) = &mut self.lights.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
-        let direct = self.direct.as_ref();
+        let direct = self.lights.direct.as_ref();
         let inputs = LightInputs { gpu, scene, resident, tracer, direct, lighting, light, time_secs };
         timing::add(&mut stages, indirect.ready(&inputs, &mut self.scratch)?);
         Ok(stages)
@@ -51,23 +50,23 @@ impl GpuSampler {
 
     /// Has texels of images cast one of so many of their rays of light, until another job says otherwise.
     pub(super) fn divide_rays(&mut self, divisor: u32) {
-        if let Some(direct) = &mut self.direct {
+        if let Some(direct) = &mut self.lights.direct {
             direct.divide_rays(divisor);
         }
     }
 
     pub(super) fn path_light(&self) -> Option<&PathLight> {
-        self.indirect.as_ref().and_then(IndirectLight::paths)
+        self.lights.indirect.as_ref().and_then(IndirectLight::paths)
     }
 
     /// The method that finds indirect light, if it is plugged in. `None` before it was first needed.
     pub fn indirect_method(&self) -> Option<&dyn IndirectMethod> {
-        self.indirect.as_ref().and_then(IndirectLight::method)
+        self.lights.indirect.as_ref().and_then(IndirectLight::method)
     }
 
     /// Report on indirect light by paths. `None` before it was first needed.
     pub fn paths(&self) -> Option<PathReport> {
-        self.indirect.as_ref().and_then(IndirectLight::paths).and_then(PathLight::report)
+        self.lights.indirect.as_ref().and_then(IndirectLight::paths).and_then(PathLight::report)
     }
 
     /// Changes the knobs of indirect light.
@@ -84,13 +83,13 @@ impl GpuSampler {
                 InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
             );
         }
-        if GuideUse::of(&self.knobs) != GuideUse::of(&knobs) {
+        if GBufferUse::of(&self.knobs) != GBufferUse::of(&knobs) {
             let reason = "a sampler is made with direct light by rays, which paths need, or without";
             return Err(InvalidField::new("indirect", reason).into());
         }
         self.knobs = knobs;
-        if !self.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
-            self.indirect = None;
+        if !self.lights.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
+            self.lights.indirect = None;
         }
         if let Some(samples) = &mut self.samples {
             samples.forget_light();
@@ -111,8 +110,8 @@ impl GpuSampler {
         let tracer = self.knobs.light.tracer;
         self.knobs = knobs;
         // Another tracer's trees are built for the next job.
-        self.direct.take_if(|_| light.tracer != tracer);
-        if let Some(direct) = &mut self.direct {
+        self.lights.direct.take_if(|_| light.tracer != tracer);
+        if let Some(direct) = &mut self.lights.direct {
             direct.set_knobs(light);
         }
         Ok(())
@@ -125,14 +124,15 @@ impl GpuSampler {
         effects: LightEffects,
         view: &ViewJob,
     ) -> Option<Result<Frame, RenderError>> {
-        if !effects.any() || !self.direct.as_mut()?.set_effects(&self.scene, effects, self.posed_secs) {
+        if !effects.any() || !self.lights.direct.as_mut()?.set_effects(&self.scene, effects, self.posed_secs)
+        {
             return None;
         }
         let view = ViewJob { time_secs: self.posed_secs, ..view.clone() };
         let frame = self.render_view(&view, &Cancel::default());
         let (scene, own, time_secs) = (&self.scene, self.knobs.effects, self.posed_secs);
         // Light that cannot be restored is made anew for the next job.
-        self.direct.take_if(|direct| !direct.set_effects(scene, own, time_secs));
+        self.lights.direct.take_if(|direct| !direct.set_effects(scene, own, time_secs));
         Some(frame)
     }
 
@@ -149,10 +149,10 @@ impl GpuSampler {
         if self.animated {
             return Ok(true);
         }
-        if self.indirect.is_none() {
+        if self.lights.indirect.is_none() {
             self.light(&info.lighting, LightLevel::Direct, info.time_secs())?;
         }
-        match (&mut self.indirect, &self.direct) {
+        match (&mut self.lights.indirect, &self.lights.direct) {
             (Some(IndirectLight::Paths(paths)), Some(direct)) => paths.prepare(direct.tracing(), light),
             _ => Ok(true),
         }

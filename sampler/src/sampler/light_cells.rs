@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use argus_scene::{CellKnobs, CellReport, Indirect, InvalidField, LightLevel, SurfaceLight, ViewJob};
 
-use super::GpuSampler;
+use super::gpu_sampler::GpuSampler;
 use crate::light::{CellUse, PathLight};
 
 impl GpuSampler {
@@ -52,7 +52,7 @@ impl GpuSampler {
     /// Fills light cells that views lacked for about so long, and with `refines` refines others. Returns whether there is more to
     /// do.
     pub(super) fn fill_cells(&self, time: Duration, refines: bool) -> bool {
-        match (self.path_light(), &self.direct) {
+        match (self.path_light(), &self.lights.direct) {
             (Some(paths), Some(direct)) => paths.fill_slice(direct.tracing(), time, refines),
             _ => false,
         }

@@ -2,8 +2,10 @@
 
 use argus_scene::{Cancel, MegaViews, RenderError, Sample, SampleJob, Stage};
 
-use super::GpuSampler;
-use crate::plug::{LitScene, SampleResults, missing};
+use super::gpu_sampler::GpuSampler;
+use crate::knobs::missing;
+use crate::lit_scene::LitScene;
+use crate::plug::SampleResults;
 use crate::timing;
 
 impl GpuSampler {
@@ -49,7 +51,7 @@ impl GpuSampler {
             scene: &self.scene,
             resident: &self.resident,
             knobs: &self.knobs,
-            lights: (&self.direct, &mut self.indirect),
+            lights: &mut self.lights,
             scratch: &mut self.scratch,
             cancel,
         }

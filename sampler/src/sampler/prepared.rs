@@ -12,9 +12,10 @@ use argus_scene::{
     ViewJob,
 };
 
-use super::probes::SurfacePrograms;
-use super::{GpuSampler, exposed};
+use super::gpu_sampler::{GpuSampler, exposed};
+use super::surface_programs::SurfacePrograms;
 use crate::SamplerKnobs;
+use crate::light::LightSettings;
 use crate::passes::Blend;
 use crate::plug::Methods;
 
@@ -56,7 +57,7 @@ impl PreparedSampler {
         }
         sampler.scene = Arc::default();
         sampler.visibility.set_scene(&sampler.scene);
-        if let Some(direct) = &mut sampler.direct {
+        if let Some(direct) = &mut sampler.lights.direct {
             direct.share_textures(sampler.visibility.prepare_packets(&sampler.resident));
         }
         Ok(Self { opened: scene.hash, sampler })
@@ -88,13 +89,15 @@ impl PreparedSampler {
             sampler.blend = sampler.visibility.has_layers().then(|| Blend::new(&sampler.gpu, defers));
         }
         sampler.lighting = exposed(scene.at(0.0).lighting, &knobs);
-        let direct = sampler.direct.take().filter(|_| knobs.effects.any());
-        sampler.direct = direct.map(|direct| {
+        let direct = sampler.lights.direct.take().filter(|_| knobs.effects.any());
+        sampler.lights.direct = direct.map(|direct| {
             let tracer = sampler.visibility.prepare_packets(&sampler.resident);
-            let (settings, at) = ((knobs.effects, knobs.light), (&sampler.lighting, 0.0));
-            direct.of_scene(&sampler.gpu, &scene, features, tracer, settings, at)
+            let SamplerKnobs { effects, light, .. } = knobs;
+            let lighting = &sampler.lighting;
+            let settings = LightSettings { effects, knobs: light, lighting, time_secs: 0.0 };
+            direct.of_scene(&sampler.gpu, &scene, features, tracer, settings)
         });
-        sampler.indirect = None;
+        sampler.lights.indirect = None;
         sampler.samples = None;
         (sampler.knobs, sampler.scene) = (knobs, scene);
         Ok(sampler)

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::GpuSampler;
+use super::gpu_sampler::GpuSampler;
 
 impl GpuSampler {
     /// Distance to the nearest surface along each ray (origin, direction; metres), in units of the direction. `None`

@@ -7,9 +7,11 @@ use argus_scene::{
     SampleSetInfo, Sampler, ViewJob, Visibility,
 };
 
-use super::{BetweenTiles, GpuSampler, sample_tiles};
+use super::gpu_sampler::GpuSampler;
+use super::ready_scene::BetweenTiles;
 use crate::passes::TileContext;
 use crate::scratch::Extras;
+use crate::tile::sample_tiles;
 
 impl Sampler for GpuSampler {
     fn device(&self) -> &str {

@@ -9,10 +9,10 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use crate::light::Texel;
+use super::taps::taps;
+use crate::light::ShadingPoint;
 use crate::reflected_light::{Mirror, Ray, reflected};
 use crate::tile::Tile;
-use crate::view_reflections::taps;
 
 /// Largest α of a reflection that pixels share in squares of 3 × 3; others share in squares of 5 × 5.
 const SMOOTH: f32 = 0.12;
@@ -24,7 +24,7 @@ const LARGEST_STEP: f32 = 0.05;
 /// Rays of a surface.
 #[derive(Debug, Clone)]
 struct Lobe {
-    texel: Texel,
+    point: ShadingPoint,
     reflector: u32,
     /// Rays of the reflection, with their weights in [`Lobes::weights`].
     reflected: Range<u32>,
@@ -33,12 +33,12 @@ struct Lobe {
 }
 
 /// All rays of a tile.
-pub(super) struct Lobes {
-    pub(super) rays: Vec<Ray>,
+pub(crate) struct Lobes {
+    pub(crate) rays: Vec<Ray>,
     weights: Vec<f32>,
     lobes: Vec<Lobe>,
     /// Reflective sub-samples.
-    pub(super) seen: Vec<Seen>,
+    seen: Vec<Seen>,
     /// For each pixel of the tile its shared lobe, if it has one.
     shared: Vec<Option<u32>>,
     /// Pixels: columns, rows; and sub-samples along a pixel's side.
@@ -48,7 +48,7 @@ pub(super) struct Lobes {
 
 /// A reflective sub-sample.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen {
+struct Seen {
     /// Its number in the tile.
     at: u32,
     /// Its lobe.
@@ -58,17 +58,18 @@ pub(super) struct Seen {
 }
 
 impl Lobes {
-    /// Rays of a tile, of which guides (`shaders/shared/guide.wgsl`) and words of reflectors were read back. A sharp
+    /// Rays of a tile, of which the G-buffer (`shaders/shared/g_buffer.wgsl`) and words of reflectors were read back. A sharp
     /// reflection has `taps_` rays in each sub-sample. `offset` is how far off a surface about the eye rays begin, metres.
     /// `instances` are those of the reflectors.
-    pub(super) fn new(
-        guides: [&[u8]; 3],
-        (tile, taps_): (&Tile, u32),
+    pub(crate) fn new(
+        g_buffer: [&[u8]; 3],
+        tile: &Tile,
+        taps_: u32,
         offset: impl Fn(Vec3) -> f32 + Sync,
         instances: &[u32],
     ) -> Self {
         let [width, _] = tile.sub_samples();
-        let mirrors = mirrors(guides, offset);
+        let mirrors = mirrors(g_buffer, offset);
         let offsets: Vec<Vec2> = taps(taps_).into_iter().map(|tap| tap.as_vec2()).collect();
         let mut all = Self {
             rays: Vec::new(),
@@ -91,7 +92,7 @@ impl Lobes {
                     step(mirror, next.as_ref())
                 });
                 let rays = offsets.iter().map(|tap| tapped(mirror, steps, *tap));
-                let lobe = all.cast(mirror, (at as u32, own), rays, pixel_width / tile.side as f32);
+                let lobe = all.cast(mirror, at as u32, own, rays, pixel_width / tile.side as f32);
                 all.seen.push(Seen { at: at as u32, lobe, square: 1 });
                 continue;
             }
@@ -104,9 +105,9 @@ impl Lobes {
                     let in_image = [0, 1].map(|axis| tile.begin[axis] + pixel[axis]);
                     let stratum = in_image[0] % square + square * (in_image[1] % square);
                     let half = mirror.half_vector(stratum, square * square);
-                    let towards = mirror.texel.position.normalize_or(-half);
-                    let rays = std::iter::once((mirror.texel.start, reflected(towards, half)));
-                    let lobe = all.cast(mirror, (at as u32, own), rays, pixel_width);
+                    let towards = mirror.point.position.normalize_or(-half);
+                    let rays = std::iter::once((mirror.point.start, reflected(towards, half)));
+                    let lobe = all.cast(mirror, at as u32, own, rays, pixel_width);
                     all.shared[number] = Some(lobe);
                     lobe
                 }
@@ -121,12 +122,13 @@ impl Lobes {
     fn cast(
         &mut self,
         mirror: &Mirror,
-        (at, own): (u32, Option<u32>),
+        at: u32,
+        own: Option<u32>,
         reflected: impl Iterator<Item = (Vec3, Vec3)>,
         pixel_width: f32,
     ) -> u32 {
-        let &Mirror { texel, reflector, .. } = mirror;
-        let (width, spread) = (pixel_width * texel.position.length(), pixel_width + mirror.alpha());
+        let &Mirror { point, reflector, .. } = mirror;
+        let (width, spread) = (pixel_width * point.position.length(), pixel_width + mirror.alpha());
         let ray = |start, direction, past, is_through| Ray {
             start,
             direction,
@@ -139,29 +141,29 @@ impl Lobes {
         };
         let first = self.rays.len() as u32;
         for (start, direction) in reflected {
-            let weight = direction.dot(texel.normal);
+            let weight = direction.dot(point.normal);
             if weight > 0.0 {
                 // Where the shading normal leans away from the triangle's, a ray may point into the surface. It stands for
                 // a smooth one, and passes through.
-                let past = own.filter(|_| direction.dot(texel.side) <= 0.0);
+                let past = own.filter(|_| direction.dot(point.side) <= 0.0);
                 self.rays.push(ray(start, direction, past, false));
                 self.weights.push(weight);
             }
         }
         let end = self.rays.len() as u32;
-        let through = mirror.through(texel.position.normalize_or(-texel.normal)).map(|(start, inward)| {
+        let through = mirror.through(point.position.normalize_or(-point.normal)).map(|(start, inward)| {
             self.rays.push(ray(start, inward, own, true));
             self.weights.push(1.0);
             end
         });
-        self.lobes.push(Lobe { texel, reflector, reflected: first..end, through });
+        self.lobes.push(Lobe { point, reflector, reflected: first..end, through });
         self.lobes.len() as u32 - 1
     }
 
     /// What arrives at each of `count` sub-samples, by the radiance that rays meet: reflected radiance of all, and then
     /// refracted radiance of all, if there is any. The fourth component is unused.
-    pub(super) fn gather(&self, arriving: &[Vec3], count: usize) -> Vec<[f32; 4]> {
-        let sums: Vec<[(Vec3, f32); 2]> =
+    pub(crate) fn gather(&self, arriving: &[Vec3], count: usize) -> Vec<[f32; 4]> {
+        let sums: Vec<[Sum; 2]> =
             self.lobes.par_iter().with_min_len(1024).map(|lobe| self.sums(lobe, arriving)).collect();
         let found: Vec<[Vec3; 2]> =
             self.seen.par_iter().with_min_len(256).map(|seen| self.of_square(seen, &sums)).collect();
@@ -177,21 +179,22 @@ impl Lobes {
     }
 
     /// Weighted sums of a lobe's reflected and refracted radiance, and their weights.
-    fn sums(&self, lobe: &Lobe, arriving: &[Vec3]) -> [(Vec3, f32); 2] {
+    fn sums(&self, lobe: &Lobe, arriving: &[Vec3]) -> [Sum; 2] {
         let rays = lobe.reflected.start as usize..lobe.reflected.end as usize;
-        let add = |(sum, all): (Vec3, f32), (radiance, weight): (&Vec3, &f32)| {
-            (sum + *radiance * *weight, all + weight)
-        };
-        let reflected = arriving[rays.clone()].iter().zip(&self.weights[rays]).fold((Vec3::ZERO, 0.0), add);
-        let through = lobe.through.map_or((Vec3::ZERO, 0.0), |ray| (arriving[ray as usize], 1.0));
+        let mut reflected = Sum::default();
+        for (radiance, weight) in arriving[rays.clone()].iter().zip(&self.weights[rays]) {
+            reflected.add(*radiance * *weight, *weight);
+        }
+        let through =
+            lobe.through.map(|ray| Sum { radiance: arriving[ray as usize], weight: 1.0 }).unwrap_or_default();
         [reflected, through]
     }
 
     /// Means over the lobes of the square around a sub-sample's pixel that show its surface.
-    fn of_square(&self, seen: &Seen, sums: &[[(Vec3, f32); 2]]) -> [Vec3; 2] {
+    fn of_square(&self, seen: &Seen, sums: &[[Sum; 2]]) -> [Vec3; 2] {
         let own = &sums[seen.lobe as usize];
         if seen.square == 1 {
-            return own.map(mean);
+            return own.map(Sum::mean);
         }
         let lobe = &self.lobes[seen.lobe as usize];
         let [width, height] = self.size.map(i64::from);
@@ -201,7 +204,7 @@ impl Lobes {
         let weight = |off: i64| (reach + 1 - off.abs()).min(3) as f32;
         let (at, columns) = (i64::from(seen.at), width * side);
         let (column, row) = (at % columns / side, at / columns / side);
-        let mut all = [(Vec3::ZERO, 0.0); 2];
+        let mut all = [Sum::default(); 2];
         for y in (row - reach).max(0)..=(row + reach).min(height - 1) {
             for x in (column - reach).max(0)..=(column + reach).min(width - 1) {
                 let Some(number) = self.shared[(y * width + x) as usize] else { continue };
@@ -209,27 +212,42 @@ impl Lobes {
                 if number == seen.lobe || lobe.agrees(other) {
                     let weight = weight(x - column) * weight(y - row);
                     for (all, one) in all.iter_mut().zip(&sums[number as usize]) {
-                        *all = (all.0 + one.0 * weight, all.1 + one.1 * weight);
+                        all.add(one.radiance * weight, one.weight * weight);
                     }
                 }
             }
         }
-        all.map(mean)
+        all.map(Sum::mean)
     }
 }
 
 impl Lobe {
     /// Whether another pixel reflects about the same.
     fn agrees(&self, other: &Self) -> bool {
-        let off = (self.texel.position - other.texel.position).length();
+        let off = (self.point.position - other.point.position).length();
         self.reflector == other.reflector
-            && self.texel.normal.dot(other.texel.normal) > ALIKE
-            && off < LARGEST_STEP * self.texel.position.length()
+            && self.point.normal.dot(other.point.normal) > ALIKE
+            && off < LARGEST_STEP * self.point.position.length()
     }
 }
 
-fn mean((sum, weights): (Vec3, f32)) -> Vec3 {
-    if weights > 0.0 { sum / weights } else { Vec3::ZERO }
+/// A weighted sum of radiance.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    radiance: Vec3,
+    weight: f32,
+}
+
+impl Sum {
+    /// Adds radiance that is already weighted.
+    fn add(&mut self, radiance: Vec3, weight: f32) {
+        self.radiance += radiance;
+        self.weight += weight;
+    }
+
+    fn mean(self) -> Vec3 {
+        if self.weight > 0.0 { self.radiance / self.weight } else { Vec3::ZERO }
+    }
 }
 
 /// Reflective surfaces of a tile's sub-samples.
@@ -238,13 +256,13 @@ fn mirrors(
     offset: impl Fn(Vec3) -> f32 + Sync,
 ) -> Vec<Option<Mirror>> {
     let word4 = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
-    let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+    let g_buffer = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
     let of_sub_sample = |((surface, material), word): ((&[u8; 16], &[u8; 16]), &[u8; 4])| {
         let word = u32::from_le_bytes(*word);
         let number = probe_in_word(word).checked_sub(1)?;
-        Mirror::of_guides([word4(surface), word4(material)], &offset, (number, lets_through(word)))
+        Mirror::of_g_buffer([word4(surface), word4(material)], &offset, number, lets_through(word))
     };
-    guides.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
+    g_buffer.zip(words.as_chunks::<4>().0).with_min_len(4096).map(of_sub_sample).collect()
 }
 
 /// Number of the reflector, from 1, in a word of `shaders/shared/reflection_probes.wgsl`.
@@ -260,14 +278,14 @@ fn lets_through(word: u32) -> bool {
 /// Change of position and normal to a neighbour, if it shows the same surface.
 fn step(here: &Mirror, next: Option<&Mirror>) -> [Vec3; 2] {
     let Some(next) = next.filter(|next| next.reflector == here.reflector) else { return [Vec3::ZERO; 2] };
-    let [step, turn] = [next.texel.position - here.texel.position, next.texel.normal - here.texel.normal];
-    let is_smooth = step.length() < LARGEST_STEP * here.texel.position.length() && turn.length() < 1.0;
+    let [step, turn] = [next.point.position - here.point.position, next.point.normal - here.point.normal];
+    let is_smooth = step.length() < LARGEST_STEP * here.point.position.length() && turn.length() < 1.0;
     if is_smooth { [step, turn] } else { [Vec3::ZERO; 2] }
 }
 
 /// Start and direction of the reflected ray at an offset from a sub-sample's middle, in sub-samples.
 fn tapped(mirror: &Mirror, [right, down]: [[Vec3; 2]; 2], tap: Vec2) -> (Vec3, Vec3) {
-    let Texel { position, normal, start, .. } = mirror.texel;
+    let ShadingPoint { position, normal, start, .. } = mirror.point;
     let normal = (normal + right[1] * tap.x + down[1] * tap.y).normalize_or(normal);
     let step = right[0] * tap.x + down[0] * tap.y;
     let towards = (position + step).normalize_or(-normal);
@@ -285,9 +303,9 @@ mod tests {
 
     fn mirror(normal: Vec3) -> Mirror {
         let position = Vec3::new(0.0, 0.0, -4.0);
-        let texel =
-            Texel { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
-        Mirror { texel, reflector: 0, f0: Vec3::ONE, roughness: 0.0, eta: None }
+        let point =
+            ShadingPoint { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
+        Mirror { point, reflector: 0, f0: Vec3::ONE, roughness: 0.0, eta: None }
     }
 
     #[test]
@@ -297,7 +315,7 @@ mod tests {
         let turn = [[Vec3::X * 0.1, Vec3::X * 0.2], [Vec3::ZERO; 2]];
         let (start, direction) = tapped(&here, turn, Vec2::X);
         assert!(
-            (start - here.texel.start - Vec3::X * 0.1).length() < 1e-6 && direction.x > 0.2,
+            (start - here.point.start - Vec3::X * 0.1).length() < 1e-6 && direction.x > 0.2,
             "{direction}"
         );
         assert_eq!(tapped(&here, turn, Vec2::ZERO).1, Vec3::Z);
@@ -315,7 +333,7 @@ mod tests {
     #[test]
     fn an_eye_on_the_surface_gives_unit_directions() {
         let mut here = mirror(Vec3::Z);
-        here.texel.position = Vec3::ZERO;
+        here.point.position = Vec3::ZERO;
         assert!(
             here.through(-Vec3::Z).is_none() && tapped(&here, [[Vec3::ZERO; 2]; 2], Vec2::X).1.is_finite()
         );

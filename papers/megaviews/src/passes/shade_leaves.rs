@@ -4,7 +4,7 @@ use crate::hierarchy::Octree;
 use crate::programs::SHADE_LEAVES;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 
-use argus_sampler::plug::{Features, GuideUse, Guides, TileContext};
+use argus_sampler::plug::{Features, GBuffer, GBufferUse, TileContext};
 
 /// Shades leaves with the functions that shade surfaces.
 pub(crate) struct ShadeLeaves {
@@ -28,20 +28,21 @@ pub(crate) struct Leaves<'a> {
 
 impl ShadeLeaves {
     /// The pipeline for a scene's features.
-    pub(crate) fn new(gpu: &Gpu, features: Features, guides: GuideUse) -> Self {
+    pub(crate) fn new(gpu: &Gpu, features: Features, g_buffer: GBufferUse) -> Self {
         Self {
-            pipeline: gpu.compute_pipeline_with(&SHADE_LEAVES, "shade_leaves", &features.constants(guides)),
-            unused: gpu.buffer("no guides", 16, wgpu::BufferUsages::STORAGE),
+            pipeline: gpu.compute_pipeline_with(&SHADE_LEAVES, "shade_leaves", &features.constants(g_buffer)),
+            unused: gpu.buffer("no G-buffer", 16, wgpu::BufferUsages::STORAGE),
         }
     }
 
     /// Shades the chunk's image, which is the context's tile, and writes the planes of its leaves.
     pub(crate) fn record(&self, commands: &mut Commands, context: &TileContext<'_>, leaves: &Leaves<'_>) {
         let TileContext { targets, tile, .. } = context;
-        let (guides, materials) = targets.guides.as_ref().map_or((&self.unused, &self.unused), Guides::both);
-        if targets.guides.is_some() {
-            // Texels beyond the last leaf have no guides.
-            commands.clear(guides);
+        let (g_buffer, materials) =
+            targets.g_buffer.as_ref().map_or((&self.unused, &self.unused), GBuffer::both);
+        if targets.g_buffer.is_some() {
+            // Texels beyond the last leaf have no surface.
+            commands.clear(g_buffer);
         }
         let [width, height] = tile.sub_samples();
         context
@@ -50,8 +51,8 @@ impl ShadeLeaves {
             .read("facing", leaves.facing)
             .read("triangle_ids", leaves.triangle_ids)
             .read("nodes", &leaves.octree.nodes)
-            .write("guides", guides)
-            .write("guide_materials", materials)
+            .write("g_surfaces", g_buffer)
+            .write("g_materials", materials)
             .write("shaded", &targets.shaded)
             .write("surfels", leaves.surfels)
             .dispatch_threads([width, height, 1]);

@@ -5,7 +5,7 @@ use crate::layout::{Blocks, Chosen};
 use crate::programs::CHOOSE_RECEIVERS;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 
-use argus_sampler::plug::Guides;
+use argus_sampler::plug::GBuffer;
 
 /// Most receivers of a block, as in `shaders/shared/receivers.wgsl`.
 pub(crate) const OF_BLOCK: usize = 2;
@@ -46,7 +46,7 @@ impl ChooseReceivers {
         gpu: &Gpu,
         commands: &mut Commands,
         layout: &BlockUniform,
-        guides: &Guides,
+        g_buffer: &GBuffer,
     ) -> wgpu::Buffer {
         let bytes = (layout.len() * OF_BLOCK * size_of::<Chosen>()) as u64;
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
@@ -55,7 +55,7 @@ impl ChooseReceivers {
         commands
             .compute("choose receivers", &self.pipeline)
             .read("blocks", &layout.uniform)
-            .read("guides", &guides.surfaces)
+            .read("g_surfaces", &g_buffer.surfaces)
             .write("chosen", &chosen)
             .dispatch([columns, rows, 1]);
         chosen

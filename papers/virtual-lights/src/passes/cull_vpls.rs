@@ -28,7 +28,7 @@ impl CullVpls {
         commands
             .compute("cull VPLs", &self.pipeline)
             .read("gathering", &gathered.gathering)
-            .read("guides", &gathered.guides.surfaces)
+            .read("g_surfaces", &gathered.g_buffer.surfaces)
             .read("nodes", nodes)
             .write("lists", &gathered.scratch.lists)
             .write("kept", kept)

@@ -26,15 +26,15 @@ impl FilterIndirect {
         commands
             .compute("filter indirect light", &self.rows)
             .read("gathering", &gathered.gathering)
-            .read("guides", &gathered.guides.surfaces)
+            .read("g_surfaces", &gathered.g_buffer.surfaces)
             .read("gathered", &scratch.light[0])
             .write("filtered", &scratch.light[1])
             .dispatch_threads([width, height, 1]);
         commands
             .compute("add indirect light", &self.columns)
             .read("gathering", &gathered.gathering)
-            .read("guides", &gathered.guides.surfaces)
-            .read("guide_materials", &gathered.guides.materials)
+            .read("g_surfaces", &gathered.g_buffer.surfaces)
+            .read("g_materials", &gathered.g_buffer.materials)
             .read("gathered", &scratch.light[1])
             .write("shaded", shaded)
             .dispatch_threads([width, height, 1]);

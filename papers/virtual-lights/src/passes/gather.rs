@@ -4,7 +4,7 @@ use crate::layout::vpl::{BLOCK, LIST_WORDS};
 use crate::programs::GATHER;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 
-use argus_sampler::plug::Guides;
+use argus_sampler::plug::GBuffer;
 
 /// Buffers of a tile's indirect light, reused for tiles of the same size.
 #[derive(Clone)]
@@ -45,7 +45,7 @@ pub(crate) fn blocks(size: [u32; 2]) -> [u32; 2] {
 pub(crate) struct Gathered<'a> {
     pub(crate) scratch: &'a IndirectScratch,
     /// Surfaces of the tile's sub-samples.
-    pub(crate) guides: &'a Guides,
+    pub(crate) g_buffer: &'a GBuffer,
     /// Uniform of the passes.
     pub(crate) gathering: wgpu::Buffer,
 }
@@ -112,7 +112,7 @@ impl Gather {
         commands
             .compute("gather VPLs", &self.pipeline)
             .read("gathering", &gathered.gathering)
-            .read("guides", &gathered.guides.surfaces)
+            .read("g_surfaces", &gathered.g_buffer.surfaces)
             .read("vpls", vpls)
             .read("lists", &gathered.scratch.lists)
             .read("eyes", &maps.eyes)

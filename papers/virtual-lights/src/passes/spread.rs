@@ -4,7 +4,7 @@ use crate::programs::SPREAD;
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 
 use super::BlockUniform;
-use argus_sampler::plug::{Guides, TileContext};
+use argus_sampler::plug::{GBuffer, TileContext};
 
 /// One invocation a sub-sample.
 pub(crate) struct Spread {
@@ -14,7 +14,7 @@ pub(crate) struct Spread {
 /// Inputs.
 pub(crate) struct SpreadFrom<'a> {
     pub(crate) layout: &'a BlockUniform,
-    pub(crate) guides: &'a Guides,
+    pub(crate) g_buffer: &'a GBuffer,
     /// Two words a block: indices of its receivers.
     pub(crate) of_blocks: &'a wgpu::Buffer,
     pub(crate) receivers: &'a wgpu::Buffer,
@@ -33,8 +33,8 @@ impl Spread {
         commands
             .compute("spread light", &self.pipeline)
             .read("blocks", &from.layout.uniform)
-            .read("guides", &from.guides.surfaces)
-            .read("guide_materials", &from.guides.materials)
+            .read("g_surfaces", &from.g_buffer.surfaces)
+            .read("g_materials", &from.g_buffer.materials)
             .read("of_blocks", from.of_blocks)
             .read("receivers", from.receivers)
             .read("received", from.received)

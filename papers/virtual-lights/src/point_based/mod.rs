@@ -22,12 +22,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::layout::Chosen;
-use argus_gpu::{Commands, Gpu, wgpu};
+use argus_gpu::{Gpu, wgpu};
 use argus_megaviews::hierarchy::Octree;
 use argus_megaviews::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
 use argus_megaviews::{LitOctree, to_render_error};
 use argus_sampler::plug::{
-    Extras, Eye, GuideUse, IndirectMethod, LightInputs, LightSharing, Placement, Resident, Scratch,
+    Extras, Eye, Frame, GBufferUse, IndirectMethod, LightInputs, LightSharing, Placement, Resident, Scratch,
     TileContext, timing, upload,
 };
 use argus_scene::indirect::PointKnobs;
@@ -123,17 +123,12 @@ impl IndirectMethod for PointBased {
         Ok(stages)
     }
 
-    fn add(
-        &mut self,
-        commands: Commands,
-        context: &TileContext<'_>,
-        sharing: LightSharing,
-        stages: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError> {
-        if self.octree.nodes().is_none() {
-            return Ok(commands);
-        }
-        self.add_with(commands, context, sharing, None, stages)
+    fn choose(&mut self, frame: &mut Frame<'_>) -> Result<Option<wgpu::Buffer>, RenderError> {
+        Ok(if self.octree.nodes().is_none() { None } else { self.choose_receivers(frame) })
+    }
+
+    fn add(&mut self, frame: &mut Frame<'_>, chosen: Option<&[u8]>) -> Result<(), RenderError> {
+        chosen.map_or(Ok(()), |chosen| self.add_with(frame, chosen, None))
     }
 }
 
@@ -142,7 +137,7 @@ impl PointBased {
     pub(crate) fn new(gpu: &Gpu, resident: &Resident, knobs: PointKnobs) -> Self {
         Self {
             knobs,
-            octree: LitOctree::new(gpu, resident, GuideUse::IndirectLight, knobs.levels),
+            octree: LitOctree::new(gpu, resident, GBufferUse::IndirectLight, knobs.levels),
             choose: ChooseReceivers::new(gpu),
             receive: Receive::new(gpu, 1),
             spread: Spread::new(gpu),
@@ -176,17 +171,20 @@ impl PointBased {
             let lights: Option<LightAt<'_>> = if bounce == 0 { None } else { Some(&of_lights) };
             let surfels = self.octree.make_surfels(gpu)?;
             for chunk in &self.octree.chunks(gpu) {
-                let mut commands = gpu.commands("light leaves");
-                let extras = Extras { guides: true, ..Extras::default() };
+                let extras = Extras { g_buffer: true, ..Extras::default() };
                 let context = TileContext {
                     places: self.octree.places(),
                     ..TileContext::new(gpu, resident, &eye, &chunk.tile, scratch, extras)
                 };
-                self.octree.shade(&mut commands, &context, chunk, &surfels);
-                let mut commands =
-                    self.add_with(commands, &context, LightSharing::Each, lights, &mut Vec::new())?;
-                self.octree.keep(&mut commands, &context, chunk, &surfels);
-                commands.submit().wait()?;
+                let mut stages = Vec::new();
+                let mut frame = Frame::new(context, LightSharing::Each, "light leaves", &mut stages);
+                self.octree.shade(&mut frame.commands, &frame.context, chunk, &surfels);
+                if let Some(buffer) = self.choose_receivers(&mut frame) {
+                    let [chosen] = frame.read_back([(&buffer, buffer.size())], "light leaves")?;
+                    self.add_with(&mut frame, &chosen, lights)?;
+                }
+                self.octree.keep(&mut frame.commands, &frame.context, chunk, &surfels);
+                frame.commands.submit().wait()?;
             }
             let mut commands = gpu.commands("average surfels");
             self.octree.light(&mut commands, surfels, lighting, time_secs);
@@ -195,28 +193,36 @@ impl PointBased {
         Ok(())
     }
 
-    /// Adds the light, with additional light at the receivers.
+    /// The blocks of a frame that share receivers.
+    fn blocks(&self, frame: &Frame<'_>) -> BlockUniform {
+        let TileContext { gpu, tile, .. } = &frame.context;
+        let (block, reach) = frame.sharing.blocks(self.knobs.block, tile.side);
+        BlockUniform::new(gpu, tile.sub_samples(), block, reach)
+    }
+
+    /// Records the choice of a frame's receivers.
+    fn choose_receivers(&self, frame: &mut Frame<'_>) -> Option<wgpu::Buffer> {
+        let layout = self.blocks(frame);
+        let Frame { commands, context, .. } = frame;
+        Some(self.choose.record(context.gpu, commands, &layout, context.targets.g_buffer.as_ref()?))
+    }
+
+    /// Adds the light that chosen receivers get, with additional light at them.
     fn add_with(
         &mut self,
-        mut commands: Commands,
-        context: &TileContext<'_>,
-        sharing: LightSharing,
+        frame: &mut Frame<'_>,
+        chosen: &[u8],
         more: Option<LightAt<'_>>,
-        stages: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError> {
+    ) -> Result<(), RenderError> {
+        let layout = self.blocks(frame);
+        let Frame { commands: spreading, context, stages, .. } = frame;
         let gpu = context.gpu;
-        let Some(guides) = &context.targets.guides else { return Ok(commands) };
-        let (block, reach) = sharing.blocks(self.knobs.block, context.tile.side);
-        let layout = BlockUniform::new(gpu, context.tile.sub_samples(), block, reach);
-        let chosen = self.choose.record(gpu, &mut commands, &layout, guides);
-        let pending = commands.read_buffer(&chosen, 0..chosen.size());
-        let mut finished = commands.submit().wait()?;
-        timing::add(stages, std::mem::take(&mut finished.stages));
-        let all: Vec<Chosen> = bytemuck::pod_collect_to_vec(&finished.take(pending)[..]);
+        let Some(g_buffer) = &context.targets.g_buffer else { return Ok(()) };
+        let all: Vec<Chosen> = bytemuck::pod_collect_to_vec(chosen);
         let receivers = Receivers::of(&all);
         self.report.receivers = receivers.chosen.len();
         if receivers.chosen.is_empty() {
-            return Ok(gpu.commands("nothing receives light"));
+            return Ok(());
         }
 
         let world = |c: &Chosen| context.eye.position + Vec3::from_array(c.position).as_dvec3();
@@ -259,17 +265,16 @@ impl PointBased {
             timing::add_since(stages, "maps of receivers", begin);
         }
 
-        let mut commands = gpu.commands("spread light");
         let of_blocks = upload(gpu, "receivers of blocks", &receivers.of_blocks, storage)?;
         let from = SpreadFrom {
             layout: &layout,
-            guides,
+            g_buffer,
             of_blocks: &of_blocks,
             receivers: &buffer,
             received: &received,
         };
-        self.spread.record(&mut commands, context, &from);
-        Ok(commands)
+        self.spread.record(spreading, context, &from);
+        Ok(())
     }
 }
 

@@ -13,7 +13,7 @@
 //! texel (*exact*), by splatted points (*imperfect*), or from an octree of the scene, shared by neighbouring VPLs
 //! (*megaviews*) or not (*manylods*).
 //!
-//! Once a tile: shading writes position, normal and albedo of each sub-sample (*guides*). Groups of VPLs that cannot
+//! Once a tile: shading writes position, normal and albedo of each sub-sample (the *G-buffer*). Groups of VPLs that cannot
 //! light a block of 16×16 are culled and the rest are weighted; with `--vpl-groups` only some are drawn. Each sub-sample
 //! draws VPLs by weight, with another offset than its neighbours. A cross-bilateral filter then shares the gathered
 //! light.
@@ -38,8 +38,7 @@ use crate::layout::vpl::MOST_GROUPS;
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_megaviews::hierarchy::Octree;
 use argus_sampler::plug::{
-    IndirectMethod, LightInputs, LightSharing, PacketTracer, Placement, Scratch, Surfaces, TileContext,
-    upload,
+    Frame, IndirectMethod, LightInputs, PacketTracer, Placement, Scratch, Surfaces, TileContext, upload,
 };
 use argus_scene::indirect::{MapSource, VplKnobs};
 use argus_scene::{Bounds, Indirect, Lighting, RenderError, Scene, Stage};
@@ -108,15 +107,9 @@ impl IndirectMethod for Radiosity {
         self.ready_at(inputs)
     }
 
-    fn add(
-        &mut self,
-        mut commands: Commands,
-        context: &TileContext<'_>,
-        _: LightSharing,
-        _: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError> {
-        self.record(&mut commands, context);
-        Ok(commands)
+    fn add(&mut self, frame: &mut Frame<'_>, _: Option<&[u8]>) -> Result<(), RenderError> {
+        self.record(&mut frame.commands, &frame.context);
+        Ok(())
     }
 }
 
@@ -319,7 +312,7 @@ impl Radiosity {
             return;
         }
         let scratch = self.scratch(context.gpu, context.tile.sub_samples());
-        let (Some(lit), Some(guides)) = (&self.lit, &context.targets.guides) else { return };
+        let (Some(lit), Some(g_buffer)) = (&self.lit, &context.targets.g_buffer) else { return };
         let diagonal = self.bounds.size().length();
         let knobs = &self.knobs;
         let is_list = context.places.is_some();
@@ -344,7 +337,7 @@ impl Radiosity {
             kept_groups: knobs.groups,
         };
         let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
-        let gathered = Gathered { scratch: &scratch, guides, gathering };
+        let gathered = Gathered { scratch: &scratch, g_buffer, gathering };
         self.passes.cull.record(commands, &gathered, &lit.nodes, &lit.kept);
         lit.gather.record(commands, &gathered, &lit.vpls, &lit.maps);
         self.passes.filter.record(commands, &gathered, &context.targets.shaded);

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::super::filter::smoothed;
 use super::super::paths::Leaves;
 use super::super::pattern::{Pattern, SLOTS, above};
-use super::super::texels::{Texel, Texels};
+use super::super::shading_points::{ShadingPoint, ShadingPoints};
 use super::lookup::CellLight;
 use crate::light_rays::LightRaysAbout;
 
@@ -62,41 +62,41 @@ impl Mul<f32> for Sums {
 
 impl Surroundings<'_> {
     /// The light of all texels that exist.
-    pub(super) fn light(&self, texels: &Texels) -> Vec<CellLight> {
+    pub(super) fn light(&self, points: &ShadingPoints) -> Vec<CellLight> {
         let pattern = Pattern::of_disc(RAYS);
-        let slots = if texels.first.is_some() { 1 } else { SLOTS_IN_LIST };
+        let slots = if points.first.is_some() { 1 } else { SLOTS_IN_LIST };
         let cast = |index: usize| {
-            let (texel, mut sums) = (&texels.all[index], Sums::default());
-            if texel.exists {
+            let (point, mut sums) = (&points.all[index], Sums::default());
+            if point.exists {
                 for slot in 0..slots {
-                    let discs = pattern.of_slot((texels.slot(index) + slot) % SLOTS);
-                    discs.for_each(|disc| self.add(texel, above(texel.normal, disc), &mut sums));
+                    let discs = pattern.of_slot((points.slot(index) + slot) % SLOTS);
+                    discs.for_each(|disc| self.add(point, above(point.normal, disc), &mut sums));
                 }
             }
             sums
         };
-        let sums: Vec<Sums> = (0..texels.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
+        let sums: Vec<Sums> = (0..points.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
         let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
         let light = |Sums { seen, whole, reflected, rays }: Sums| CellLight {
             sky: Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z)),
             indirect: if rays > 0.0 { reflected / rays } else { Vec3::ZERO },
         };
-        smoothed(sums, texels).into_par_iter().map(light).collect()
+        smoothed(sums, points).into_par_iter().map(light).collect()
     }
 
-    fn add(&self, texel: &Texel, direction: Vec3, sums: &mut Sums) {
+    fn add(&self, point: &ShadingPoint, direction: Vec3, sums: &mut Sums) {
         let radiance = sky_radiance(self.sky, direction);
         sums.rays += 1.0;
         sums.whole += radiance;
-        if !(texel.is_lifted || direction.dot(texel.side) > 0.0) {
+        if !(point.is_lifted || direction.dot(point.side) > 0.0) {
             return;
         }
-        let hit = self.about.nearest(texel.start, direction, f32::MAX);
+        let hit = self.about.nearest(point.start, direction, f32::MAX);
         let reach = self.sky.reach.map_or(f32::MAX, |reach| reach as f32);
         if hit.is_none_or(|hit| hit.t > reach) {
             sums.seen += radiance;
         }
-        let side = hit.and_then(|hit| self.leaves.hit(texel.start + self.from_eye, direction, &hit));
+        let side = hit.and_then(|hit| self.leaves.hit(point.start + self.from_eye, direction, &hit));
         sums.reflected += side.map_or(Vec3::ZERO, |side| self.radiance[side as usize]);
     }
 }

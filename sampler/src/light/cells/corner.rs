@@ -6,8 +6,8 @@
 
 use glam::{IVec3, Vec3};
 
-use super::CellScene;
-use super::key::CellKey;
+use super::super::lattice::CellKey;
+use super::scene::CellScene;
 use super::sides::{ALMOST, LIFT, Side};
 
 /// Which sides are mixed.

@@ -10,10 +10,10 @@ use argus_scene::Bounds;
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::texels::{Texel, Texels};
+use super::super::lattice::{CellKey, Lattice, MOST_LEVEL};
+use super::super::shading_points::{ShadingPoint, ShadingPoints};
 use super::corner::{MOST_GROUPS, above};
-use super::key::{CellKey, Lattice, MOST_LEVEL};
-use super::rays::RAYS;
+use super::scene::RAYS;
 use super::sides::{ALMOST, MOST_BLOCKED};
 use super::store::Store;
 use crate::light_rays::LightRaysAbout;
@@ -144,14 +144,14 @@ struct Corners {
 
 impl Lookup<'_> {
     /// Corners of every `step`-th pixel in each direction that lack cells; ascending.
-    pub(super) fn missing(&self, texels: &Texels, step: usize) -> Vec<CellKey> {
-        let [width, height] = texels.size;
+    pub(super) fn missing(&self, points: &ShadingPoints, step: usize) -> Vec<CellKey> {
+        let [width, height] = points.size;
         let of_row = |row: usize| {
             let mut lacking = Vec::new();
             let mut last = None;
             for column in (0..width).step_by(step) {
-                let Some(texel) = texels.all.get(row * width + column) else { continue };
-                for key in self.corners(texel).into_iter().flatten() {
+                let Some(point) = points.all.get(row * width + column) else { continue };
+                for key in self.corners(point).into_iter().flatten() {
                     if last.replace(key) != Some(key) && !self.store.is_whole(key, self.tier) {
                         lacking.push(key);
                     }
@@ -164,8 +164,8 @@ impl Lookup<'_> {
     }
 
     /// Looks all pixels up that `answers` says are missing. Returns the corners that lack cells; ascending.
-    pub(super) fn look_up(&self, texels: &Texels, answers: &mut [Answer]) -> Vec<CellKey> {
-        let [width, _] = texels.size;
+    pub(super) fn look_up(&self, points: &ShadingPoints, answers: &mut [Answer]) -> Vec<CellKey> {
+        let [width, _] = points.size;
         let band = |(number, answers): (usize, &mut [Answer])| {
             let mut lacking = Vec::new();
             if !answers.contains(&Answer::Missing) {
@@ -178,7 +178,7 @@ impl Lookup<'_> {
                     for column in begin..(begin + BLOCK).min(width) {
                         let place = row * width + column;
                         if answers[place] == Answer::Missing {
-                            answers[place] = self.answer(&texels.all[first + place], &mut corners);
+                            answers[place] = self.answer(&points.all[first + place], &mut corners);
                         }
                     }
                 }
@@ -192,23 +192,23 @@ impl Lookup<'_> {
     }
 
     /// The two corners that a pixel looks up: at its level, and if it blends into the next, there.
-    fn corners(&self, texel: &Texel) -> [Option<CellKey>; 2] {
-        if !texel.exists {
+    fn corners(&self, point: &ShadingPoint) -> [Option<CellKey>; 2] {
+        if !point.exists {
             return [None; 2];
         }
-        let (level, blend) = self.level(texel);
-        let at = |level: u32| self.corner(texel, level).map(|(key, _)| key);
+        let (level, blend) = self.level(point);
+        let at = |level: u32| self.corner(point, level).map(|(key, _)| key);
         [at(level), if blend > 0.0 { at(level + 1) } else { None }]
     }
 
-    fn answer(&self, texel: &Texel, corners: &mut Corners) -> Answer {
-        if !texel.exists {
+    fn answer(&self, point: &ShadingPoint, corners: &mut Corners) -> Answer {
+        if !point.exists {
             return Answer::Nothing;
         }
-        let (level, blend) = self.level(texel);
-        let coarse = self.mixed(texel, level, corners);
+        let (level, blend) = self.level(point);
+        let coarse = self.mixed(point, level, corners);
         // Both are looked up in any case, so that all that lacks is known.
-        let fine = if blend > 0.0 { Some(self.mixed(texel, level + 1, corners)) } else { None };
+        let fine = if blend > 0.0 { Some(self.mixed(point, level + 1, corners)) } else { None };
         match (coarse, fine) {
             (Mixed::Missing, _) | (_, Some(Mixed::Missing)) => Answer::Missing,
             (Mixed::Light(coarse), None) => Answer::Light(coarse.light()),
@@ -222,9 +222,9 @@ impl Lookup<'_> {
     }
 
     /// The level of a pixel, and the share of the next finer one.
-    fn level(&self, texel: &Texel) -> (u32, f32) {
-        let distance = texel.position.length();
-        let cosine = (texel.side.dot(texel.position).abs() / distance).max(LEAST_COSINE);
+    fn level(&self, point: &ShadingPoint) -> (u32, f32) {
+        let distance = point.position.length();
+        let cosine = (point.side.dot(point.position).abs() / distance).max(LEAST_COSINE);
         let spacing = self.spread * distance / cosine.sqrt();
         // NaN becomes 0.
         let level = (self.lattice.edge / spacing).log2().max(0.0).min(MOST_LEVEL as f32);
@@ -236,9 +236,9 @@ impl Lookup<'_> {
     /// The corner of a pixel on a level, and the pixel's place from its lowest cell's lowest corner, in edges of a cell: 0.5
     /// to 1.5.
     #[inline]
-    fn corner(&self, texel: &Texel, level: u32) -> Option<(CellKey, Vec3)> {
+    fn corner(&self, point: &ShadingPoint, level: u32) -> Option<(CellKey, Vec3)> {
         let (cell, within) = (*self.eye.get(level as usize)?)?;
-        let place = texel.position / self.lattice.spacing(level) + within;
+        let place = point.position / self.lattice.spacing(level) + within;
         let base = (place - 0.5).floor();
         // Saturates, and is then beyond the lattice.
         let key = CellKey::new(
@@ -252,8 +252,8 @@ impl Lookup<'_> {
         Some((key, place - base))
     }
 
-    fn mixed(&self, texel: &Texel, level: u32, corners: &mut Corners) -> Mixed {
-        let Some((key, place)) = self.corner(texel, level) else { return Mixed::Alone };
+    fn mixed(&self, point: &ShadingPoint, level: u32, corners: &mut Corners) -> Mixed {
+        let Some((key, place)) = self.corner(point, level) else { return Mixed::Alone };
         let known = match corners.known.iter().rev().find(|(known, _)| *known == key) {
             Some((_, known)) => known.clone(),
             None => {
@@ -265,8 +265,8 @@ impl Lookup<'_> {
         let Known::Sides(sides, groups) = known else { return Mixed::Missing };
         let (sides, groups) = (&corners.sides[sides], &corners.groups[groups]);
         let mixed = match groups.is_empty() {
-            true => Weighed::all(sides, texel, place).mean(),
-            false => self.seen(sides, groups, texel, (place, level)).and_then(Weighed::mean),
+            true => Weighed::all(sides, point, place).mean(),
+            false => self.seen(sides, groups, point, place, level).and_then(Weighed::mean),
         };
         mixed.map_or(Mixed::Alone, Mixed::Light)
     }
@@ -277,12 +277,13 @@ impl Lookup<'_> {
         &self,
         sides: &[Near],
         groups: &[Group],
-        texel: &Texel,
-        (place, level): (Vec3, u32),
+        point: &ShadingPoint,
+        place: Vec3,
+        level: u32,
     ) -> Option<Weighed> {
         let mut of_groups = [Weighed::default(); MOST_GROUPS + 1];
         let of_groups = &mut of_groups[..=groups.last().map_or(0, |group| usize::from(group.number))];
-        sides.iter().for_each(|side| of_groups[usize::from(side.group)].add(side, texel, place));
+        sides.iter().for_each(|side| of_groups[usize::from(side.group)].add(side, point, place));
         let total = of_groups.iter().map(Weighed::weight).sum::<f32>();
         let spacing = self.lattice.spacing(level);
         let (mut all, mut seen) = (of_groups[0], None);
@@ -292,8 +293,8 @@ impl Lookup<'_> {
             if weight(&group) <= LITTLE * total {
                 break;
             }
-            let to = texel.position + (group.above - place) * spacing - texel.start;
-            let is_seen = !self.about.is_blocked(texel.start, to, ALMOST);
+            let to = point.position + (group.above - place) * spacing - point.start;
+            let is_seen = !self.about.is_blocked(point.start, to, ALMOST);
             seen = Some(seen.unwrap_or(false) || is_seen);
             let of_group = std::mem::take(&mut of_groups[usize::from(group.number)]);
             if is_seen {
@@ -346,15 +347,15 @@ impl Lookup<'_> {
 impl Near {
     /// How much the side counts at a pixel.
     #[inline]
-    fn weight(&self, texel: &Texel, place: Vec3) -> f32 {
-        let facing = texel.normal.dot(self.normal);
+    fn weight(&self, point: &ShadingPoint, place: Vec3) -> f32 {
+        let facing = point.normal.dot(self.normal);
         if facing <= 0.0 {
             return 0.0;
         }
         // 1 − across for the lower cell of an axis, across for the upper one.
         let across = place - 0.5;
         let near = (1.0 - across + self.offset * (2.0 * across - 1.0)).element_product();
-        let off = (place - self.at).dot(texel.side);
+        let off = (place - self.at).dot(point.side);
         let plane = (1.0 - PLANE * off * off).max(0.0);
         let squared = facing * facing;
         near * (squared * squared) * (plane * plane) * self.valid
@@ -370,15 +371,15 @@ struct Weighed {
 }
 
 impl Weighed {
-    fn all(sides: &[Near], texel: &Texel, place: Vec3) -> Self {
+    fn all(sides: &[Near], point: &ShadingPoint, place: Vec3) -> Self {
         let mut all = Self::default();
-        sides.iter().for_each(|side| all.add(side, texel, place));
+        sides.iter().for_each(|side| all.add(side, point, place));
         all
     }
 
     #[inline]
-    fn add(&mut self, side: &Near, texel: &Texel, place: Vec3) {
-        let weight = side.weight(texel, place);
+    fn add(&mut self, side: &Near, point: &ShadingPoint, place: Vec3) {
+        let weight = side.weight(point, place);
         if side.is_unfit {
             self.unfit += weight;
         } else {
@@ -411,13 +412,14 @@ fn sorted(mut keys: Vec<CellKey>) -> Vec<CellKey> {
 }
 
 /// The texels of an image or list that have no light yet, as an image of their own.
-pub(super) fn only(texels: &Texels, keep: impl Fn(usize) -> bool + Sync) -> Texels {
-    let texel = |(index, texel): (usize, &Texel)| if keep(index) { *texel } else { Texel::default() };
-    Texels {
-        size: texels.size,
-        first: texels.first,
-        effort: texels.effort,
-        all: texels.all.par_iter().enumerate().map(texel).collect(),
+pub(super) fn only(points: &ShadingPoints, keep: impl Fn(usize) -> bool + Sync) -> ShadingPoints {
+    let point =
+        |(index, point): (usize, &ShadingPoint)| if keep(index) { *point } else { ShadingPoint::default() };
+    ShadingPoints {
+        size: points.size,
+        first: points.first,
+        effort: points.effort,
+        all: points.all.par_iter().enumerate().map(point).collect(),
         bounds: Bounds::EMPTY,
     }
 }

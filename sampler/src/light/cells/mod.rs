@@ -11,7 +11,7 @@
 //!
 //! # Steps
 //!
-//! 1. [`key`]: the lattice. A cell has a level, whose spacing halves from one to the next, and three numbers.
+//! 1. [`super::lattice`]: the lattice. A cell has a level, whose spacing halves from one to the next, and three numbers.
 //! 2. [`sides`]: what lies in a cell and faces the same way; [`tree`] finds its triangles.
 //! 3. [`rays`]: the light that arrives at a side, by 16 rays, by 64 or by 256: its *tiers*.
 //! 4. [`corner`]: which of the eight cells of a lookup have a wall between them.
@@ -24,10 +24,10 @@
 
 mod alone;
 mod corner;
-mod key;
 mod lookup;
 mod queue;
 mod rays;
+mod scene;
 mod sides;
 mod store;
 mod tree;
@@ -35,23 +35,23 @@ mod tree;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use argus_scene::{CellKnobs, CellReport, Lighting, Sky, SurfaceLight};
+use argus_scene::{CellKnobs, CellReport, Lighting, SurfaceLight};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::lattice::CellKey;
 use super::paths::Leaves;
-use super::texels::Texels;
+use super::shading_points::ShadingPoints;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 use alone::Surroundings;
-use key::CellKey;
 use lookup::{Answer, Lookup, only};
 use queue::Queue;
-use rays::{RAYS, Sequence, Sums};
+use rays::Sums;
+use scene::{CellScene, RAYS, Sequence};
 use sides::Side;
 use store::{Store, TIERS};
 
-pub(super) use key::Lattice;
 pub(super) use lookup::CellLight;
 pub(super) use tree::BoxTree;
 
@@ -95,20 +95,6 @@ impl From<Option<SurfaceLight>> for CellUse {
             Some(SurfaceLight::Cells { rays }) => Self::Whole { rays },
         }
     }
-}
-
-/// What fills cells: a posed and lit scene. Positions are metres about the centre of its leaves.
-pub(super) struct CellScene<'a> {
-    pub(super) lattice: Lattice,
-    pub(super) leaves: &'a Leaves,
-    pub(super) tree: &'a BoxTree,
-    pub(super) surfaces: &'a Surfaces,
-    /// The scene about that centre. Rays of cells start from surfaces, so they are the same for all eyes.
-    pub(super) about: &'a LightRaysAbout<'a>,
-    pub(super) sky: &'a Sky,
-    /// Radiance that leaf sides reflect.
-    pub(super) radiance: &'a [Vec3],
-    sequence: &'a Sequence,
 }
 
 /// The scene's parts, as a caller has them.
@@ -214,7 +200,12 @@ impl LightCells {
     }
 
     /// Looks the light of texels up; `None` if the job is lit by rays.
-    pub(super) fn look_up(&self, parts: Parts<'_>, texels: &Texels, eye: Eye<'_>) -> Option<Vec<CellLight>> {
+    pub(super) fn look_up(
+        &self,
+        parts: Parts<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+    ) -> Option<Vec<CellLight>> {
         let mut state = self.state();
         let scene = self.scene(parts);
         state.relight(parts.lighting);
@@ -222,15 +213,15 @@ impl LightCells {
             (CellUse::Rays, _) | (_, Some(SurfaceLight::Rays)) => None,
             (CellUse::Whole { rays }, _) | (_, Some(SurfaceLight::Cells { rays })) => {
                 let tier = tier_of(rays);
-                let answers = self.answers(&mut state, &scene, texels, eye, (tier, f64::INFINITY));
+                let answers = self.answers(&mut state, &scene, points, eye, tier, f64::INFINITY);
                 Some((tier, answers.unwrap_or_default()))
             }
-            (CellUse::Open, None) => self.best(&mut state, &scene, texels, eye),
+            (CellUse::Open, None) => self.best(&mut state, &scene, points, eye),
         };
         let found = light.as_ref().map(|(tier, _)| SurfaceLight::Cells { rays: RAYS[*tier] as u32 });
         state.job.found = Some(found.unwrap_or(SurfaceLight::Rays));
         let (_, answers) = light?;
-        Some(with_alone(&scene, texels, eye, &answers))
+        Some(with_alone(&scene, points, eye, &answers))
     }
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
@@ -238,15 +229,15 @@ impl LightCells {
         &self,
         state: &mut State,
         scene: &CellScene<'_>,
-        texels: &Texels,
+        points: &ShadingPoints,
         eye: Eye<'_>,
     ) -> Option<(usize, Vec<Answer>)> {
         for tier in (0..=tier_of(self.knobs.rays)).rev() {
-            let missing = self.lookup(&state.store, scene, eye, tier).missing(texels, ASKED);
+            let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
             let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
             // Better light is no reason to wait.
             let found = match within && (tier == 0 || missing.is_empty()) {
-                true => self.answers(state, scene, texels, eye, (tier, VIEW_FILLS_MS)),
+                true => self.answers(state, scene, points, eye, tier, VIEW_FILLS_MS),
                 false => None,
             };
             if let Some(answers) = found {
@@ -266,13 +257,14 @@ impl LightCells {
         &self,
         state: &mut State,
         scene: &CellScene<'_>,
-        texels: &Texels,
+        points: &ShadingPoints,
         eye: Eye<'_>,
-        (tier, most_ms): (usize, f64),
+        tier: usize,
+        most_ms: f64,
     ) -> Option<Vec<Answer>> {
-        let mut answers = vec![Answer::Missing; texels.all.len()];
+        let mut answers = vec![Answer::Missing; points.all.len()];
         loop {
-            let missing = self.lookup(&state.store, scene, eye, tier).look_up(texels, &mut answers);
+            let missing = self.lookup(&state.store, scene, eye, tier).look_up(points, &mut answers);
             if missing.is_empty() {
                 return Some(answers);
             }
@@ -331,12 +323,17 @@ impl LightCells {
 }
 
 /// Adds the light of pixels that cast rays of their own.
-fn with_alone(scene: &CellScene<'_>, texels: &Texels, eye: Eye<'_>, answers: &[Answer]) -> Vec<CellLight> {
+fn with_alone(
+    scene: &CellScene<'_>,
+    points: &ShadingPoints,
+    eye: Eye<'_>,
+    answers: &[Answer],
+) -> Vec<CellLight> {
     let is_alone = |index: usize| !matches!(answers[index], Answer::Light(_) | Answer::Nothing);
     let alone = (0..answers.len()).into_par_iter().any(is_alone).then(|| {
         let from_eye = (eye.position - scene.leaves.center()).as_vec3();
         let (about, leaves, radiance, sky) = (eye.about, scene.leaves, scene.radiance, scene.sky);
-        Surroundings { about, leaves, radiance, sky, from_eye }.light(&only(texels, is_alone))
+        Surroundings { about, leaves, radiance, sky, from_eye }.light(&only(points, is_alone))
     });
     let light = |(index, answer): (usize, &Answer)| match answer {
         Answer::Light(light) => *light,

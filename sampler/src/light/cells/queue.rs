@@ -2,7 +2,7 @@
 
 use std::collections::{HashSet, VecDeque};
 
-use super::key::CellKey;
+use super::super::lattice::CellKey;
 
 /// Most corners that wait. Beyond, the oldest are left out: a view that needs them asks again.
 const MOST: usize = 1 << 18;

@@ -8,9 +8,10 @@
 use argus_scene::light_sampling::r2;
 use glam::Vec3;
 
-use super::super::paths::{Polygon, hash};
-use super::CellScene;
-use super::key::CellKey;
+use super::super::lattice::CellKey;
+use super::super::paths::Polygon;
+use super::super::pattern::hash;
+use super::scene::CellScene;
 
 /// Origins of a side's rays.
 pub(super) const ORIGINS: usize = 8;

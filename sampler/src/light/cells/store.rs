@@ -7,8 +7,9 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::IVec3;
 
-use super::key::{CellKey, PAGE_CELLS, PageKey};
-use super::rays::{RAYS, Sums};
+use super::super::lattice::{CellKey, PAGE_CELLS, PageKey};
+use super::rays::Sums;
+use super::scene::RAYS;
 use super::sides::Side;
 
 /// Tiers of rays.

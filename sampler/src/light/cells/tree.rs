@@ -54,7 +54,7 @@ impl BoxTree {
     pub(super) fn within(&self, around: Box3) -> Vec<u32> {
         let mut runs = Vec::new();
         if !self.order.is_empty() {
-            self.collect((self.heights.len() - 1, 0), around, &mut runs);
+            self.collect(self.heights.len() - 1, 0, around, &mut runs);
         }
         let count: usize = runs.iter().map(|run: &std::ops::Range<usize>| run.len()).sum();
         let all = runs.into_iter().flatten().map(|place| self.order[place]);
@@ -71,7 +71,7 @@ impl BoxTree {
         found
     }
 
-    fn collect(&self, (height, node): (usize, usize), around: Box3, runs: &mut Vec<std::ops::Range<usize>>) {
+    fn collect(&self, height: usize, node: usize, around: Box3, runs: &mut Vec<std::ops::Range<usize>>) {
         let [low, high] = self.heights[height][node];
         if !(low.cmple(around[1]) & high.cmpge(around[0])).all() {
             return;
@@ -84,7 +84,7 @@ impl BoxTree {
         }
         for child in [2 * node, 2 * node + 1] {
             if child < self.heights[height - 1].len() {
-                self.collect((height - 1, child), around, runs);
+                self.collect(height - 1, child, around, runs);
             }
         }
     }

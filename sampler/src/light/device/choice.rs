@@ -79,7 +79,7 @@ fn rates(
         let mut commands = gpu.commands("time rays of light");
         let tracing = Tracing { rays: &device.tracer, trees: &device.trees, placed: &placed };
         let sought = Sought::Passed(&passed);
-        tracing.record_as("time rays", &mut commands, gpu, (&buffer, RAYS[0] as u32), sought);
+        tracing.record_as("time rays", &mut commands, gpu, &buffer, RAYS[0] as u32, sought);
         commands.submit().wait()?;
         on_device = on_device.min(begin.elapsed().as_secs_f64() * 1e3);
     }

@@ -5,10 +5,10 @@ use argus_scene::light_sampling::r2;
 use glam::{DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::cells::Lattice;
-use super::super::texels::Texel;
+use super::super::lattice::Lattice;
+use super::super::pattern::hash;
+use super::super::shading_points::ShadingPoint;
 use super::grid::{Grid, Table};
-use super::links::hash;
 use super::polygon::Polygon;
 use crate::light_rays::{LightRaysAbout, RayHit};
 use crate::resident::{Cull, Placement};
@@ -34,7 +34,7 @@ pub(in crate::light) struct Leaves {
     keys: Vec<u32>,
     /// For each cell, its first leaf side; one entry more.
     first: Vec<u32>,
-    pub(super) sides: Vec<Side>,
+    pub(in crate::light) sides: Vec<Side>,
     /// Where the rays of each leaf side start.
     points: Vec<Point>,
     rays: usize,
@@ -46,7 +46,7 @@ pub(in crate::light) struct Leaves {
 }
 
 /// Surfaces of a cell, seen from one side.
-pub(super) struct Side {
+pub(in crate::light) struct Side {
     /// Mean position.
     center: Vec3,
     /// Unit mean normal, towards the side.
@@ -86,7 +86,7 @@ struct Facing {
 
 impl Leaves {
     /// Divides visible surfaces. `rays` is the number of points of each leaf side.
-    pub(super) fn new(surfaces: &Surfaces, level: u32, rays: usize) -> Self {
+    pub(in crate::light) fn new(surfaces: &Surfaces, level: u32, rays: usize) -> Self {
         let mut bounds = Bounds::EMPTY;
         let finite = |triangle: &[DVec3; 3]| triangle.iter().all(|corner| corner.is_finite());
         surfaces.triangles().filter(finite).flatten().for_each(|corner| bounds.extend(corner));
@@ -328,16 +328,21 @@ impl Leaves {
     }
 
     /// Point number `index` of all leaf sides, as a surface that casts rays.
-    pub(super) fn texel(&self, surfaces: &Surfaces, about: &LightRaysAbout<'_>, index: usize) -> Texel {
+    pub(in crate::light) fn texel(
+        &self,
+        surfaces: &Surfaces,
+        about: &LightRaysAbout<'_>,
+        index: usize,
+    ) -> ShadingPoint {
         let point = self.points[index];
         let is_front = self.sides[index / self.rays].is_front;
-        let Some(front) = self.front(point.triangle) else { return Texel::default() };
+        let Some(front) = self.front(point.triangle) else { return ShadingPoint::default() };
         let side = if is_front { front } else { -front };
         let normal = self.placement(surfaces, point.triangle).and_then(|(placement, primitive)| {
             surfaces.shading_normal(placement, primitive, point.weights.map(f64::from), side.as_dvec3())
         });
         let position = self.position(point);
-        Texel {
+        ShadingPoint {
             exists: true,
             position,
             normal: normal.map_or(side, |normal| normal.as_vec3()),
@@ -397,7 +402,7 @@ impl Leaves {
     }
 
     /// Means of values over each leaf side and those of neighbouring cells in the same plane.
-    pub(super) fn smoothed(&self, values: &[Vec3]) -> Vec<Vec3> {
+    pub(in crate::light) fn smoothed(&self, values: &[Vec3]) -> Vec<Vec3> {
         let of_cell = |leaf: usize| {
             let cell = Grid::cell(self.keys[leaf]);
             let mut around = [u32::MAX; 27];
@@ -409,14 +414,15 @@ impl Leaves {
             let around = around.into_iter().filter(|leaf| *leaf != u32::MAX);
             let most_off = SAME_PLANE * self.grid.size(cell);
             self.sides_in(leaf as u32)
-                .map(move |side| self.mean_around((side, most_off), around.clone(), values))
+                .map(move |side| self.mean_around(side, most_off, around.clone(), values))
         };
         (0..self.keys.len()).into_par_iter().with_min_len(64).flat_map_iter(of_cell).collect()
     }
 
     fn mean_around(
         &self,
-        (side, most_off): (u32, f32),
+        side: u32,
+        most_off: f32,
         around: impl Iterator<Item = u32>,
         values: &[Vec3],
     ) -> Vec3 {
@@ -436,7 +442,7 @@ impl Leaves {
     }
 
     /// Reflected radiance of leaf sides by their irradiance / π.
-    pub(super) fn reflected(&self, irradiance_over_pi: &[Vec3]) -> Vec<Vec3> {
+    pub(in crate::light) fn reflected(&self, irradiance_over_pi: &[Vec3]) -> Vec<Vec3> {
         self.sides
             .par_iter()
             .zip(irradiance_over_pi)

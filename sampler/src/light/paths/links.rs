@@ -6,8 +6,8 @@ use argus_scene::shading::sky_radiance;
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
-use super::super::pattern::above;
-use super::super::texels::Texel;
+use super::super::pattern::{above, hash};
+use super::super::shading_points::ShadingPoint;
 use super::leaves::Leaves;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
@@ -18,7 +18,7 @@ const SKY: u32 = u32::MAX;
 const DARK: u32 = u32::MAX - 1;
 
 /// For each leaf side, the leaf sides that its rays hit.
-pub(super) struct Links {
+pub(in crate::light) struct Links {
     targets: Vec<u32>,
     rays: usize,
     /// Directions of rays by cosine, as points of the unit square: each leaf side shifts them.
@@ -27,7 +27,7 @@ pub(super) struct Links {
 
 impl Links {
     /// Casts the rays of all leaf sides, `rays` each.
-    pub(super) fn trace(
+    pub(in crate::light) fn trace(
         leaves: &Leaves,
         surfaces: &Surfaces,
         about: &LightRaysAbout<'_>,
@@ -36,15 +36,15 @@ impl Links {
         let squares = (0..rays).map(|ray| r2(ray as u32 + 1)).collect();
         let mut links = Self { targets: Vec::new(), rays, squares };
         let target = |index: usize| {
-            let texel = leaves.texel(surfaces, about, index);
-            let direction = links.direction(index / rays, index % rays, texel.normal);
+            let point = leaves.texel(surfaces, about, index);
+            let direction = links.direction(index / rays, index % rays, point.normal);
             // Interpolated normals allow directions below the triangle.
-            if !(texel.exists && direction.dot(texel.side) > 0.0) {
+            if !(point.exists && direction.dot(point.side) > 0.0) {
                 return DARK;
             }
-            match about.nearest(texel.start, direction, f32::MAX) {
+            match about.nearest(point.start, direction, f32::MAX) {
                 None => SKY,
-                Some(hit) => leaves.hit(texel.start, direction, &hit).unwrap_or(DARK),
+                Some(hit) => leaves.hit(point.start, direction, &hit).unwrap_or(DARK),
             }
         };
         let count = leaves.sides.len() * rays;
@@ -59,14 +59,14 @@ impl Links {
     }
 
     /// Sum of the sky's radiance along the rays of a leaf side that reach it. `texels` are where they start.
-    pub(super) fn sky(&self, side: usize, texels: &[Texel], sky: &Sky) -> Vec3 {
+    pub(in crate::light) fn sky(&self, side: usize, points: &[ShadingPoint], sky: &Sky) -> Vec3 {
         let targets = &self.targets[side * self.rays..(side + 1) * self.rays];
-        let reaches = targets.iter().zip(texels).enumerate().filter(|(_, (target, _))| **target == SKY);
-        reaches.map(|(ray, (_, texel))| sky_radiance(sky, self.direction(side, ray, texel.normal))).sum()
+        let reaches = targets.iter().zip(points).enumerate().filter(|(_, (target, _))| **target == SKY);
+        reaches.map(|(ray, (_, point))| sky_radiance(sky, self.direction(side, ray, point.normal))).sum()
     }
 
     /// Irradiance / π of leaf sides after some bounces from leaf side to leaf side, direct light included.
-    pub(super) fn bounce(&self, leaves: &Leaves, direct: &[Vec3], bounces: u32) -> Vec<Vec3> {
+    pub(in crate::light) fn bounce(&self, leaves: &Leaves, direct: &[Vec3], bounces: u32) -> Vec<Vec3> {
         let mut all = direct.to_vec();
         for _ in 0..bounces {
             let radiance = leaves.reflected(&all);
@@ -79,15 +79,4 @@ impl Links {
         }
         all
     }
-}
-
-/// Two numbers in 0..1 by an index (lowbias32, Wellons).
-pub(in crate::light) fn hash(index: u32) -> DVec2 {
-    let mix = |x: u32| {
-        let x = (x ^ x >> 16).wrapping_mul(0x7feb_352d);
-        let x = (x ^ x >> 15).wrapping_mul(0x846c_a68b);
-        x ^ x >> 16
-    };
-    let (first, second) = (mix(index), mix(!index));
-    DVec2::new(f64::from(first), f64::from(second)) / (f64::from(u32::MAX) + 1.0)
 }

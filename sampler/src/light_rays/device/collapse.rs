@@ -3,13 +3,49 @@
 //! For each binary node the cost is found of representing its subtree by one to seven roots, from the leaves up (Ylitie,
 //! Karras and Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", 2017, section 3.1).
 
-use super::node::{Bounds, WIDTH};
 use crate::bvh::Node;
 
+/// Children of a node.
+pub(super) const WIDTH: usize = 8;
 /// Most triangles of a leaf.
 pub(super) const LEAF: usize = 3;
 /// Cost of testing a triangle, in units of that of testing a node's boxes.
 const TRIANGLE_COST: f32 = 0.4;
+
+/// An axis-aligned box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bounds {
+    pub(super) min: [f32; 3],
+    pub(super) max: [f32; 3],
+}
+
+impl Bounds {
+    /// A point.
+    pub(super) const NOTHING: Self = Self { min: [0.0; 3], max: [0.0; 3] };
+
+    /// The box around both.
+    pub(super) fn with(self, other: Self) -> Self {
+        let pick =
+            |f: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|axis| f(a[axis], b[axis]));
+        Self { min: pick(f32::min, self.min, other.min), max: pick(f32::max, self.max, other.max) }
+    }
+
+    /// Half its surface area.
+    pub(super) fn surface(&self) -> f32 {
+        let [x, y, z] = [0, 1, 2].map(|axis| self.max[axis] - self.min[axis]);
+        x * y + y * z + z * x
+    }
+
+    /// Its middle along an axis.
+    pub(super) fn middle(&self, axis: usize) -> f32 {
+        self.min[axis] * 0.5 + self.max[axis] * 0.5
+    }
+
+    pub(super) fn longest_axis(&self) -> usize {
+        let length = |axis: &usize| self.max[*axis] - self.min[*axis];
+        (0..3).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or(0)
+    }
+}
 
 /// A binary tree with at most [`LEAF`] items a leaf, and how it is to be collapsed.
 pub(super) struct Binary {

@@ -1,9 +1,7 @@
 //! Nodes of eight children in 80 bytes: `shaders/shared/scattered/trees.wgsl`.
 
-use super::collapse::Binary;
+use super::collapse::{Binary, Bounds, WIDTH};
 
-/// Children of a node.
-pub(super) const WIDTH: usize = 8;
 /// Words of a node.
 const WORDS: usize = 20;
 /// Word of a record that is a placed object.
@@ -15,41 +13,6 @@ const EXPONENTS: [i32; 2] = [1, 254];
 
 /// A node in the program's layout.
 pub(super) type Record = [u32; WORDS];
-
-/// An axis-aligned box.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Bounds {
-    pub(super) min: [f32; 3],
-    pub(super) max: [f32; 3],
-}
-
-impl Bounds {
-    /// A point.
-    pub(super) const NOTHING: Self = Self { min: [0.0; 3], max: [0.0; 3] };
-
-    /// The box around both.
-    pub(super) fn with(self, other: Self) -> Self {
-        let pick =
-            |f: fn(f32, f32) -> f32, a: [f32; 3], b: [f32; 3]| [0, 1, 2].map(|axis| f(a[axis], b[axis]));
-        Self { min: pick(f32::min, self.min, other.min), max: pick(f32::max, self.max, other.max) }
-    }
-
-    /// Half its surface area.
-    pub(super) fn surface(&self) -> f32 {
-        let [x, y, z] = [0, 1, 2].map(|axis| self.max[axis] - self.min[axis]);
-        x * y + y * z + z * x
-    }
-
-    /// Its middle along an axis.
-    pub(super) fn middle(&self, axis: usize) -> f32 {
-        self.min[axis] * 0.5 + self.max[axis] * 0.5
-    }
-
-    pub(super) fn longest_axis(&self) -> usize {
-        let length = |axis: &usize| self.max[*axis] - self.min[*axis];
-        (0..3).max_by(|a, b| length(a).total_cmp(&length(b))).unwrap_or(0)
-    }
-}
 
 /// What leaves of a tree become.
 pub(super) enum LeafUse<'a> {

@@ -59,7 +59,7 @@ impl Both {
         pass.clear_unfinished(&mut commands);
         let tracing = Tracing { rays: &pass, trees: &self.trees, placed: &placed };
         for sought in [Sought::Nearest(&hits), Sought::Passed(&passed)] {
-            tracing.record_as("trace", &mut commands, gpu, (&data, count as u32), sought);
+            tracing.record_as("trace", &mut commands, gpu, &data, count as u32, sought);
         }
         let read = [
             commands.read_buffer(&hits, 0..hits.size()),

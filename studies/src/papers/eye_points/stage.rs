@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_eye_points::{Eye, LARGEST_SIDE, ReflectivePixel, curved_reflector, planar_reflector};
-use argus_sampler::plug::{MappedReflector, ShadingPoint, Side};
+use argus_sampler::plug::{MappedReflector, Side, SurfacePoint};
 use argus_scene::reference::{Hit, Tracer};
 use argus_scene::shading::{Surface, diffuse_radiance, reflected_around};
 use argus_scene::{Camera, Instance, Scene};
@@ -247,7 +247,7 @@ impl Stage {
     }
 
     /// Radiance of a surface in a reflection: what does not depend on the viewer.
-    pub(super) fn shade(&self, at: &ShadingPoint) -> Vec3 {
+    pub(super) fn shade(&self, at: &SurfacePoint) -> Vec3 {
         let [right, up] = at.footprint;
         let hit = Hit {
             instance: at.instance,

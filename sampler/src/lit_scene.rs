@@ -2,19 +2,19 @@
 
 use std::sync::Arc;
 
-use argus_gpu::{Commands, Gpu};
-use argus_scene::{Cancel, Lighting, RenderError, SampleCamera, Scene, Stage};
+use argus_gpu::Gpu;
+use argus_scene::{Cancel, Lighting, RenderError, SampleCamera, Scene};
 use glam::DVec3;
 
 use crate::SamplerKnobs;
 use crate::eye::Eye;
-use crate::indirect::{IndirectLight, LightSharing};
-use crate::light::DirectLight;
+use crate::frame::{Frame, check_wanted};
+use crate::indirect::Lights;
 use crate::passes::TileContext;
 use crate::resident::Resident;
-use crate::sampler::{add_light, check_wanted, sample_tiles};
 use crate::scratch::{Extras, Scratch};
-use crate::tile::Tile;
+use crate::stages;
+use crate::tile::{Tile, sample_tiles};
 
 /// A scene on a device, at the pose and in the light of a job.
 pub struct LitScene<'a> {
@@ -26,7 +26,7 @@ pub struct LitScene<'a> {
     pub resident: &'a Resident,
     /// The sampler's settings.
     pub knobs: &'a SamplerKnobs,
-    pub(crate) lights: (&'a Option<DirectLight>, &'a mut Option<IndirectLight>),
+    pub(crate) lights: &'a mut Lights,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) cancel: &'a Cancel,
 }
@@ -56,18 +56,18 @@ impl<'a> LitScene<'a> {
         sample_tiles(camera, self.knobs.side())
     }
 
-    /// What the passes of a tile share. With `guides`, the targets have room for what later light needs.
-    pub fn context<'b>(&mut self, eye: &'b Eye, tile: &'b Tile, guides: bool) -> TileContext<'b>
+    /// What the passes of a tile share. With `g_buffer`, the targets have room for what later light needs.
+    pub fn context<'b>(&mut self, eye: &'b Eye, tile: &Tile, g_buffer: bool) -> TileContext<'b>
     where
         'a: 'b,
     {
-        let extras = Extras { guides, ..Extras::default() };
+        let extras = Extras { g_buffer, ..Extras::default() };
         TileContext::new(self.gpu, self.resident, eye, tile, self.scratch, extras)
     }
 
-    /// Whether light is added to what is shaded, for which shading leaves guides.
-    pub fn keeps_guides(&self) -> bool {
-        self.lights.0.is_some() || self.lights.1.is_some()
+    /// Whether light is added to what is shaded, for which shading leaves a G-buffer.
+    pub fn keeps_g_buffer(&self) -> bool {
+        self.lights.any()
     }
 
     /// Whether light changes with time in a static scene.
@@ -75,19 +75,11 @@ impl<'a> LitScene<'a> {
         self.knobs.indirect.drifts()
     }
 
-    /// Adds direct light by rays and indirect light to a tile that `commands` shade, as far as there are any. Returns the commands
-    /// that later passes are recorded into.
+    /// Adds direct light by rays and indirect light to a shaded frame, as far as there are any.
     ///
     /// # Errors
     /// The errors of the device.
-    pub fn add_light(
-        &mut self,
-        commands: Commands,
-        context: &TileContext<'_>,
-        sharing: LightSharing,
-        stages: &mut Vec<Stage>,
-    ) -> Result<Commands, RenderError> {
-        let lights = (self.lights.0, &mut *self.lights.1);
-        Ok(add_light(lights, commands, context, (sharing, false), stages)?.0)
+    pub fn add_light(&mut self, frame: &mut Frame<'_>) -> Result<(), RenderError> {
+        stages::light(frame, self.lights)
     }
 }

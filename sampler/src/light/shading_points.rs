@@ -4,13 +4,13 @@ use argus_scene::Bounds;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::Neighbours;
 use super::pattern::{self, SLOTS, slot};
+use crate::frame::Neighbours;
 use crate::light_rays::LightRaysAbout;
 
 /// A visible surface. Positions are metres about the eye.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Texel {
+pub(crate) struct ShadingPoint {
     pub(crate) exists: bool,
     pub(crate) position: Vec3,
     /// Unit shading normal.
@@ -33,19 +33,19 @@ pub(super) enum Effort {
 }
 
 /// The texels of a tile, row by row; or points of leaf sides, a leaf side in each row.
-pub(super) struct Texels {
+pub(super) struct ShadingPoints {
     /// Columns, rows.
     pub(super) size: [usize; 2],
     /// Coordinates of the first in its image; `None` if texels have no neighbours.
     pub(super) first: Option<[u32; 2]>,
     pub(super) effort: Effort,
-    pub(super) all: Vec<Texel>,
+    pub(super) all: Vec<ShadingPoint>,
     /// Box around those that exist, about the eye.
     pub(super) bounds: Bounds,
 }
 
-impl Texels {
-    /// Reads guides: `shaders/shared/guide.wgsl`.
+impl ShadingPoints {
+    /// Reads a G-buffer: `shaders/shared/g_buffer.wgsl`.
     pub(super) fn new(
         surfaces: &[u8],
         materials: &[u8],
@@ -54,10 +54,11 @@ impl Texels {
         about: &LightRaysAbout<'_>,
     ) -> Self {
         let words = |bytes: &[u8; 16]| bytemuck::pod_read_unaligned::<[u32; 4]>(bytes);
-        let guides = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
+        let g_buffer = surfaces.as_chunks::<16>().0.par_iter().zip(materials.as_chunks::<16>().0);
         let offset = |position: Vec3| about.offset(position, position.length());
-        let all: Vec<Texel> =
-            guides.map(|(surface, material)| texel(words(surface), words(material), offset)).collect();
+        let all: Vec<ShadingPoint> = g_buffer
+            .map(|(surface, material)| of_g_buffer(words(surface), words(material), offset))
+            .collect();
         let mut bounds = Bounds::EMPTY;
         all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
         let (first, effort) = match neighbours {
@@ -97,7 +98,7 @@ impl Texels {
     }
 }
 
-impl Texel {
+impl ShadingPoint {
     /// The share of light that arrives along a ray, up to `most` times its direction.
     #[inline]
     pub(super) fn sees(&self, about: &LightRaysAbout<'_>, direction: Vec3, most: f32) -> f32 {
@@ -118,19 +119,23 @@ impl Texel {
     }
 }
 
-/// The surface of a sub-sample's guides. `offset` is how far off a surface rays begin, metres.
-pub(crate) fn texel(surface: [u32; 4], material: [u32; 4], offset: impl Fn(Vec3) -> f32) -> Texel {
+/// The surface of a texel of the G-buffer. `offset` is how far off a surface rays begin, metres.
+pub(crate) fn of_g_buffer(
+    surface: [u32; 4],
+    material: [u32; 4],
+    offset: impl Fn(Vec3) -> f32,
+) -> ShadingPoint {
     let position =
         Vec3::new(f32::from_bits(surface[0]), f32::from_bits(surface[1]), f32::from_bits(surface[2]));
     if position == Vec3::ZERO || !position.is_finite() {
-        return Texel::default();
+        return ShadingPoint::default();
     }
     let normal = unit_from_octahedral(surface[3]);
     let side = unit_from_octahedral(material[1]);
     // The sign says whether a reflection probe is looked up.
     let lift = f32::from_bits(material[2] & 0x7fff_ffff);
     let off = offset(position);
-    Texel {
+    ShadingPoint {
         exists: true,
         position,
         normal,

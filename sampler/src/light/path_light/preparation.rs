@@ -8,7 +8,7 @@ use std::thread::available_parallelism;
 
 use argus_scene::{LightLevel, Lighting, RenderError};
 
-use super::super::LightTracing;
+use super::super::tracing::LightTracing;
 use super::lit_leaves::LitLeaves;
 use crate::surfaces::Surfaces;
 

@@ -6,13 +6,10 @@ use argus_scene::{Bounds, Lighting, PathKnobs, RenderError, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::LightTracing;
 use super::super::cells::BoxTree;
-use super::super::texels::{Effort, Texel, Texels};
-use super::PathReport;
-use super::gather::Gatherer;
-use super::leaves::Leaves;
-use super::links::Links;
+use super::super::paths::{Gatherer, Leaves, Links};
+use super::super::shading_points::{Effort, ShadingPoint, ShadingPoints};
+use super::super::tracing::LightTracing;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 use crate::timing;
@@ -21,6 +18,21 @@ use crate::timing;
 const BATCH: usize = 1 << 14;
 /// Most rays of all leaf sides: 1 GiB of links.
 const MOST_RAYS: u64 = 1 << 28;
+
+/// Report on a scene's light by paths.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PathReport {
+    /// Number of leaf sides.
+    pub sides: usize,
+    /// Milliseconds of building them. Rebuilt only if the scene moves.
+    pub build_ms: f64,
+    /// Milliseconds of tracing their links. Traced again only if the scene moves.
+    pub links_ms: f64,
+    /// Milliseconds of their direct light.
+    pub direct_ms: f64,
+    /// Milliseconds of the bounces.
+    pub gather_ms: f64,
+}
 
 /// The light of leaf sides of one level. Surfaces and what traces light are handed in, since another thread may light them.
 pub(super) struct LitLeaves {
@@ -144,7 +156,7 @@ impl LitLeaves {
     /// lit.
     pub(super) fn irradiance_over_pi(
         &self,
-        texels: &Texels,
+        texels: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         divisor: u32,
@@ -170,14 +182,14 @@ impl Posed {
         for first in (0..self.leaves.sides.len()).step_by(BATCH) {
             let batch = first..(first + BATCH).min(self.leaves.sides.len());
             let points = batch.start * rays..batch.end * rays;
-            let all: Vec<Texel> =
+            let all: Vec<ShadingPoint> =
                 points.into_par_iter().map(|point| self.leaves.texel(surfaces, about, point)).collect();
             let mut bounds = Bounds::EMPTY;
             all.iter()
                 .filter(|texel| texel.exists)
                 .for_each(|texel| bounds.extend(texel.position.as_dvec3()));
             let texels =
-                Texels { size: [rays, batch.len()], first: None, effort: Effort::Shared, all, bounds };
+                ShadingPoints { size: [rays, batch.len()], first: None, effort: Effort::Shared, all, bounds };
             let irradiance_over_pi = tracing.lights_by_pi(&texels, about, center);
             let side = |at: usize| {
                 let side = batch.start + at;
@@ -193,7 +205,7 @@ impl Posed {
 
 impl LightTracing {
     /// Irradiance / π of lights and emitters at texels without neighbours.
-    fn lights_by_pi(&self, texels: &Texels, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
+    fn lights_by_pi(&self, texels: &ShadingPoints, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
         let mut irradiance_over_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
         if let Some(emitted) = self.emitters.irradiance_over_pi(texels, about, eye, self.knobs) {
             irradiance_over_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);

@@ -7,20 +7,20 @@ const BITS: u32 = 19;
 /// Cells on each side of the lattice's origin, along an axis.
 const REACH: i32 = 1 << (BITS - 1);
 /// The finest level.
-pub(super) const MOST_LEVEL: u32 = 16;
+pub(in crate::light) const MOST_LEVEL: u32 = 16;
 /// Cells along a side of a page, as a power of two.
 const PAGE_BITS: u32 = 3;
 /// Cells of a page.
-pub(super) const PAGE_CELLS: usize = 1 << (3 * PAGE_BITS);
+pub(in crate::light) const PAGE_CELLS: usize = 1 << (3 * PAGE_BITS);
 
 /// A cell of the lattice. The order of keys has no meaning in space; it is the same in every process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(super) struct CellKey(u64);
+pub(in crate::light) struct CellKey(u64);
 
 impl CellKey {
     /// The key of a cell; `None` beyond the lattice.
     #[inline]
-    pub(super) fn new(level: u32, at: IVec3) -> Option<Self> {
+    pub(in crate::light) fn new(level: u32, at: IVec3) -> Option<Self> {
         let inside = at.min_element() >= -REACH && at.max_element() < REACH && level <= MOST_LEVEL;
         let number = |axis: usize| (at[axis] + REACH) as u64 & ((1 << BITS) - 1);
         inside.then(|| {
@@ -29,18 +29,18 @@ impl CellKey {
     }
 
     /// The level: the scene's edge has 2^level cells.
-    pub(super) fn level(self) -> u32 {
+    pub(in crate::light) fn level(self) -> u32 {
         (self.0 >> (3 * BITS)) as u32
     }
 
     /// The cell's numbers along the axes.
-    pub(super) fn at(self) -> IVec3 {
+    pub(in crate::light) fn at(self) -> IVec3 {
         let number = |axis: u32| (self.0 >> (axis * BITS) & ((1 << BITS) - 1)) as i32 - REACH;
         IVec3::new(number(0), number(1), number(2))
     }
 
     /// The page that holds the cell, and the cell's place in it.
-    pub(super) fn in_page(self) -> (PageKey, usize) {
+    pub(in crate::light) fn in_page(self) -> (PageKey, usize) {
         let at = self.at();
         let inside = at & ((1 << PAGE_BITS) - 1);
         let place = inside.x | inside.y << PAGE_BITS | inside.z << (2 * PAGE_BITS);
@@ -48,12 +48,12 @@ impl CellKey {
     }
 
     /// A number that differs between neighbours.
-    pub(super) fn hash(self) -> u32 {
+    pub(in crate::light) fn hash(self) -> u32 {
         (self.0 ^ self.0 >> 31).wrapping_mul(0x9e37_79b9) as u32
     }
 
     /// The eight cells of which this one is the lowest. Cells beyond the lattice are left out.
-    pub(super) fn corner(self) -> impl Iterator<Item = (IVec3, Self)> {
+    pub(in crate::light) fn corner(self) -> impl Iterator<Item = (IVec3, Self)> {
         let (level, at) = (self.level(), self.at());
         OFFSETS.into_iter().filter_map(move |offset| Some((offset, Self::new(level, at + offset)?)))
     }
@@ -73,11 +73,11 @@ const OFFSETS: [IVec3; 8] = [
 
 /// A cube of 8³ cells of one level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) struct PageKey(u32, IVec3);
+pub(in crate::light) struct PageKey(u32, IVec3);
 
 impl PageKey {
     /// The cell at a place of the page.
-    pub(super) fn cell(self, place: usize) -> Option<CellKey> {
+    pub(in crate::light) fn cell(self, place: usize) -> Option<CellKey> {
         let Self(level, page) = self;
         let number = |axis: u32| (place >> (axis * PAGE_BITS) & ((1 << PAGE_BITS) - 1)) as i32;
         let inside = IVec3::new(number(0), number(1), number(2));
@@ -97,20 +97,20 @@ pub(in crate::light) struct Lattice {
 impl Lattice {
     /// Edge of a cell of a level, metres.
     #[inline]
-    pub(super) fn spacing(&self, level: u32) -> f32 {
+    pub(in crate::light) fn spacing(&self, level: u32) -> f32 {
         // Exact.
         self.edge / (1u32 << level) as f32
     }
 
     /// Lowest and highest corner of a cell.
-    pub(super) fn corners(&self, key: CellKey) -> [Vec3; 2] {
+    pub(in crate::light) fn corners(&self, key: CellKey) -> [Vec3; 2] {
         let spacing = f64::from(self.spacing(key.level()));
         [0, 1].map(|end| (self.low.as_dvec3() + (key.at() + end).as_dvec3() * spacing).as_vec3())
     }
 
     /// The cell of each level that a position is in, and the place within it in edges of the cell. Positions of
     /// pixels are added to the place, so that they keep their accuracy near the eye.
-    pub(super) fn about(&self, position: DVec3) -> Vec<Option<(IVec3, Vec3)>> {
+    pub(in crate::light) fn about(&self, position: DVec3) -> Vec<Option<(IVec3, Vec3)>> {
         let place = |level: u32| {
             let cells = (position - self.low.as_dvec3()) / f64::from(self.spacing(level));
             let cell = cells.floor();

@@ -1,0 +1,194 @@
+//! A scene on a device, at a pose, with what renders it.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use argus_gpu::{Gpu, GpuError, wgpu};
+use argus_scene::{Lighting, RenderError, Scene, Stage, Visibility};
+use glam::DVec3;
+use tracing::warn;
+
+use super::surface_programs::SurfacePrograms;
+use crate::SamplerKnobs;
+use crate::eye::Eye;
+use crate::indirect::Lights;
+use crate::pass_plan::{PassPlan, pass_plan};
+use crate::passes::{Blend, ResolveView};
+use crate::plug::{Methods, SampleMethod};
+use crate::resident::Resident;
+use crate::scratch::Scratch;
+use crate::visibility::VisibilityBackends;
+
+/// Renders a scene from its triangles, on one device.
+///
+/// The scene is uploaded once. A job uploads only what depends on its camera, and the transforms of instances and the
+/// vertices of meshes that deform if its epoch differs from the last job's. After a loss of the device every job fails with [`RenderError::DeviceLost`]; make
+/// another sampler on another [`Gpu`].
+pub struct GpuSampler {
+    pub(super) gpu: Arc<Gpu>,
+    /// With its meshes in their shapes at `posed_secs`.
+    pub(super) scene: Arc<Scene>,
+    pub(super) knobs: SamplerKnobs,
+    pub(super) glossy: bool,
+    pub(super) animated: bool,
+    /// Lighting at `posed_secs`.
+    pub(super) lighting: Lighting,
+    pub(super) posed_secs: f64,
+    pub(super) resident: Resident,
+    pub(super) visibility: VisibilityBackends,
+    pub(super) surface_programs: SurfacePrograms,
+    pub(super) resolve_view: ResolveView,
+    /// Programs that blend transparent surfaces; `None` for a scene without them.
+    pub(super) blend: Option<Blend>,
+    pub(super) scratch: Scratch,
+    pub(super) layer_scratch: Scratch,
+    /// Where points of reflections are shaded.
+    pub(super) point_scratch: Scratch,
+    pub(super) lights: Lights,
+    pub(super) methods: Methods,
+    /// Renders samples otherwise than from triangles; made when a set first asks for it.
+    pub(super) samples: Option<Box<dyn SampleMethod>>,
+}
+
+impl GpuSampler {
+    /// Uploads a scene and makes the pipelines that it needs.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if a part of the scene is larger than the device can bind,
+    /// [`RenderError::Internal`] if fragment programs of the device cannot read the primitive index.
+    pub fn new(gpu: Arc<Gpu>, scene: Arc<Scene>) -> Result<Self, RenderError> {
+        Self::with_knobs(gpu, scene, SamplerKnobs::default())
+    }
+
+    /// Makes a sampler with these knobs.
+    ///
+    /// # Errors
+    /// The errors of [`Self::with_methods`].
+    pub fn with_knobs(gpu: Arc<Gpu>, scene: Arc<Scene>, knobs: SamplerKnobs) -> Result<Self, RenderError> {
+        Self::with_methods(gpu, scene, knobs, Methods::default())
+    }
+
+    /// Makes a sampler with these knobs that has these methods beside its own.
+    ///
+    /// # Errors
+    /// The errors of [`Self::new`], and [`RenderError::Invalid`] for a knob out of range, or that asks for another method.
+    pub fn with_methods(
+        gpu: Arc<Gpu>,
+        scene: Arc<Scene>,
+        knobs: SamplerKnobs,
+        methods: Methods,
+    ) -> Result<Self, RenderError> {
+        knobs.validate()?;
+        methods.check_indirect(knobs.indirect)?;
+        if !gpu.device.features().contains(wgpu::Features::PRIMITIVE_INDEX) {
+            let message = format!("{} does not number triangles in fragments", gpu.kind());
+            return Err(RenderError::Internal(message));
+        }
+        let resident = Resident::new(&gpu, &scene)?;
+        let glossy = resident.features.specular;
+        let visibility = VisibilityBackends::new(&gpu, &scene, &resident);
+        Ok(Self {
+            blend: visibility.has_layers().then(|| Blend::new(&gpu, glossy && knobs.effects.any())),
+            visibility,
+            surface_programs: SurfacePrograms::new(&gpu, &resident, &knobs),
+            lights: Lights::default(),
+            methods,
+            samples: None,
+            resolve_view: ResolveView::new(&gpu),
+            scratch: Scratch::default(),
+            layer_scratch: Scratch::default(),
+            point_scratch: Scratch::default(),
+            animated: scene.is_animated(),
+            lighting: exposed(scene.at(0.0).lighting, &knobs),
+            posed_secs: 0.0,
+            gpu,
+            scene,
+            knobs,
+            glossy,
+            resident,
+        })
+    }
+
+    /// The knobs that the sampler was made with.
+    pub fn knobs(&self) -> &SamplerKnobs {
+        &self.knobs
+    }
+
+    /// The device that it renders on.
+    pub fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
+    /// The passes of this scene, and why each is on or off.
+    pub fn plan(&self) -> Vec<PassPlan> {
+        pass_plan(&self.scene, &self.resident, &self.knobs, self.visibility.has_layers())
+    }
+
+    /// Poses the scene at a time. Returns the cost, if it was posed at another time. A static scene is never posed again.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] if light cannot be traced in the scene.
+    pub(super) fn pose(&mut self, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
+        if !self.animated || time_secs == self.posed_secs {
+            return Ok(Vec::new());
+        }
+        let begin = Instant::now();
+        let scene = self.scene.posed(time_secs);
+        if !Arc::ptr_eq(&scene, &self.scene) {
+            self.resident.reshape(&self.gpu, &scene);
+            self.scene = scene;
+            // Its trees are those of the shapes before.
+            self.surface_programs.reflected = None;
+        }
+        let pose = self.scene.at(time_secs);
+        self.resident.place(&self.scene, &pose.instances);
+        self.visibility.pose(&self.gpu, &self.scene, &self.resident);
+        if let Some(indirect) = &mut self.lights.indirect {
+            indirect.place(&self.scene, &self.resident.instances);
+        }
+        if let Some(direct) = &mut self.lights.direct {
+            direct.pose(
+                &self.gpu,
+                &self.scene,
+                self.visibility.prepare_packets(&self.resident),
+                time_secs,
+            )?;
+        }
+        if let Some(samples) = &mut self.samples {
+            samples.forget_pose();
+        }
+        if let Some(probes) = &mut self.surface_programs.probes {
+            probes.forget_pose();
+        }
+        if let Some(reflected) = &mut self.surface_programs.reflected {
+            reflected.forget_pose();
+        }
+        self.lighting = exposed(pose.lighting, &self.knobs);
+        self.posed_secs = time_secs;
+        Ok(vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)])
+    }
+
+    /// Prepares a visibility backend. Returns the rasteriser if the device does not support it.
+    pub(super) fn available_backend(&mut self, backend: Visibility) -> Visibility {
+        match self.visibility.prepare(&self.gpu, &self.resident, backend) {
+            Ok(()) => backend,
+            Err(reason) => {
+                warn!(reason, "this device cannot see triangles by {}, they are rasterised", backend.name());
+                Visibility::Raster
+            }
+        }
+    }
+
+    pub(super) fn eye(&self, position: DVec3, lighting: &Lighting) -> Result<Eye, RenderError> {
+        Eye::new(&self.gpu, &self.resident, position, lighting)
+    }
+
+    pub(super) fn check_alive(&self) -> Result<(), RenderError> {
+        self.gpu.lost().map_or(Ok(()), |reason| Err(GpuError::Lost(reason).into()))
+    }
+}
+
+/// Lights and sky with the exposure that the sampler was made with.
+pub(super) fn exposed(lighting: Lighting, knobs: &SamplerKnobs) -> Lighting {
+    Lighting { exposure: knobs.exposure.unwrap_or(lighting.exposure), ..lighting }
+}

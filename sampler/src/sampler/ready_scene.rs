@@ -1,0 +1,139 @@
+//! A scene made ready for a job.
+
+use std::time::Instant;
+
+use argus_scene::{Cancel, LightLevel, Lighting, RenderError, Sampler, Stage, Visibility};
+use glam::DVec3;
+
+use super::gpu_sampler::GpuSampler;
+use super::surface_programs::ReflectionLookup;
+use crate::eye::Eye;
+use crate::light::CellUse;
+use crate::probe_renderer::LitAt;
+use crate::reflected_light::ViewMaps;
+use crate::timing;
+
+/// Other work that runs between two tiles of a sample; it is told which share of the job is done.
+pub(super) type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler, f64);
+
+/// What a job needs of the scene.
+pub(super) struct JobScene<'a> {
+    /// Centre of the camera, metres, world space.
+    pub(super) position: DVec3,
+    pub(super) time_secs: f64,
+    /// `None` for the scene's own lighting at that time.
+    pub(super) lighting: Option<&'a Lighting>,
+    pub(super) light: LightLevel,
+    /// Texels of an image cast one of so many of their rays of light.
+    pub(super) ray_divisor: u32,
+    pub(super) reflections: ReflectionLookup,
+    pub(super) visibility: Visibility,
+    /// What it asks of light cells, where indirect light is found by them.
+    pub(super) cells: CellUse,
+    /// Whether surfaces are shaded; otherwise neither indirect light nor reflections are prepared.
+    pub(super) is_shaded: bool,
+}
+
+/// A scene that is ready for a job: posed, lit and uploaded about the job's camera.
+pub(super) struct ReadyScene {
+    begin: Instant,
+    pub(super) time_secs: f64,
+    pub(super) lighting: Lighting,
+    light: LightLevel,
+    ray_divisor: u32,
+    cells: CellUse,
+    pub(super) reflections: ReflectionLookup,
+    /// Maps of what a view's reflectors see, if it is looked up there.
+    pub(super) maps: Option<Box<dyn ViewMaps>>,
+    pub(super) eye: Eye,
+    pub(super) backend: Visibility,
+    /// Times of the job's stages so far.
+    pub(super) stages: Vec<Stage>,
+}
+
+impl ReadyScene {
+    /// Times of all stages. The time that no stage accounts for is a stage of its own.
+    pub(super) fn into_stages(mut self) -> Vec<Stage> {
+        timing::add_rest(&mut self.stages, self.begin);
+        self.stages
+    }
+}
+
+impl GpuSampler {
+    /// Makes the scene ready for a job: pose, indirect light, reflection probes, visibility backend, uploads.
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`], or the errors of the device.
+    pub(super) fn make_ready(
+        &mut self,
+        job: JobScene<'_>,
+        cancel: &Cancel,
+    ) -> Result<ReadyScene, RenderError> {
+        let begin = Instant::now();
+        self.check_alive()?;
+        let JobScene {
+            position,
+            time_secs,
+            lighting,
+            light,
+            ray_divisor,
+            reflections,
+            visibility,
+            cells,
+            is_shaded,
+        } = job;
+        let mut stages = self.pose(time_secs)?;
+        let lighting = lighting.unwrap_or(&self.lighting).clone();
+        if is_shaded {
+            stages.extend(self.light(&lighting, light, time_secs)?);
+            stages.extend(self.prepare_reflections(
+                reflections,
+                LitAt { lighting: &lighting, light, time_secs },
+                cancel,
+            )?);
+        }
+        self.divide_rays(ray_divisor);
+        self.begin_cells(cells);
+        let eye = self.eye(position, &lighting)?;
+        let backend = self.available_backend(visibility);
+        let maps = None;
+        Ok(ReadyScene {
+            begin,
+            time_secs,
+            lighting,
+            light,
+            ray_divisor,
+            cells,
+            reflections,
+            maps,
+            eye,
+            backend,
+            stages,
+        })
+    }
+
+    /// Runs other work between two parts of a job. Its time is none of the job's.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(super) fn run_between(
+        &mut self,
+        scene: &mut ReadyScene,
+        between: BetweenTiles<'_>,
+        done: f64,
+    ) -> Result<(), RenderError> {
+        let began = Instant::now();
+        between(self, done);
+        if self.animated {
+            // The other work may have posed the scene at another time.
+            self.pose(scene.time_secs)?;
+            scene.eye = self.eye(scene.eye.position, &scene.lighting)?;
+        }
+        // It may also have shown another level of light.
+        self.light(&scene.lighting, scene.light, scene.time_secs)?;
+        self.divide_rays(scene.ray_divisor);
+        self.begin_cells(scene.cells);
+        scene.begin += began.elapsed();
+        Ok(())
+    }
+}
