@@ -158,7 +158,7 @@ impl Service {
             .with("coordinator.advertise", "--advertise", self.advertise.as_ref())
             .with("security.tokens", "--tokens", settings::path(self.tokens.as_ref()));
         // Flags that exclude one another are refused before anything is started.
-        self.samples.sampling.indirect.knobs()?;
+        self.samples.sampling.indirect.settings()?;
         Ok(sources.load(self.security.with(self.samples.source.with(flags)))?.settings)
     }
 
@@ -182,7 +182,7 @@ impl Service {
         let coordinator = &settings.coordinator;
         let spec = scene.to_owned();
         let sampling = &self.samples.sampling;
-        let (light, metering) = (sampling.light, sampling.effects.metering(sampling.indirect.knobs()?));
+        let (light, metering) = (sampling.light, sampling.effects.metering(sampling.indirect.settings()?));
         let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec, light, metering));
         let source = tokio::select! {
             source = opening => Arc::new(source.context("a task of this process failed")??),
@@ -191,7 +191,7 @@ impl Service {
         source.report();
         let mut config = Config { security, ..coordinator.config(&settings.limits) };
         let args::Samples { rig, sampling, visibility, .. } = &self.samples;
-        config.rig = config.sampling.rig_knobs(rig.knobs());
+        config.rig = config.sampling.rig_settings(rig.settings());
         config.models = self.models(coordinator.model.as_deref(), source.scene(), &config)?;
         config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
         config.core.visibility = visibility.visibility();
@@ -200,7 +200,7 @@ impl Service {
         config.light = sampling.light;
         config.effects = sampling.effects;
         config.exposure = sampling.exposure;
-        config.indirect = sampling.indirect.knobs()?;
+        config.indirect = sampling.indirect.settings()?;
         config.core.samples_per_view = rig.samples.unwrap_or(config.core.samples_per_view);
         let preparing = {
             let (config, source) = (config.clone(), source.clone());

@@ -2,7 +2,7 @@
 //!
 //! Both programs write equal bytes, so timing them changes no frame.
 
-use crate::knobs::SearchBackend;
+use crate::settings::SearchBackend;
 
 /// The autotuning of one search.
 #[derive(Debug, Default)]
@@ -20,8 +20,8 @@ const MIN_SUB_PIXELS: u64 = 1 << 14;
 
 impl Autotune {
     /// The program that draws the next batch. Never returns [`SearchBackend::Auto`].
-    pub(crate) fn next(&self, knob: SearchBackend) -> SearchBackend {
-        match (knob, self.decided) {
+    pub(crate) fn next(&self, setting: SearchBackend) -> SearchBackend {
+        match (setting, self.decided) {
             (SearchBackend::Auto, Some(search_backend)) => search_backend,
             (SearchBackend::Auto, None) if self.times[1].len() < self.times[0].len() => {
                 SearchBackend::Compute

@@ -9,8 +9,8 @@ use crate::GpuCompositor;
 use crate::batch::Batch;
 use crate::compositor::ChunkWork;
 use crate::draw_batch::{DrawBatch, Variant};
-use crate::knobs::SearchBackend;
 use crate::layout::Chunk;
+use crate::settings::SearchBackend;
 
 /// Composes batches without any reconstruction, for studies. The frames are meaningless.
 #[derive(Debug, Default)]

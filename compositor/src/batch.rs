@@ -6,9 +6,9 @@ use std::time::Instant;
 use argus_scene::{Frame, Provenance, RenderError, Stage, ViewJob};
 
 use crate::frames::{ChunkImages, FrameAssembly};
-use crate::knobs::CompositorKnobs;
 use crate::layout::{Chunk, Piece, ViewExtent, chunks};
 use crate::prepare::PreparedView;
+use crate::settings::CompositorSettings;
 
 /// The views of a batch that can be composed, and the errors of the others.
 #[derive(Debug)]
@@ -63,7 +63,7 @@ impl<'a> Batch<'a> {
     }
 
     /// The views cut into chunks.
-    pub(crate) fn chunks(&self, knobs: &CompositorKnobs) -> Vec<Chunk> {
+    pub(crate) fn chunks(&self, settings: &CompositorSettings) -> Vec<Chunk> {
         let extent = |view: &PreparedView| {
             let ViewJob { width, height, .. } = self.jobs[view.job];
             let probes = view.probes.as_ref().map(|(id, _)| *id);
@@ -71,7 +71,7 @@ impl<'a> Batch<'a> {
             ViewExtent { width, height, side: view.side, pool: view.pool, probes, environment }
         };
         let extents: Vec<ViewExtent> = self.views.iter().map(extent).collect();
-        chunks(&extents, knobs)
+        chunks(&extents, settings)
     }
 
     /// Adds the pieces of a chunk to their frames.

@@ -12,7 +12,6 @@ use crate::autotune::Autotune;
 use crate::batch::{Batch, milliseconds};
 use crate::chunk::{ChunkInputs, Pauses};
 use crate::draw_batch::{DrawBatch, FixedBindings};
-use crate::knobs::{CompositorKnobs, SearchBackend};
 use crate::layout::Chunk;
 use crate::pass_plan::{PassPlan, pass_plan};
 use crate::passes::bounds::BoundsPass;
@@ -29,13 +28,14 @@ use crate::prepare::PreparedView;
 use crate::sample_store::SampleStore;
 use crate::sample_upload::UploadContext;
 use crate::search_pipelines::{self, SearchPipelines};
+use crate::settings::{CompositorSettings, SearchBackend};
 use crate::targets::{ChunkTargets, TargetPool};
 
 /// Reconstructs views from samples on a GPU.
 #[derive(Debug)]
 pub struct GpuCompositor {
     pub(crate) gpu: Arc<Gpu>,
-    knobs: CompositorKnobs,
+    settings: CompositorSettings,
     pub(crate) sample_store: SampleStore,
     targets: TargetPool,
     pub(crate) fixed: FixedBindings,
@@ -65,19 +65,19 @@ pub(crate) struct ChunkWork {
 }
 
 impl GpuCompositor {
-    /// Makes a compositor with default knobs. It holds no samples.
+    /// Makes a compositor with default settings. It holds no samples.
     ///
     /// # Errors
     /// [`RenderError::Internal`] if the device lacks what the passes need.
     pub fn new(gpu: Arc<Gpu>) -> Result<Self, RenderError> {
-        Self::with_knobs(gpu, CompositorKnobs::default())
+        Self::with_settings(gpu, CompositorSettings::default())
     }
 
-    /// Makes a compositor with these knobs. It holds no samples.
+    /// Makes a compositor with these settings. It holds no samples.
     ///
     /// # Errors
     /// [`RenderError::Internal`] if the device lacks what the passes need.
-    pub fn with_knobs(gpu: Arc<Gpu>, knobs: CompositorKnobs) -> Result<Self, RenderError> {
+    pub fn with_settings(gpu: Arc<Gpu>, settings: CompositorSettings) -> Result<Self, RenderError> {
         if !gpu.device.features().contains(wgpu::Features::IMMEDIATES) {
             let reason = format!("the device `{}` has no immediates (push constants)", gpu.kind());
             return Err(RenderError::Internal(reason));
@@ -92,7 +92,7 @@ impl GpuCompositor {
             })
         };
         Ok(Self {
-            knobs,
+            settings,
             sample_store: SampleStore::default(),
             targets: TargetPool::default(),
             fixed: FixedBindings {
@@ -123,15 +123,15 @@ impl GpuCompositor {
     /// # Errors
     /// A sample that is not held, or a plan that no compositor can follow.
     pub fn plan(&self, job: &ViewJob) -> Result<Vec<PassPlan>, RenderError> {
-        let view = PreparedView::new(0, job, &self.sample_store, &self.knobs)?;
+        let view = PreparedView::new(0, job, &self.sample_store, &self.settings)?;
         let planes = [view.glossy, view.probes.is_some()];
         let reprojection = view.reprojection.as_ref().err().copied();
-        Ok(pass_plan(&job.plan, job.outputs, planes, reprojection, self.knobs.splat_samples))
+        Ok(pass_plan(&job.plan, job.outputs, planes, reprojection, self.settings.splat_samples))
     }
 
-    /// The program that a search runs as: the knob's, or the faster one on this device. `None` while autotuning.
+    /// The program that a search runs as: the setting's, or the faster one on this device. `None` while autotuning.
     pub fn search_backend(&self, search: Search) -> Option<SearchBackend> {
-        match self.knobs.search_backend {
+        match self.settings.search_backend {
             SearchBackend::Auto => self.autotune.get(&search).and_then(Autotune::decided),
             fixed => Some(fixed),
         }
@@ -144,11 +144,11 @@ impl GpuCompositor {
 
     /// Prepares the views of a batch.
     pub(crate) fn prepare<'a>(&mut self, jobs: &'a [ViewJob]) -> Batch<'a> {
-        let Self { gpu, build_pyramid, sample_store, knobs, .. } = self;
+        let Self { gpu, build_pyramid, sample_store, settings, .. } = self;
         Batch::new(jobs, |index, job| {
-            let view = PreparedView::new(index, job, sample_store, knobs)?;
+            let view = PreparedView::new(index, job, sample_store, settings)?;
             if view.search == Search::Pyramid {
-                sample_store.make_pyramids(gpu, build_pyramid, knobs, &view.samples)?;
+                sample_store.make_pyramids(gpu, build_pyramid, settings, &view.samples)?;
             }
             Ok(view)
         })
@@ -161,7 +161,7 @@ impl GpuCompositor {
         cancel: &Cancel,
         compose_chunk: ComposeChunk<'_>,
     ) -> Vec<Result<Frame, RenderError>> {
-        for chunk in batch.chunks(&self.knobs) {
+        for chunk in batch.chunks(&self.settings) {
             let outcome = match cancel.is_cancelled() {
                 true => Err(RenderError::Cancelled),
                 false => compose_chunk(self, &chunk, &mut batch),
@@ -193,7 +193,7 @@ impl GpuCompositor {
             pauses.pause(&mut commands)?;
         }
         for (&(search, variant), pieces) in &inputs.draws {
-            let search_backend = self.autotune.entry(search).or_default().next(self.knobs.search_backend);
+            let search_backend = self.autotune.entry(search).or_default().next(self.settings.search_backend);
             let pieces = &inputs.pieces(pieces, chunk, batch);
             let draws = &DrawBatch { variant, search_backend, shared, splat: &inputs.splat, pieces, targets };
             if search == Search::Splat {
@@ -252,7 +252,7 @@ impl GpuCompositor {
             let name = search_pipelines::name(search);
             let Some(stage) = stages.iter().find(|stage| stage.name == name) else { continue };
             let tuning = self.autotune.entry(search).or_default();
-            let search_backend = tuning.next(self.knobs.search_backend);
+            let search_backend = tuning.next(self.settings.search_backend);
             if let Some(search_backend) =
                 tuning.note(search_backend, stage.ms, inputs.sub_pixels(search, chunk))
             {
@@ -268,15 +268,16 @@ impl Compositor for GpuCompositor {
     }
 
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
-        let Self { gpu, bounds, mips, knobs, sample_store, .. } = self;
-        sample_store.hold(&UploadContext { gpu, bounds, mips, knobs }, set, &|| false).map(drop)
+        let Self { gpu, bounds, mips, settings, sample_store, .. } = self;
+        sample_store.hold(&UploadContext { gpu, bounds, mips, settings }, set, &|| false).map(drop)
     }
 
     fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
-        let Self { gpu, bounds, mips, knobs, sample_store, .. } = self;
+        let Self { gpu, bounds, mips, settings, sample_store, .. } = self;
         let began = Instant::now();
-        sample_store
-            .hold(&UploadContext { gpu, bounds, mips, knobs }, set, &|| milliseconds(began) >= knobs.slice_ms)
+        sample_store.hold(&UploadContext { gpu, bounds, mips, settings }, set, &|| {
+            milliseconds(began) >= settings.slice_ms
+        })
     }
 
     fn release(&mut self, ids: &[SampleId]) {
@@ -294,7 +295,7 @@ impl Compositor for GpuCompositor {
     /// Composes the view with every pipeline that similar views may need: both programs of its search unless one is
     /// fixed, with and without interpolation between mip levels.
     fn ready(&mut self, view: &ViewJob, between: &mut dyn FnMut()) -> Result<(), RenderError> {
-        let chosen = self.knobs.search_backend;
+        let chosen = self.settings.search_backend;
         let backends = if chosen == SearchBackend::Auto {
             vec![SearchBackend::Fragment, SearchBackend::Compute]
         } else {
@@ -304,7 +305,7 @@ impl Compositor for GpuCompositor {
         for (search_backend, between_levels) in
             backends.into_iter().flat_map(|search_backend| [(search_backend, false), (search_backend, true)])
         {
-            self.knobs.search_backend = search_backend;
+            self.settings.search_backend = search_backend;
             let mut batch = self.prepare(std::slice::from_ref(view));
             for view in &mut batch.views {
                 view.between_levels = between_levels && view.search == Search::Splat;
@@ -315,7 +316,7 @@ impl Compositor for GpuCompositor {
             });
             done = done.and(frames.into_iter().try_for_each(|frame| frame.map(drop)));
         }
-        self.knobs.search_backend = chosen;
+        self.settings.search_backend = chosen;
         done
     }
 }

@@ -4,9 +4,9 @@ use argus_gpu::{Bindable, ColorTarget, ComputeCall, EnvironmentTexture, Reflecti
 use argus_scene::{PlaneKind, RenderError};
 use argus_shaders::layout::compositor::{Fill, Splat};
 
-use crate::knobs::SearchBackend;
 use crate::layout::Piece;
 use crate::pool::Pool;
+use crate::settings::SearchBackend;
 use crate::targets::{CONFIDENCE_FORMAT, ChunkTargets, LINEAR_FORMAT, RANGE_FORMAT, SRGB_FORMAT};
 
 /// What decides which pipeline draws a piece.

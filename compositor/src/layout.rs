@@ -5,7 +5,7 @@
 
 use argus_scene::SampleId;
 
-use crate::knobs::CompositorKnobs;
+use crate::settings::CompositorSettings;
 
 /// A rectangle of pixels: x, y, width, height.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,7 +67,7 @@ pub(crate) struct Chunk {
 const MAX_ROWS: u32 = 8192;
 
 /// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes, environment and supersampling.
-pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk> {
+pub(crate) fn chunks(views: &[ViewExtent], settings: &CompositorSettings) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
     let alike = |view: &ViewExtent| (view.pool, view.probes, view.environment, view.side);
     order.sort_by_key(|&i| alike(&views[i]));
@@ -76,13 +76,13 @@ pub(crate) fn chunks(views: &[ViewExtent], knobs: &CompositorKnobs) -> Vec<Chunk
     let mut pixels = 0;
     for view in order {
         let ViewExtent { width, height, side, .. } = views[view];
-        let step = (knobs.piece_side / side).max(1);
+        let step = (settings.piece_side / side).max(1);
         for y in (0..height).step_by(step as usize) {
             for x in (0..width).step_by(step as usize) {
                 let part = Rect { x, y, width: step.min(width - x), height: step.min(height - y) };
                 let area = u64::from(part.width) * u64::from(part.height) * u64::from(side * side);
                 let other = open.last().is_some_and(|p| alike(&views[p.view]) != alike(&views[view]));
-                if !open.is_empty() && (pixels + area > knobs.chunk_pixels || other) {
+                if !open.is_empty() && (pixels + area > settings.chunk_pixels || other) {
                     chunks.push(place(std::mem::take(&mut open)));
                     pixels = 0;
                 }
@@ -150,8 +150,8 @@ mod tests {
                     environment: None,
                 })
                 .collect();
-            let knobs = CompositorKnobs { piece_side, chunk_pixels: 200_000, ..Default::default() };
-            let chunks = chunks(&views, &knobs);
+            let settings = CompositorSettings { piece_side, chunk_pixels: 200_000, ..Default::default() };
+            let chunks = chunks(&views, &settings);
             let mut covered = vec![0u64; views.len()];
             for chunk in &chunks {
                 for (i, piece) in chunk.pieces.iter().enumerate() {

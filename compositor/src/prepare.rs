@@ -14,11 +14,11 @@ use glam::DVec2;
 use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
 use crate::draw_batch::SplatCall;
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
-use crate::knobs::CompositorKnobs;
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
 use crate::reprojection::Reprojection;
 use crate::sample_store::{HeldSample, SampleStore};
+use crate::settings::CompositorSettings;
 
 /// One view of a batch.
 #[derive(Debug)]
@@ -82,7 +82,7 @@ impl PreparedView {
         index: usize,
         job: &ViewJob,
         sample_store: &SampleStore,
-        knobs: &CompositorKnobs,
+        settings: &CompositorSettings,
     ) -> Result<Self, RenderError> {
         let Plan::Warp(Warp { search, steps, supersampling, samples, faces, .. }) = &job.plan else {
             return Err(InvalidField::new("plan", "a compositor has no triangles to render directly").into());
@@ -133,12 +133,12 @@ impl PreparedView {
         if view.search == Search::Seeded {
             let history = job.history.as_ref().ok_or("no earlier frame is at hand");
             let reprojection =
-                |history| Reprojection::new(history, &view.geometry, &of_rig, knobs.max_reprojections);
+                |history| Reprojection::new(history, &view.geometry, &of_rig, settings.max_reprojections);
             view.reprojection = history.and_then(reprojection);
         }
         match &view.reprojection {
             Ok(reprojection) => view.cell = cell_size(reprojection.spacing(), view.geometry.size),
-            Err(_) if view.splats_first() => view.find_sources(knobs.splat_samples),
+            Err(_) if view.splats_first() => view.find_sources(settings.splat_samples),
             Err(_) => {}
         }
         Ok(view)

@@ -12,10 +12,10 @@ use argus_scene::{
 
 use crate::arrays::PoolClass;
 use crate::cull::FaceTiles;
-use crate::knobs::CompositorKnobs;
 use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::pool::Pool;
 use crate::sample_upload::{SampleUpload, Submission, UploadContext};
+use crate::settings::CompositorSettings;
 use crate::validate::class_of;
 
 /// A sample on the device.
@@ -35,11 +35,11 @@ pub(crate) struct HeldSample {
     pub(crate) layer: u32,
 }
 
-fn within_memory(bytes: u64, knobs: &CompositorKnobs) -> Result<(), RenderError> {
-    if bytes <= knobs.max_sample_bytes {
+fn within_memory(bytes: u64, settings: &CompositorSettings) -> Result<(), RenderError> {
+    if bytes <= settings.max_sample_bytes {
         return Ok(());
     }
-    let (mib, most) = (bytes >> 20, knobs.max_sample_bytes >> 20);
+    let (mib, most) = (bytes >> 20, settings.max_sample_bytes >> 20);
     let reason = format!("samples would fill {mib} MiB of the device, {most} are allowed");
     Err(RenderError::OutOfMemory(reason))
 }
@@ -173,7 +173,7 @@ impl SampleStore {
             + probes.iter().map(|probes| probes.bytes()).sum::<u64>();
         let begun: u64 = self.uploads.values().map(|upload| self.layer_bytes(upload.pool)).sum();
         let pyramids: u64 = self.pools.iter().flatten().map(|pool| pool.pyramid_bytes(false)).sum();
-        within_memory((self.bytes + begun + added + pyramids).saturating_sub(replaced), context.knobs)?;
+        within_memory((self.bytes + begun + added + pyramids).saturating_sub(replaced), context.settings)?;
         for (sample, probes) in of_probes.into_iter().zip(probes) {
             self.release(&[sample.id]);
             self.bytes += probes.bytes();
@@ -288,7 +288,7 @@ impl SampleStore {
         &mut self,
         gpu: &Arc<Gpu>,
         pass: &BuildPyramidPass,
-        knobs: &CompositorKnobs,
+        settings: &CompositorSettings,
         samples: &[Arc<HeldSample>],
     ) -> Result<(), RenderError> {
         let Some(first) = samples.first() else { return Ok(()) };
@@ -296,7 +296,7 @@ impl SampleStore {
         let bytes = |(i, pool): (usize, &Option<Pool>)| {
             pool.as_ref().map_or(0, |pool| pool.pyramid_bytes(i == first.pool))
         };
-        within_memory(self.bytes + pools.map(bytes).sum::<u64>(), knobs)?;
+        within_memory(self.bytes + pools.map(bytes).sum::<u64>(), settings)?;
         let layers = samples.iter().map(|held| held.layer);
         match self.pools.get_mut(first.pool) {
             Some(Some(pool)) => pass.make(gpu, pool, layers),

@@ -13,21 +13,21 @@ use argus_scene::camera::Face;
 use argus_scene::{PlaneKind, RenderError, Sample, SampleId, SampleSetInfo};
 
 use crate::cull::FaceTiles;
-use crate::knobs::CompositorKnobs;
 use crate::passes::bounds::BoundsPass;
 use crate::passes::mips::{MipScratch, MipsPass};
 use crate::pool::Pool;
+use crate::settings::CompositorSettings;
 
 /// Most texels of a step. Bounding the tiles of a face is one step.
 const STEP_TEXELS: u32 = 1 << 18;
 
-/// Device, passes and knobs of an upload.
+/// Device, passes and settings of an upload.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct UploadContext<'a> {
     pub(crate) gpu: &'a Arc<Gpu>,
     pub(crate) bounds: &'a BoundsPass,
     pub(crate) mips: &'a MipsPass,
-    pub(crate) knobs: &'a CompositorKnobs,
+    pub(crate) settings: &'a CompositorSettings,
 }
 
 /// A sample that is being uploaded.

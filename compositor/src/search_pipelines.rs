@@ -7,7 +7,7 @@ use argus_scene::{RenderError, Search};
 use argus_shaders::{Program, compositor};
 
 use crate::draw_batch::{DrawBatch, NamedBinding, PieceDraw, Variant};
-use crate::knobs::SearchBackend;
+use crate::settings::SearchBackend;
 
 /// Pipelines of one search, made when a batch first needs them. A scene needs one or two variants.
 #[derive(Debug)]

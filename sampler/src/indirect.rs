@@ -31,7 +31,7 @@ impl Lights {
 /// Finds indirect light. [`Any`] gives access to its report.
 pub trait IndirectMethod: Any + Send + Sync {
     /// Changes the settings. Marks the light as out of date. Returns false if they are of another method.
-    fn set_knobs(&mut self, knobs: Indirect) -> bool;
+    fn set_settings(&mut self, settings: Indirect) -> bool;
 
     /// Moves instances of a posed scene. Marks the light as out of date.
     fn place(&mut self, scene: &Arc<Scene>, placements: &[Placement]);
@@ -87,23 +87,23 @@ pub struct LightInputs<'a> {
 }
 
 impl IndirectLight {
-    /// The indirect light of these knobs; `None` if it is off, or if `new` is none or finds none, which
+    /// The indirect light of these settings; `None` if it is off, or if `new` is none or finds none, which
     /// [`crate::plug::Methods::check_indirect`] refuses first.
     pub(crate) fn new(
         gpu: &Arc<Gpu>,
         scene: &Arc<Scene>,
         resident: &Resident,
-        knobs: Indirect,
+        settings: Indirect,
         new: Option<&NewIndirect>,
     ) -> Option<Self> {
-        match knobs {
+        match settings {
             Indirect::Off => None,
-            Indirect::Vpl(_) | Indirect::Points(_) => new?(gpu, scene, resident, knobs).map(Self::Method),
-            Indirect::Paths(knobs) => {
-                Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, knobs, None))))
+            Indirect::Vpl(_) | Indirect::Points(_) => new?(gpu, scene, resident, settings).map(Self::Method),
+            Indirect::Paths(settings) => {
+                Some(Self::Paths(Box::new(PathLight::new(scene, &resident.instances, settings, None))))
             }
-            Indirect::Cells(knobs) => {
-                let light = PathLight::new(scene, &resident.instances, knobs.paths, Some(knobs));
+            Indirect::Cells(settings) => {
+                let light = PathLight::new(scene, &resident.instances, settings.paths, Some(settings));
                 Some(Self::Paths(Box::new(light)))
             }
         }
@@ -125,12 +125,14 @@ impl IndirectLight {
         }
     }
 
-    /// Changes the knobs. Returns false if they are of another method.
-    pub(crate) fn set_knobs(&mut self, knobs: Indirect) -> bool {
-        match (self, knobs) {
-            (Self::Method(light), knobs) => return light.set_knobs(knobs),
-            (Self::Paths(light), Indirect::Paths(knobs)) if light.cells().is_none() => light.set_knobs(knobs),
-            (Self::Paths(light), Indirect::Cells(knobs)) if light.cells() == Some(knobs) => {}
+    /// Changes the settings. Returns false if they are of another method.
+    pub(crate) fn set_settings(&mut self, settings: Indirect) -> bool {
+        match (self, settings) {
+            (Self::Method(light), settings) => return light.set_settings(settings),
+            (Self::Paths(light), Indirect::Paths(settings)) if light.cells().is_none() => {
+                light.set_settings(settings)
+            }
+            (Self::Paths(light), Indirect::Cells(settings)) if light.cells() == Some(settings) => {}
             _ => return false,
         }
         true

@@ -15,7 +15,6 @@ mod eye;
 mod frame;
 mod index_maps;
 mod indirect;
-mod knobs;
 mod layers;
 mod light;
 mod light_meter;
@@ -35,6 +34,7 @@ mod reflected_light;
 mod resident;
 mod sampler;
 mod scratch;
+mod settings;
 mod sight;
 mod stages;
 mod surfaces;
@@ -45,8 +45,9 @@ mod view_reflections;
 mod visibility;
 mod wide;
 
-pub use argus_scene::indirect::{CellKnobs, Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
-pub use knobs::{LightKnobs, LightTracer, RadianceFormat, SamplerKnobs};
+pub use argus_scene::indirect::{
+    CellSettings, Indirect, MapSource, PathSettings, PointSettings, VplSettings,
+};
 pub use light::PathReport;
 pub use light_meter::ResolvedLight;
 pub use pass_plan::PassPlan;
@@ -55,4 +56,5 @@ pub use ray_timing::{
     ray_costs,
 };
 pub use sampler::{GpuSampler, PreparedSampler};
+pub use settings::{LightSettings, LightTracer, RadianceFormat, SamplerSettings};
 pub use sight::PacketSight;

@@ -6,7 +6,7 @@ use argus_gpu::Gpu;
 use argus_scene::{Cancel, Lighting, RenderError, SampleCamera, Scene};
 use glam::DVec3;
 
-use crate::SamplerKnobs;
+use crate::SamplerSettings;
 use crate::eye::Eye;
 use crate::frame::{Frame, check_wanted};
 use crate::indirect::Lights;
@@ -25,7 +25,7 @@ pub struct LitScene<'a> {
     /// The scene on the device.
     pub resident: &'a Resident,
     /// The sampler's settings.
-    pub knobs: &'a SamplerKnobs,
+    pub settings: &'a SamplerSettings,
     pub(crate) lights: &'a mut Lights,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) cancel: &'a Cancel,
@@ -53,7 +53,7 @@ impl<'a> LitScene<'a> {
     /// # Errors
     /// [`RenderError::Invalid`] for a camera without pinhole faces.
     pub fn tiles(&self, camera: &SampleCamera) -> Result<Vec<Tile>, RenderError> {
-        sample_tiles(camera, self.knobs.side())
+        sample_tiles(camera, self.settings.side())
     }
 
     /// What the passes of a tile share. With `g_buffer`, the targets have room for what later light needs.
@@ -72,7 +72,7 @@ impl<'a> LitScene<'a> {
 
     /// Whether light changes with time in a static scene.
     pub fn drifts(&self) -> bool {
-        self.knobs.indirect.drifts()
+        self.settings.indirect.drifts()
     }
 
     /// Adds direct light by rays and indirect light to a shaded frame, as far as there are any.

@@ -4,7 +4,7 @@ use argus_scene::effects::SHARED_STAGE;
 use argus_scene::{Effect, Light, LightEffects, Scene, Sky};
 
 use crate::resident::{DrawClass, Resident};
-use crate::{Indirect, SamplerKnobs};
+use crate::{Indirect, SamplerSettings};
 
 /// Whether a pass, or a part of one, runs for this scene.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub struct PassPlan {
     pub name: &'static str,
     /// Whether it runs.
     pub on: bool,
-    /// The property of the scene, or the knob, that switches it on or off.
+    /// The property of the scene, or the setting, that switches it on or off.
     pub why: String,
 }
 
@@ -21,7 +21,7 @@ pub struct PassPlan {
 pub(crate) fn pass_plan(
     scene: &Scene,
     resident: &Resident,
-    knobs: &SamplerKnobs,
+    settings: &SamplerSettings,
     has_layers: bool,
 ) -> Vec<PassPlan> {
     let effects = scene.effects();
@@ -59,7 +59,7 @@ pub(crate) fn pass_plan(
             true,
             format!(
                 "of {} sub-samples those of the surface that covers most, once a triangle",
-                knobs.sub_samples
+                settings.sub_samples
             ),
         ),
         row("textures", features.srgb_textures || features.linear_textures, format!("{textures} textures")),
@@ -71,7 +71,7 @@ pub(crate) fn pass_plan(
         row("emit", has(Effect::Emission), said(has(Effect::Emission), "a material emits", "nothing emits")),
         row("light", lights > 0, format!("{lights} directional, point and spot lights")),
         probes(scene, features.specular),
-        indirect(knobs.indirect, lights > 0 || has(Effect::Emission)),
+        indirect(settings.indirect, lights > 0 || has(Effect::Emission)),
         row("store texels", true, "samples, as they are kept and sent".to_owned()),
         row(
             "normal and specular planes",
@@ -90,7 +90,7 @@ pub(crate) fn pass_plan(
             said(has(Effect::Animation), "where an epoch is another than the last", "nothing moves"),
         ),
     ];
-    plan.extend(direct(scene, knobs.effects));
+    plan.extend(direct(scene, settings.effects));
     plan
 }
 
@@ -147,17 +147,18 @@ fn probes(scene: &Scene, glossy: bool) -> PassPlan {
     PassPlan { name: "reflection probes", on: count > 0, why }
 }
 
-fn indirect(knob: Indirect, shines: bool) -> PassPlan {
+fn indirect(setting: Indirect, shines: bool) -> PassPlan {
     let row = |on, why| PassPlan { name: "gather VPLs", on, why };
-    match knob {
+    match setting {
         Indirect::Off => row(false, "indirect light was not asked for".to_owned()),
-        Indirect::Vpl(knobs) if !shines && knobs.particles == 0 => {
+        Indirect::Vpl(settings) if !shines && settings.particles == 0 => {
             row(false, "no light and no surface emits".to_owned())
         }
-        Indirect::Vpl(knobs) => {
-            let [vpls, bounces, side, samples] = [knobs.vpls, knobs.bounces, knobs.map_side, knobs.samples];
-            let maps = knobs.maps.name();
-            let particles = match knobs.particles {
+        Indirect::Vpl(settings) => {
+            let [vpls, bounces, side, samples] =
+                [settings.vpls, settings.bounces, settings.map_side, settings.samples];
+            let maps = settings.maps.name();
+            let particles = match settings.particles {
                 0 => String::new(),
                 count => format!(" and {count} particles"),
             };
@@ -167,17 +168,17 @@ fn indirect(knob: Indirect, shines: bool) -> PassPlan {
             row(true, why)
         }
         // The sky is a source of paths.
-        Indirect::Cells(knobs) => PassPlan {
+        Indirect::Cells(settings) => PassPlan {
             name: "look up light cells",
             on: true,
-            why: format!("sky and indirect light: {knobs}"),
+            why: format!("sky and indirect light: {settings}"),
         },
-        Indirect::Paths(knobs) => {
-            PassPlan { name: "gather paths", on: true, why: format!("a quarter of texels: {knobs}") }
+        Indirect::Paths(settings) => {
+            PassPlan { name: "gather paths", on: true, why: format!("a quarter of texels: {settings}") }
         }
         Indirect::Points(_) if !shines => row(false, "no light and no surface emits".to_owned()),
-        Indirect::Points(knobs) => {
-            let why = format!("a receiver or two for {0}×{0} sub-samples: {knobs}", knobs.block);
+        Indirect::Points(settings) => {
+            let why = format!("a receiver or two for {0}×{0} sub-samples: {settings}", settings.block);
             PassPlan { name: "receive light", on: true, why }
         }
     }

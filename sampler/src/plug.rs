@@ -23,7 +23,6 @@ pub use crate::index_maps::{
     FACES, HalfSpace, IndexMaps, MappedReflector, Requests, face_of, from_face, in_face,
 };
 pub use crate::indirect::{IndirectMethod, LightInputs, NewIndirect};
-pub use crate::knobs::missing;
 pub use crate::lit_scene::LitScene;
 pub use crate::mixed::mixed;
 pub use crate::packets::cutouts::Cutouts;
@@ -36,6 +35,7 @@ pub use crate::reflected_light::{
 };
 pub use crate::resident::{Cull, DrawClass, Features, GBufferUse, Placement, Resident, placed, upload};
 pub use crate::scratch::{Extras, GBuffer, Scratch, Targets};
+pub use crate::settings::missing;
 pub use crate::surfaces::{Point, Surfaces};
 pub use crate::tile::Tile;
 pub use crate::view_reflections::taps;
@@ -56,7 +56,7 @@ pub trait SampleMethod: Send + Sync {
         &mut self,
         scene: &mut LitScene<'_>,
         job: &SampleJob,
-        knobs: MegaViews,
+        settings: MegaViews,
         stages: Vec<Stage>,
     ) -> Result<Option<SampleResults>, RenderError>;
 
@@ -90,10 +90,10 @@ impl Methods {
     ///
     /// # Errors
     /// [`missing`], of the field `indirect`.
-    pub fn check_indirect(&self, knobs: Indirect) -> Result<(), InvalidField> {
-        match knobs {
+    pub fn check_indirect(&self, settings: Indirect) -> Result<(), InvalidField> {
+        match settings {
             Indirect::Vpl(_) | Indirect::Points(_) if self.indirect.is_none() => {
-                Err(missing("indirect", if matches!(knobs, Indirect::Vpl(_)) { "vpl" } else { "points" }))
+                Err(missing("indirect", if matches!(settings, Indirect::Vpl(_)) { "vpl" } else { "points" }))
             }
             _ => Ok(()),
         }
@@ -120,7 +120,7 @@ impl Methods {
             ProbeSource::Points { .. } => self.points.is_some(),
             ProbeSource::Rays => true,
         };
-        match set.map(|set| set.knobs.source).filter(|source| !has(*source)) {
+        match set.map(|set| set.settings.source).filter(|source| !has(*source)) {
             Some(source) => Err(missing("reflections", source.name())),
             None => Ok(()),
         }

@@ -34,11 +34,11 @@ use argus_scene::{
 
 pub use self::method::{NewProbes, ProbeBytes, ProbeMethod, ProbePlaces};
 pub(crate) use self::points::{Fill, PointProbes};
-use crate::SamplerKnobs;
-use crate::knobs::missing;
+use crate::SamplerSettings;
 use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};
 use crate::reflected_light::Reflectors;
 use crate::resident::{GBufferUse, Resident, upload};
+use crate::settings::missing;
 
 /// The reflection probes of one scene on one device, and the programs that look them up.
 pub(crate) struct ProbeRenderer {
@@ -87,24 +87,24 @@ impl ProbeRenderer {
         gpu: &Gpu,
         scene: &Scene,
         resident: &Resident,
-        sampler: &SamplerKnobs,
+        sampler: &SamplerSettings,
         set: ReflectionProbeSet,
         new: Option<&NewProbes>,
     ) -> Result<Self, RenderError> {
         let g_buffer = GBufferUse::of(sampler);
-        let reflectors = Reflectors::new(scene, set.knobs.most);
+        let reflectors = Reflectors::new(scene, set.settings.most);
         if reflectors.instances.len() != set.count as usize {
             let reason =
                 format!("the scene has {} reflectors, not {}", reflectors.instances.len(), set.count);
             return Err(InvalidField::new("reflections.count", reason).into());
         }
         let filled = |fill| {
-            let probes = PointProbes::new(gpu, resident, g_buffer, fill, set.knobs.side);
+            let probes = PointProbes::new(gpu, resident, g_buffer, fill, set.settings.side);
             ProbePrograms::Filled(Box::new(probes))
         };
-        let source = match (set.knobs.source, set.eye) {
+        let source = match (set.settings.source, set.eye) {
             (ProbeSource::Octree { levels }, _) => {
-                let new = new.ok_or_else(|| missing("reflections", set.knobs.source.name()))?;
+                let new = new.ok_or_else(|| missing("reflections", set.settings.source.name()))?;
                 ProbePrograms::Method(new(gpu, resident, g_buffer, levels))
             }
             (ProbeSource::Points { budget }, Some(viewers)) => filled(Fill::Points { viewers, budget }),
@@ -200,7 +200,7 @@ impl ProbeRenderer {
         lit: LitAt<'_>,
         begin: Instant,
     ) -> Result<Vec<Stage>, RenderError> {
-        let layout = OmniLayout::ReflectionProbes { side: self.set.knobs.side, count: self.set.count };
+        let layout = OmniLayout::ReflectionProbes { side: self.set.settings.side, count: self.set.count };
         let camera = SampleCamera::Omni { center: places.middle, layout };
         let plane = |kind, format, bytes| Plane {
             kind,

@@ -9,10 +9,10 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-pub use cells::CellKnobs;
-pub use paths::PathKnobs;
-pub use points::PointKnobs;
-pub use vpl::{MOST_VPL_GROUPS, MapSource, VplKnobs};
+pub use cells::CellSettings;
+pub use paths::PathSettings;
+pub use points::PointSettings;
+pub use vpl::{MOST_VPL_GROUPS, MapSource, VplSettings};
 
 use crate::{InvalidField, LightEffects};
 
@@ -25,29 +25,29 @@ pub enum Indirect {
     Off,
     /// Instant radiosity (Keller 1997): paths from the lights leave virtual point lights (VPLs) on the surfaces that
     /// reflect, and every visible surface gathers from some of them. Glowing particles are gathered with them.
-    Vpl(VplKnobs),
+    Vpl(VplSettings),
     /// Point-based (Christensen 2008): some of the visible surfaces see small images of an octree of shaded points.
-    Points(PointKnobs),
+    Points(PointSettings),
     /// Paths between leaves of an octree: leaf sides exchange light along rays that are traced once, and some of the visible
     /// surfaces gather it. Direct light is traced, too: see [`Indirect::effects_with`].
-    Paths(PathKnobs),
+    Paths(PathSettings),
     /// The same leaves of an octree, whose light is gathered in light cells on surfaces, together with that of the sky, once for
     /// all views.
-    Cells(CellKnobs),
+    Cells(CellSettings),
 }
 
 impl Indirect {
-    /// Rejects knobs that are out of range.
+    /// Rejects settings that are out of range.
     ///
     /// # Errors
-    /// `indirect` and the knob's name.
+    /// `indirect` and the setting's name.
     pub fn validate(&self) -> Result<(), InvalidField> {
         match self {
             Self::Off => Ok(()),
-            Self::Vpl(knobs) => knobs.validate(),
-            Self::Points(knobs) => knobs.validate(),
-            Self::Paths(knobs) => knobs.validate(),
-            Self::Cells(knobs) => knobs.validate(),
+            Self::Vpl(settings) => settings.validate(),
+            Self::Points(settings) => settings.validate(),
+            Self::Paths(settings) => settings.validate(),
+            Self::Cells(settings) => settings.validate(),
         }
     }
 
@@ -60,7 +60,7 @@ impl Indirect {
     pub fn effects_with(&self, asked: LightEffects) -> LightEffects {
         match self {
             Self::Off => asked,
-            Self::Vpl(knobs) if knobs.vpls == 0 => asked,
+            Self::Vpl(settings) if settings.vpls == 0 => asked,
             Self::Paths(_) | Self::Cells(_) => {
                 LightEffects { shadows: true, sky_visibility: true, emitters: true, ..asked }
             }
@@ -84,29 +84,29 @@ impl Indirect {
     }
 
     /// What leaves of an octree exchange, where light is found by them.
-    pub fn paths(&self) -> Option<PathKnobs> {
+    pub fn paths(&self) -> Option<PathSettings> {
         match self {
-            Self::Paths(knobs) => Some(*knobs),
-            Self::Cells(knobs) => Some(knobs.paths),
+            Self::Paths(settings) => Some(*settings),
+            Self::Cells(settings) => Some(settings.paths),
             Self::Off | Self::Vpl(_) | Self::Points(_) => None,
         }
     }
 
     /// Whether it changes with time though nothing of the scene moves: glowing particles drift.
     pub fn drifts(&self) -> bool {
-        matches!(self, Self::Vpl(knobs) if knobs.particles > 0)
+        matches!(self, Self::Vpl(settings) if settings.particles > 0)
     }
 }
 
 impl fmt::Display for Indirect {
-    /// The method and all of its knobs in a few words.
+    /// The method and all of its settings in a few words.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Off => f.write_str("off"),
-            Self::Vpl(knobs) => knobs.fmt(f),
-            Self::Points(knobs) => knobs.fmt(f),
-            Self::Paths(knobs) => knobs.fmt(f),
-            Self::Cells(knobs) => knobs.fmt(f),
+            Self::Vpl(settings) => settings.fmt(f),
+            Self::Points(settings) => settings.fmt(f),
+            Self::Paths(settings) => settings.fmt(f),
+            Self::Cells(settings) => settings.fmt(f),
         }
     }
 }

@@ -83,7 +83,7 @@ pub use exposure::{Exposure, Metering};
 pub use faces::{FaceMask, FaceMasks};
 pub use frame::{Frame, Output, Outputs, Prediction, Provenance, Served};
 pub use history::History;
-pub use indirect::{CellKnobs, Indirect, MapSource, PathKnobs, PointKnobs, VplKnobs};
+pub use indirect::{CellSettings, Indirect, MapSource, PathSettings, PointSettings, VplSettings};
 pub use light::{Light, Lighting, Sky};
 pub use light_choice::{AddedLight, LightChoice, LightRequest};
 pub use light_effects::LightEffects;
@@ -96,7 +96,7 @@ pub use open::{base_of, in_environment, is_procedural, open, split_environment, 
 pub use plan::{FrameSource, Holes, Plan, Search, Warp};
 pub use pose::Pose;
 pub use reflection::{ProbeEye, ProbeSource, ReflectionCost, ReflectionProbeSet, Reflections, Reflector};
-pub use rig::{Rig, RigKnobs};
+pub use rig::{Rig, RigSettings};
 pub use role::{Cancel, Compositor, PixelJob, Pixels, SampleJob, Sampler, ViewJob};
 pub use sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleSet, SampleSetInfo};
 pub use sample_id::{SampleId, SceneState, Version};

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// How much of the light that a sample set asks for a version of it shows. Light among surfaces takes seconds to prepare, so
 /// a service starts without it. Better light comes as later versions. Only sets with indirect light by paths have levels
-/// ([`crate::PathKnobs::at`]); all others show all of their light from the start.
+/// ([`crate::PathSettings::at`]); all others show all of their light from the start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LightLevel {

@@ -138,7 +138,7 @@ impl Reflections {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ReflectionProbeSet {
     /// Settings of every probe.
-    pub knobs: Reflections,
+    pub settings: Reflections,
     /// Number of probes, at least 1.
     pub count: u32,
     /// Viewers whose pixels set the density of points; `None` for probes without points, which do not depend on viewers.
@@ -150,13 +150,13 @@ impl ReflectionProbeSet {
     ///
     /// # Errors
     /// The setting that is out of range, or `reflections.side` if all probes together take too much memory.
-    pub fn of(scene: &Scene, rig: &Rig, knobs: Reflections) -> Result<Option<Self>, InvalidField> {
-        knobs.validate()?;
-        let eye = match knobs.source {
+    pub fn of(scene: &Scene, rig: &Rig, settings: Reflections) -> Result<Option<Self>, InvalidField> {
+        settings.validate()?;
+        let eye = match settings.source {
             ProbeSource::Octree { .. } | ProbeSource::Rays => None,
             ProbeSource::Points { .. } => ProbeEye::of(rig, &scene.extent()),
         };
-        let maps = Self { knobs, count: scene.reflectors(knobs.most).len() as u32, eye };
+        let maps = Self { settings, count: scene.reflectors(settings.most).len() as u32, eye };
         if maps.count == 0 {
             return Ok(None);
         }
@@ -169,8 +169,8 @@ impl ReflectionProbeSet {
     /// # Errors
     /// The field, by name.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        self.knobs.validate()?;
-        match (self.knobs.source, self.eye) {
+        self.settings.validate()?;
+        match (self.settings.source, self.eye) {
             (ProbeSource::Points { .. }, None) => {
                 return Err(InvalidField::new("reflections.viewpoints", "must be given for points"));
             }
@@ -180,11 +180,11 @@ impl ReflectionProbeSet {
             }
             (_, eye) => eye.map_or(Ok(()), |eye| eye.validate())?,
         }
-        InvalidField::within("reflections.count", self.count, 1..=self.knobs.most)?;
+        InvalidField::within("reflections.count", self.count, 1..=self.settings.most)?;
         let bytes = self.bytes();
         if bytes > MOST_BYTES {
             let (mib, most) = (bytes >> 20, MOST_BYTES >> 20);
-            let (count, side) = (self.count, self.knobs.side);
+            let (count, side) = (self.count, self.settings.side);
             let reason = format!(
                 "{count} probes of {side} texels take {mib} MiB; the limit is {most} MiB: lower their number or side"
             );
@@ -195,7 +195,7 @@ impl ReflectionProbeSet {
 
     /// Bytes of all probes: radiance and range.
     fn bytes(&self) -> u64 {
-        let texels: u64 = map_size(self.knobs.side).map(u64::from).iter().product();
+        let texels: u64 = map_size(self.settings.side).map(u64::from).iter().product();
         texels * 8 * u64::from(self.count)
     }
 }
@@ -203,7 +203,7 @@ impl ReflectionProbeSet {
 impl fmt::Display for ReflectionProbeSet {
     /// All that the probes are a function of, beside scene and time.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} maps {}", self.count, self.knobs)?;
+        write!(f, "{} maps {}", self.count, self.settings)?;
         self.eye.map_or(Ok(()), |eye| write!(f, ", {eye}"))
     }
 }
@@ -378,14 +378,14 @@ mod tests {
     fn too_large_probes_and_a_wrong_number_of_them_are_refused() {
         let field = |maps: ReflectionProbeSet| maps.validate().unwrap_err().field;
         let few = ReflectionProbeSet {
-            knobs: Reflections { most: 1024, ..Reflections::default() },
+            settings: Reflections { most: 1024, ..Reflections::default() },
             count: 1024,
             eye: None,
         };
         assert_eq!(few.validate(), Ok(()));
         assert_eq!(field(ReflectionProbeSet { count: 1025, ..few }), "reflections.count");
         assert_eq!(field(ReflectionProbeSet { count: 0, ..few }), "reflections.count");
-        let large = ReflectionProbeSet { knobs: Reflections { side: 256, ..few.knobs }, ..few };
+        let large = ReflectionProbeSet { settings: Reflections { side: 256, ..few.settings }, ..few };
         assert_eq!(field(large), "reflections.side");
         let found = ReflectionProbeSet::of(&scene(), &cells(), Reflections::default()).unwrap().unwrap();
         assert_eq!((found.count, found.eye), (3, None));
@@ -397,12 +397,12 @@ mod tests {
 
     #[test]
     fn points_follow_the_viewers_of_the_rig() {
-        let knobs = Reflections { source: ProbeSource::POINTS, ..Reflections::default() };
-        let set = ReflectionProbeSet::of(&scene(), &cells(), knobs).unwrap().unwrap();
+        let settings = Reflections { source: ProbeSource::POINTS, ..Reflections::default() };
+        let set = ReflectionProbeSet::of(&scene(), &cells(), settings).unwrap().unwrap();
         assert_eq!(set.eye, Some(ProbeEye { viewpoints: scene().extent(), pixels: 192.0 }));
         let bounds = scene().bounds();
         let above = Rig::TileCorners { bounds, tiles: [3, 2], height: 1.0, size: [400, 300] };
-        let eye = ReflectionProbeSet::of(&scene(), &above, knobs).unwrap().unwrap().eye.unwrap();
+        let eye = ReflectionProbeSet::of(&scene(), &above, settings).unwrap().unwrap().eye.unwrap();
         for index in 0..24 {
             let at = above.camera(index).unwrap().center();
             assert!(eye.viewpoints.contains(at) && at.y > bounds.max.y, "{at} {eye}");
@@ -414,12 +414,12 @@ mod tests {
     fn points_need_viewers_and_an_octree_has_none() {
         let points = Reflections { source: ProbeSource::POINTS, ..Reflections::default() };
         let eye = ProbeEye { viewpoints: Bounds { min: DVec3::ZERO, max: DVec3::ONE }, pixels: 100.0 };
-        let set = ReflectionProbeSet { knobs: points, count: 1, eye: Some(eye) };
+        let set = ReflectionProbeSet { settings: points, count: 1, eye: Some(eye) };
         let field = |set: ReflectionProbeSet| set.validate().unwrap_err().field;
         assert_eq!(set.validate(), Ok(()));
         assert_eq!(field(ReflectionProbeSet { eye: None, ..set }), "reflections.viewpoints");
         let octree = Reflections::default();
-        assert_eq!(field(ReflectionProbeSet { knobs: octree, ..set }), "reflections.viewpoints");
+        assert_eq!(field(ReflectionProbeSet { settings: octree, ..set }), "reflections.viewpoints");
         let nowhere = ProbeEye { viewpoints: Bounds::EMPTY, ..eye };
         assert_eq!(field(ReflectionProbeSet { eye: Some(nowhere), ..set }), "reflections.viewpoints");
         for pixels in [0.0, -1.0, f64::NAN, f64::INFINITY] {

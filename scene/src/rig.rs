@@ -58,7 +58,7 @@ pub enum Rig {
 
 /// A user's settings of a rig; unset ones follow from the scene.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct RigKnobs {
+pub struct RigSettings {
     /// Rule.
     pub kind: Option<RigKind>,
     /// Tiles along x and z, [`Rig::TileCorners`].
@@ -93,20 +93,20 @@ impl Rig {
     ///
     /// # Errors
     /// A setting that is out of range, by name.
-    pub fn for_scene(scene: &Scene, knobs: &RigKnobs) -> Result<Self, InvalidField> {
+    pub fn for_scene(scene: &Scene, settings: &RigSettings) -> Result<Self, InvalidField> {
         let bounds = scene.extent();
         let size = bounds.size().max_element().max(1e-6);
-        let rig = match knobs.kind.unwrap_or(scene.rig) {
+        let rig = match settings.kind.unwrap_or(scene.rig) {
             RigKind::TileCorners => Self::TileCorners {
                 bounds,
-                tiles: knobs.tiles.unwrap_or([1, 1]),
+                tiles: settings.tiles.unwrap_or([1, 1]),
                 height: 1.0,
-                size: knobs.size.unwrap_or([400, 300]),
+                size: settings.size.unwrap_or([400, 300]),
             },
             RigKind::Cell => Self::Cell {
                 origin: bounds.center(),
-                spacing: knobs.spacing.unwrap_or(size / 16.0),
-                face: knobs.face.unwrap_or(512),
+                spacing: settings.spacing.unwrap_or(size / 16.0),
+                face: settings.face.unwrap_or(512),
             },
         };
         rig.validate()?;

@@ -199,7 +199,7 @@ impl SampleSetInfo {
     /// stays at the coarse level.
     pub fn first_light(&self) -> LightLevel {
         let from_octree =
-            |probes: &ReflectionProbeSet| matches!(probes.knobs.source, ProbeSource::Octree { .. });
+            |probes: &ReflectionProbeSet| matches!(probes.settings.source, ProbeSource::Octree { .. });
         let has_octree =
             self.reflections.as_ref().is_some_and(from_octree) || self.sampling != Sampling::Triangles;
         match self.indirect {
@@ -238,8 +238,8 @@ impl SampleSetInfo {
     /// An index that [`Rig::camera`] refuses, or reflection probes of a set without reflections.
     pub fn camera(&self, index: u64) -> Result<SampleCamera, InvalidField> {
         match self.reflections {
-            Some(ReflectionProbeSet { knobs, count, .. }) if index == SampleId::REFLECTION_PROBES => {
-                let layout = OmniLayout::ReflectionProbes { side: knobs.side, count };
+            Some(ReflectionProbeSet { settings, count, .. }) if index == SampleId::REFLECTION_PROBES => {
+                let layout = OmniLayout::ReflectionProbes { side: settings.side, count };
                 Ok(SampleCamera::Omni { center: self.bounds.center(), layout })
             }
             _ => self.rig.camera(index),

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{InvalidField, Rig, RigKind, RigKnobs};
+use crate::{InvalidField, Rig, RigKind, RigSettings};
 
 /// Source of samples, the same for all samples of a set on every worker. Direct views, and single pixels that no
 /// sample saw, always come from triangles.
@@ -72,10 +72,10 @@ impl Sampling {
     }
 
     /// The rig settings of a user; if unset, the kind of rig that these samples need.
-    pub fn rig_knobs(&self, knobs: RigKnobs) -> RigKnobs {
+    pub fn rig_settings(&self, settings: RigSettings) -> RigSettings {
         match self {
-            Self::Triangles => knobs,
-            Self::MegaViews(_) => RigKnobs { kind: knobs.kind.or(Some(RigKind::Cell)), ..knobs },
+            Self::Triangles => settings,
+            Self::MegaViews(_) => RigSettings { kind: settings.kind.or(Some(RigKind::Cell)), ..settings },
         }
     }
 
@@ -121,7 +121,7 @@ mod tests {
         let bounds = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
         let tiles = Rig::TileCorners { bounds, tiles: [1, 1], height: 1.0, size: [4, 4] };
         let default = MegaViews::default();
-        let field = |knobs, rig| Sampling::MegaViews(knobs).validate(rig).unwrap_err().field;
+        let field = |settings, rig| Sampling::MegaViews(settings).validate(rig).unwrap_err().field;
         assert_eq!(Sampling::MegaViews(default).validate(&cell), Ok(()));
         assert_eq!(Sampling::Triangles.validate(&tiles), Ok(()));
         assert_eq!(field(default, &tiles), "sampling");

@@ -88,7 +88,7 @@ impl Specification {
         let Self { visibility, sampling, sub_samples, effects, indirect, reflections, exposure } = self;
         let sampling = match sampling {
             Sampling::Triangles => sampling.name().to_owned(),
-            Sampling::MegaViews(knobs) => format!("{} {knobs}", sampling.name()),
+            Sampling::MegaViews(settings) => format!("{} {settings}", sampling.name()),
         };
         let reflections = reflections.map_or("off".to_owned(), |probes| probes.to_string());
         [
@@ -141,18 +141,18 @@ mod tests {
     use super::*;
     use glam::DVec3;
 
-    use crate::{Bounds, MegaViews, PointKnobs, ProbeEye, ProbeSource, Reflections, VplKnobs, Warp};
+    use crate::{Bounds, MegaViews, PointSettings, ProbeEye, ProbeSource, Reflections, VplSettings, Warp};
 
     /// Specifications that differ from the default in one field each.
     fn others() -> [(&'static str, Specification); 7] {
         let usual = Specification::default();
-        let maps = ReflectionProbeSet { knobs: Reflections::default(), count: 3, eye: None };
+        let maps = ReflectionProbeSet { settings: Reflections::default(), count: 3, eye: None };
         [
             ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
             ("sampling", Specification { sampling: Sampling::MegaViews(MegaViews::default()), ..usual }),
             ("sub_samples", Specification { sub_samples: 16, ..usual }),
             ("effects", Specification { effects: LightEffects::ALL, ..usual }),
-            ("indirect", Specification { indirect: Indirect::Points(PointKnobs::default()), ..usual }),
+            ("indirect", Specification { indirect: Indirect::Points(PointSettings::default()), ..usual }),
             ("reflections", Specification { reflections: Some(maps), ..usual }),
             ("exposure", Specification { exposure: 0.5, ..usual }),
         ]
@@ -181,18 +181,18 @@ mod tests {
     }
 
     #[test]
-    fn every_knob_of_indirect_light_changes_the_hash() {
-        let usual = VplKnobs::default();
+    fn every_setting_of_indirect_light_changes_the_hash() {
+        let usual = VplSettings::default();
         let hash =
-            |knobs| Specification { indirect: Indirect::Vpl(knobs), ..Specification::default() }.hash();
+            |settings| Specification { indirect: Indirect::Vpl(settings), ..Specification::default() }.hash();
         for other in [
-            VplKnobs { vpls: 8, ..usual },
-            VplKnobs { particles: 8, ..usual },
-            VplKnobs { bounces: 2, ..usual },
-            VplKnobs { samples: 4, ..usual },
-            VplKnobs { filter: 0, ..usual },
-            VplKnobs { clamp: 0.02, ..usual },
-            VplKnobs { seed: 2, ..usual },
+            VplSettings { vpls: 8, ..usual },
+            VplSettings { particles: 8, ..usual },
+            VplSettings { bounces: 2, ..usual },
+            VplSettings { samples: 4, ..usual },
+            VplSettings { filter: 0, ..usual },
+            VplSettings { clamp: 0.02, ..usual },
+            VplSettings { seed: 2, ..usual },
         ] {
             assert_ne!(hash(usual), hash(other), "{other:?}");
         }
@@ -200,10 +200,10 @@ mod tests {
 
     #[test]
     fn probes_from_points_differ_from_those_of_an_octree_and_with_their_viewers() {
-        let octree = ReflectionProbeSet { knobs: Reflections::default(), count: 3, eye: None };
+        let octree = ReflectionProbeSet { settings: Reflections::default(), count: 3, eye: None };
         let box_of = |edge: f64| Bounds { min: DVec3::ZERO, max: DVec3::splat(edge) };
         let points = |edge, pixels, budget| ReflectionProbeSet {
-            knobs: Reflections { source: ProbeSource::Points { budget }, ..octree.knobs },
+            settings: Reflections { source: ProbeSource::Points { budget }, ..octree.settings },
             eye: Some(ProbeEye { viewpoints: box_of(edge), pixels }),
             ..octree
         };
@@ -226,7 +226,7 @@ mod tests {
         let usual = Specification::default();
         let field = |specification: Specification| specification.validate().unwrap_err().field;
         assert_eq!(field(Specification { sub_samples: 3, ..usual }), "sub_samples");
-        let indirect = Indirect::Vpl(VplKnobs { bounces: 9, ..VplKnobs::default() });
+        let indirect = Indirect::Vpl(VplSettings { bounces: 9, ..VplSettings::default() });
         assert_eq!(field(Specification { indirect, ..usual }), "indirect.bounces");
         for exposure in [0.0, -1.0, f32::NAN, f32::INFINITY] {
             assert_eq!(field(Specification { exposure, ..usual }), "exposure");

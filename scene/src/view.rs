@@ -47,7 +47,7 @@ impl PlanRequest {
         Self { search: Some(Search::default()), ..Self::default() }
     }
 
-    /// Whether the service may choose between triangles and samples: the request names neither and sets no knob that
+    /// Whether the service may choose between triangles and samples: the request names neither and sets no setting that
     /// only one of them has.
     pub fn leaves_way_open(&self) -> bool {
         let Self { direct, detail, search, steps, samples, holes, max_error, .. } = *self;
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_with_a_method_or_one_of_its_knobs_leaves_no_choice() {
+    fn a_request_with_a_method_or_one_of_its_settings_leaves_no_choice() {
         let open = PlanRequest::default();
         let preset = PlanRequest { preset: Some(Preset::Balanced), deadline_ms: Some(20.0), ..open };
         let finer = PlanRequest { supersampling: Some(2), ..open };
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_and_knobs_outside_their_limits_are_rejected_by_name() {
+    fn sizes_and_settings_outside_their_limits_are_rejected_by_name() {
         let limits = Limits::default();
         let field = |change: fn(&mut View)| {
             let mut view = view();

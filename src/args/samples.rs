@@ -2,8 +2,8 @@
 
 use argus_sampler::plug::missing;
 use argus_scene::{
-    CellKnobs, Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathKnobs, PointKnobs,
-    RigKind, RigKnobs, Visibility, VplKnobs,
+    CellSettings, Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathSettings,
+    PointSettings, RigKind, RigSettings, Visibility, VplSettings,
 };
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -37,8 +37,8 @@ pub struct Rig {
 
 impl Rig {
     /// Converts the flags to the rig's settings.
-    pub fn knobs(&self) -> RigKnobs {
-        RigKnobs {
+    pub fn settings(&self) -> RigSettings {
+        RigSettings {
             kind: self.rig,
             tiles: self.tiles,
             size: self.sample_size,
@@ -218,9 +218,9 @@ impl IndirectLight {
     /// Converts the flags to the sample set's settings.
     ///
     /// # Errors
-    /// `--particles` together with `--indirect points` or `paths`, which cannot gather their light; or a knob out of the
+    /// `--particles` together with `--indirect points` or `paths`, which cannot gather their light; or a setting out of the
     /// method's range.
-    pub(crate) fn knobs(&self) -> anyhow::Result<Option<Indirect>> {
+    pub(crate) fn settings(&self) -> anyhow::Result<Option<Indirect>> {
         // Particles are gathered like virtual point lights, with which paths do not go.
         let off = self.indirect == "off" || self.indirect == "auto" && self.particles.is_some();
         match (self.indirect.as_str(), self.particles) {
@@ -228,7 +228,7 @@ impl IndirectLight {
             ("auto", None) => return Ok(None),
             _ => {}
         }
-        let knobs = match self.indirect.as_str() {
+        let settings = match self.indirect.as_str() {
             "points" | "paths" | "cells" => {
                 anyhow::ensure!(
                     self.particles.is_none(),
@@ -242,18 +242,18 @@ impl IndirectLight {
             }
             _ => self.virtual_lights(off),
         };
-        knobs.validate()?;
-        let of_papers = matches!(knobs, Indirect::Vpl(_) | Indirect::Points(_));
+        settings.validate()?;
+        let of_papers = matches!(settings, Indirect::Vpl(_) | Indirect::Points(_));
         if of_papers && !HAS_PAPERS {
             let field = if self.particles.is_some() { "particles" } else { "indirect" };
             return Err(missing(field, &self.indirect).into());
         }
-        Ok(Some(knobs))
+        Ok(Some(settings))
     }
 
     fn points(&self) -> Indirect {
-        let default = PointKnobs::default();
-        Indirect::Points(PointKnobs {
+        let default = PointSettings::default();
+        Indirect::Points(PointSettings {
             levels: self.point_levels.unwrap_or(default.levels),
             map_side: self.point_map_side.unwrap_or(default.map_side),
             block: self.point_block.unwrap_or(default.block),
@@ -263,17 +263,17 @@ impl IndirectLight {
     }
 
     fn cells(&self) -> Indirect {
-        let default = CellKnobs::default();
-        Indirect::Cells(CellKnobs {
+        let default = CellSettings::default();
+        Indirect::Cells(CellSettings {
             paths: self.paths(),
             pixels: self.cell_pixels.unwrap_or(default.pixels),
             rays: self.cell_rays.unwrap_or(default.rays),
         })
     }
 
-    fn paths(&self) -> PathKnobs {
-        let default = PathKnobs::default();
-        PathKnobs {
+    fn paths(&self) -> PathSettings {
+        let default = PathSettings::default();
+        PathSettings {
             level: self.path_level.unwrap_or(default.level),
             rays: self.path_rays.unwrap_or(default.rays),
             bounces: self.bounces.unwrap_or(default.bounces),
@@ -283,9 +283,9 @@ impl IndirectLight {
 
     /// Virtual point lights, or only particles where indirect light is off.
     fn virtual_lights(&self, off: bool) -> Indirect {
-        let default = VplKnobs::default();
+        let default = VplSettings::default();
         let source = |name: &String| MapSource::ALL.into_iter().find(|source| source.name() == name);
-        Indirect::Vpl(VplKnobs {
+        Indirect::Vpl(VplSettings {
             vpls: if off { 0 } else { self.vpls.unwrap_or(default.vpls) },
             particles: self.particles.unwrap_or(default.particles),
             bounces: self.bounces.unwrap_or(default.bounces),

@@ -3,15 +3,15 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
+use argus_compositor::{CompositorSettings, GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
 use argus_sampler::GpuSampler;
 use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Plan, RenderError, Rig, RigKnobs, SampleJob, Sampler as _, Scene,
-    ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Plan, RenderError, Rig, RigSettings, SampleJob, Sampler as _,
+    Scene, ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -53,7 +53,8 @@ impl Stage {
     /// A stage without references.
     pub(super) fn without_truth(gpu: &Arc<Gpu>) -> Result<Self> {
         let scene = Arc::new(argus_scene::open(SCENE)?);
-        let info = Arc::new(SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, &RigKnobs::default())?));
+        let info =
+            Arc::new(SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, &RigSettings::default())?));
         let sampler = GpuSampler::new(Arc::clone(gpu), Arc::clone(&scene))?;
         let tracer = Tracer::new(Arc::clone(&scene));
         let cameras: Vec<Camera> = scene.cameras.iter().take(VIEWS).map(|named| named.camera).collect();
@@ -94,8 +95,8 @@ impl Stage {
     /// A compositor that holds the samples of all views and uses one kind of program.
     pub(super) fn compositor(&mut self, search_backend: SearchBackend) -> Result<GpuCompositor> {
         let samples = self.samples(false)?.into_iter().map(Arc::new).collect();
-        let knobs = CompositorKnobs { search_backend, ..CompositorKnobs::default() };
-        let mut compositor = GpuCompositor::with_knobs(Arc::clone(&self.gpu), knobs)?;
+        let settings = CompositorSettings { search_backend, ..CompositorSettings::default() };
+        let mut compositor = GpuCompositor::with_settings(Arc::clone(&self.gpu), settings)?;
         compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples })?;
         Ok(compositor)
     }

@@ -158,9 +158,9 @@ impl Coordinator {
         [octree, points, ProbeSource::Rays].map(|source| Reflections { side, most, source })
     }
 
-    /// The first invalid knob of reflection probes, by its setting.
+    /// The first invalid setting of reflection probes, by its setting.
     fn reflections_error(&self) -> Option<(&'static str, String)> {
-        let invalid = self.reflection_sources().iter().find_map(|knobs| knobs.validate().err())?;
+        let invalid = self.reflection_sources().iter().find_map(|settings| settings.validate().err())?;
         let key = match invalid.field {
             "reflections.side" => "coordinator.reflection_side",
             "reflections.levels" => "coordinator.reflection_levels",

@@ -3,9 +3,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use argus_cluster::RoleFactory;
-use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_compositor::{CompositorSettings, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{GpuSampler, PreparedSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, PreparedSampler, SamplerSettings};
 use argus_scene::{Compositor, RenderError, SampleSetInfo, Sampler, Scene};
 
 use super::methods::methods;
@@ -13,7 +13,7 @@ use super::methods::methods;
 /// This machine's device, opened for the first role and shared by both, so that samples can stay on it.
 pub(crate) struct Device {
     gpu: Mutex<Option<Arc<Gpu>>>,
-    compositing: CompositorKnobs,
+    compositing: CompositorSettings,
     /// A sampler of the scene that will probably be rendered.
     prepared: Mutex<Option<PreparedSampler>>,
 }
@@ -21,7 +21,7 @@ pub(crate) struct Device {
 impl Device {
     /// A device whose compositor holds at most this many bytes of samples.
     pub(crate) fn new(max_sample_bytes: u64) -> Self {
-        let compositing = CompositorKnobs { max_sample_bytes, ..CompositorKnobs::default() };
+        let compositing = CompositorSettings { max_sample_bytes, ..CompositorSettings::default() };
         Self { gpu: Mutex::default(), compositing, prepared: Mutex::default() }
     }
 
@@ -55,16 +55,16 @@ impl Device {
 
 impl RoleFactory for Device {
     fn sampler(&self, scene: Arc<Scene>, set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError> {
-        let (gpu, knobs) = (self.gpu()?, SamplerKnobs::of(set));
+        let (gpu, settings) = (self.gpu()?, SamplerSettings::of(set));
         let prepared = self.prepared.lock().unwrap_or_else(PoisonError::into_inner).take();
         let sampler = match prepared.filter(|prepared| prepared.is_of(&gpu, &scene)) {
-            Some(prepared) => prepared.in_light(scene, knobs),
-            None => GpuSampler::with_methods(gpu, scene, knobs, methods()),
+            Some(prepared) => prepared.in_light(scene, settings),
+            None => GpuSampler::with_methods(gpu, scene, settings, methods()),
         };
         Ok(Box::new(sampler?))
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {
-        Ok(Box::new(GpuCompositor::with_knobs(self.gpu()?, self.compositing)?))
+        Ok(Box::new(GpuCompositor::with_settings(self.gpu()?, self.compositing)?))
     }
 }

@@ -6,13 +6,13 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_compositor::{GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
-use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{DirectLight, Indirect as Paths, SceneSight, Tracer, cache};
 use argus_scene::rig::{CandidateCameras, VisibilityQuery};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigKnobs,
+    Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigSettings,
     SampleJob, Sampler as _, Sampling, Scene, Version, ViewJob, Visibility,
 };
 use glam::{DVec2, DVec3};
@@ -65,7 +65,12 @@ pub(crate) const WRONG_SURFACE: f64 = 0.05;
 
 impl Bench {
     /// Opens a scene and places a rig; holds no samples yet.
-    pub(crate) fn new(gpu: &Arc<Gpu>, spec: &str, rig: &RigKnobs, sampler: SamplerKnobs) -> Result<Self> {
+    pub(crate) fn new(
+        gpu: &Arc<Gpu>,
+        spec: &str,
+        rig: &RigSettings,
+        sampler: SamplerSettings,
+    ) -> Result<Self> {
         let scene = Arc::new(argus_scene::open(spec)?);
         Self::with_scene(gpu, scene, rig, sampler)
     }
@@ -74,8 +79,8 @@ impl Bench {
     pub(crate) fn with_scene(
         gpu: &Arc<Gpu>,
         scene: Arc<Scene>,
-        rig: &RigKnobs,
-        sampler: SamplerKnobs,
+        rig: &RigSettings,
+        sampler: SamplerSettings,
     ) -> Result<Self> {
         let info = Arc::new(SampleSetInfo {
             sub_samples: sampler.sub_samples,
@@ -107,7 +112,7 @@ impl Bench {
     }
 
     /// Releases all samples and places a new rig, as a new version.
-    pub(crate) fn replace_rig(&mut self, rig: &RigKnobs, held: &[SampleId]) -> Result<()> {
+    pub(crate) fn replace_rig(&mut self, rig: &RigSettings, held: &[SampleId]) -> Result<()> {
         self.release(held);
         let rig = Rig::for_scene(&self.scene, rig)?;
         self.info = Arc::new(SampleSetInfo { rig, version: self.next_version(), ..(*self.info).clone() });

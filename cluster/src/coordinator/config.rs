@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{
-    Effects, Exposure, Indirect, InvalidField, LightRequest, ReflectionRequest, RigKnobs, Sampling,
+    Effects, Exposure, Indirect, InvalidField, LightRequest, ReflectionRequest, RigSettings, Sampling,
     Specification,
 };
 use serde::Serialize;
@@ -18,8 +18,8 @@ use crate::security::Security;
 pub struct Config {
     /// Configuration of the core.
     pub core: core::Config,
-    /// Placement of sample cameras. Open knobs are derived from the scene.
-    pub rig: RigKnobs,
+    /// Placement of sample cameras. Open settings are derived from the scene.
+    pub rig: RigSettings,
     /// What samples are rendered from. The rig must have suitable cameras.
     pub sampling: Sampling,
     /// Sub-samples of each texel of a sample: 1, 4 or 16.
@@ -66,7 +66,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             core: core::Config::default(),
-            rig: RigKnobs::default(),
+            rig: RigSettings::default(),
             sampling: Sampling::default(),
             sub_samples: Specification::USUAL_SUB_SAMPLES,
             light: LightRequest::Auto,

@@ -72,7 +72,7 @@ pub fn prepare(config: &Config, source: &dyn SceneSource) -> Result<Prepared, Se
         effects,
         indirect,
         reflections: match effect_plan.reflections(scene, &request) {
-            Some(knobs) => ReflectionProbeSet::of(scene, &rig, knobs).map_err(ServeError::Sampling)?,
+            Some(settings) => ReflectionProbeSet::of(scene, &rig, settings).map_err(ServeError::Sampling)?,
             None => None,
         },
     };

@@ -76,7 +76,7 @@ async fn an_invalid_camera_fails_alone_and_an_invalid_common_field_fails_the_bat
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_killed_worker_costs_a_batch_no_frame() {
     let mut cluster = Cluster::start(2).await;
-    cluster.knobs.set(0, 20_000);
+    cluster.settings.set(0, 20_000);
     let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
     let mut frames =
         std::pin::pin!(client.render_batch(batch(30, PlanRequest::default()), Encoding::Unspecified));

@@ -11,7 +11,7 @@ use futures::future::join_all;
 use tonic::Code;
 
 use crate::common;
-use crate::common::roles::Knobs;
+use crate::common::roles::Settings;
 use crate::common::{
     Cluster, Opener, Source, direct, quick, scene, start_coordinator, start_coordinator_at, start_worker,
     start_worker_with, view,
@@ -21,7 +21,7 @@ use crate::watching::page;
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_killed_worker_loses_no_view() {
     let mut cluster = Cluster::start(3).await;
-    cluster.knobs.set(10_000, 10_000);
+    cluster.settings.set(10_000, 10_000);
     for victim in ["compositor", "sampler"] {
         let channel = cluster.views();
         let views = join_all((0..80).map(|i| {
@@ -38,7 +38,7 @@ async fn a_killed_worker_loses_no_view() {
             answered.unwrap().unwrap();
         }
         // A new worker replaces it.
-        let replacement = start_worker(&cluster.coordinator.url(), &cluster.knobs);
+        let replacement = start_worker(&cluster.coordinator.url(), &cluster.settings);
         cluster.workers.push(replacement);
         cluster.wait_for(|s| s.processes == 3 && s.samplers == 1).await;
     }
@@ -81,13 +81,13 @@ async fn another_worker_continues_a_killed_ones_frame_byte_for_byte() {
 async fn a_worker_recovers_from_a_lost_device_and_from_a_panic() {
     let cluster = Cluster::start(1).await;
     let (expected, _) = cluster.render(&view(1)).await.unwrap();
-    for misfortune in [&cluster.knobs.lose_device, &cluster.knobs.panics] {
-        let made = cluster.knobs.compositors_made.load(Ordering::SeqCst);
+    for misfortune in [&cluster.settings.lose_device, &cluster.settings.panics] {
+        let made = cluster.settings.compositors_made.load(Ordering::SeqCst);
         misfortune.store(1, Ordering::SeqCst);
         let (frame, _) = cluster.render(&view(1)).await.unwrap();
         assert_eq!(frame.color, expected.color);
         // A direct view that lost the device also lost the compositor, which is remade before this view or by it.
-        let made_anew = cluster.knobs.compositors_made.load(Ordering::SeqCst) - made;
+        let made_anew = cluster.settings.compositors_made.load(Ordering::SeqCst) - made;
         assert!((1..=2).contains(&made_anew), "{made_anew} compositors were made");
         misfortune.store(1, Ordering::SeqCst);
         cluster.render(&direct(1)).await.unwrap();
@@ -95,18 +95,18 @@ async fn a_worker_recovers_from_a_lost_device_and_from_a_panic() {
     assert_eq!(cluster.status().await.counters.unwrap().views_retried, 0, "no other worker got it");
     // After repeated failures the view fails with a clear error, and the cluster continues. Samplers that are made meanwhile lose
     // their device as well, any number of times.
-    cluster.knobs.lose_device.store(usize::MAX / 2, Ordering::SeqCst);
+    cluster.settings.lose_device.store(usize::MAX / 2, Ordering::SeqCst);
     let status = cluster.render(&view(1)).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable);
     assert!(status.message().contains("device was lost"), "{status}");
-    cluster.knobs.lose_device.store(0, Ordering::SeqCst);
+    cluster.settings.lose_device.store(0, Ordering::SeqCst);
     assert_eq!(cluster.render(&view(1)).await.unwrap().0.color, expected.color);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_last_worker_renders_samples_at_once() {
     let mut cluster = Cluster::start(2).await;
-    let made = |cluster: &Cluster| cluster.knobs.samplers_made.load(Ordering::SeqCst);
+    let made = |cluster: &Cluster| cluster.settings.samplers_made.load(Ordering::SeqCst);
     assert_eq!(made(&cluster), 2, "each worker has made a sampler before it was ready");
     let sampler = |status: &argus_proto::v1::StatusResponse| {
         let samples = |w: &&argus_proto::v1::WorkerStatus| w.role() == argus_proto::v1::Role::Sampler;
@@ -124,12 +124,12 @@ async fn views_from_held_samples_do_not_wait_for_a_new_sampler() {
     let mut cluster = Cluster::start(1).await;
     let (before, _) = cluster.render(&view(1)).await.unwrap();
     let making = Duration::from_secs(3);
-    cluster.knobs.sampler_us.store(making.as_micros() as u64, Ordering::SeqCst);
-    let made_before = cluster.knobs.samplers_made.load(Ordering::SeqCst);
+    cluster.settings.sampler_us.store(making.as_micros() as u64, Ordering::SeqCst);
+    let made_before = cluster.settings.samplers_made.load(Ordering::SeqCst);
     let began = Instant::now();
     cluster.workers.push(start_worker_with(
         worker::Config::new(cluster.coordinator.url()),
-        &cluster.knobs,
+        &cluster.settings,
         Opener::default().into(),
     ));
     for _ in 0..5 {
@@ -139,14 +139,14 @@ async fn views_from_held_samples_do_not_wait_for_a_new_sampler() {
     assert!(began.elapsed() < making, "views of what is held waited: {:?}", began.elapsed());
     cluster.wait_for(|status| status.processes == 2).await;
     assert!(began.elapsed() >= making);
-    assert_eq!(cluster.knobs.samplers_made.load(Ordering::SeqCst), made_before + 1);
+    assert_eq!(cluster.settings.samplers_made.load(Ordering::SeqCst), made_before + 1);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_failing_view_does_not_fail_its_batch() {
     let cluster = Cluster::start(2).await;
-    cluster.knobs.set(5000, 0);
-    cluster.knobs.poisoned_width.store(13, Ordering::SeqCst);
+    cluster.settings.set(5000, 0);
+    cluster.settings.poisoned_width.store(13, Ordering::SeqCst);
     let views = (0..32).map(|i| if i == 7 { View { width: 13, ..view(i) } } else { view(i) });
     let views: Vec<View> = views.collect();
     let answers = join_all(views.iter().map(|view| cluster.render(view))).await;
@@ -156,7 +156,7 @@ async fn a_failing_view_does_not_fail_its_batch() {
             _ => drop(answer.unwrap()),
         }
     }
-    assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) > 8);
+    assert!(cluster.settings.largest_batch.load(Ordering::SeqCst) > 8);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -171,11 +171,11 @@ async fn workers_rejoin_a_restarted_coordinator() {
     cluster.channel = common::channel(&cluster.coordinator.url());
     let status = cluster.wait_for(|s| s.processes == 2).await;
     assert_eq!(status.counters.unwrap().workers_joined, 2);
-    let rendered = cluster.knobs.samples_rendered.load(Ordering::SeqCst);
+    let rendered = cluster.settings.samples_rendered.load(Ordering::SeqCst);
     let (after, _) = cluster.render(&view(1)).await.unwrap();
     assert_eq!(after.color, before.color);
     assert_eq!(
-        cluster.knobs.samples_rendered.load(Ordering::SeqCst),
+        cluster.settings.samples_rendered.load(Ordering::SeqCst),
         rendered,
         "they still hold the samples"
     );
@@ -184,7 +184,7 @@ async fn workers_rejoin_a_restarted_coordinator() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_stopped_worker_finishes_its_views() {
     let mut cluster = Cluster::start(3).await;
-    cluster.knobs.set(20_000, 20_000);
+    cluster.settings.set(20_000, 20_000);
     let channel = cluster.views();
     let views = join_all((0..60).map(|i| {
         let (client, view) = (channel.clone(), view(i));
@@ -205,7 +205,7 @@ async fn a_stopped_worker_finishes_its_views() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_stopped_coordinator_answers_its_views() {
     let mut cluster = Cluster::start(2).await;
-    cluster.knobs.set(100_000, 0);
+    cluster.settings.set(100_000, 0);
     let channel = cluster.views();
     let views: Vec<_> = (0..4)
         .map(|i| tokio::spawn(common::render(channel.clone(), Box::leak(Box::new(view(i))), 0)))
@@ -225,7 +225,7 @@ async fn the_view_of_a_silent_worker_is_answered_by_another_one() {
         config
     };
     let mut cluster = Cluster::start_with(config, 2).await;
-    cluster.knobs.set(50_000, 0);
+    cluster.settings.set(50_000, 0);
     let (_, meta) = cluster.render(&view(0)).await.unwrap();
     // A worker that hangs: its connections stay open, nothing moves. Stood in for by a proxy that swallows
     // everything it is given, announced as a worker by a hello of our own.
@@ -277,17 +277,17 @@ async fn the_view_of_a_silent_worker_is_answered_by_another_one() {
     cluster.workers.clear();
 }
 
-/// Starts workers, each with its own knobs.
-async fn with_knobs_of_their_own(
+/// Starts workers, each with its own settings.
+async fn with_settings_of_their_own(
     config: argus_cluster::coordinator::Config,
     count: usize,
-) -> (Cluster, Vec<Arc<Knobs>>) {
+) -> (Cluster, Vec<Arc<Settings>>) {
     let mut cluster = Cluster::start_with(config, 0).await;
-    let knobs: Vec<Arc<Knobs>> = (0..count).map(|_| Arc::default()).collect();
+    let settings: Vec<Arc<Settings>> = (0..count).map(|_| Arc::default()).collect();
     let url = cluster.coordinator.url();
-    cluster.workers.extend(knobs.iter().map(|own| start_worker(&url, own)));
+    cluster.workers.extend(settings.iter().map(|own| start_worker(&url, own)));
     cluster.wait_for(|status| status.processes as usize == count).await;
-    (cluster, knobs)
+    (cluster, settings)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -298,7 +298,7 @@ async fn a_stuck_worker_that_still_reports_loses_no_view() {
         // A lease far longer than the test, so that silence does not reveal it.
         config.core.lease = Duration::from_secs(600);
         config.rig.tiles = Some([4, 4]);
-        let (cluster, knobs) = with_knobs_of_their_own(config, 3).await;
+        let (cluster, settings) = with_settings_of_their_own(config, 3).await;
         cluster.priced().await;
         for i in 0..6 {
             cluster.render(&view(i)).await.unwrap();
@@ -307,7 +307,7 @@ async fn a_stuck_worker_that_still_reports_loses_no_view() {
         let measured = cluster.wait_for(|s| s.view_ms > 0.0 && s.sample_ms > 0.0 && s.direct_ms > 0.0).await;
         let stuck = measured.workers.iter().find(|w| w.role() == role).unwrap();
         let at = cluster.workers.iter().position(|w| w.url() == stuck.address).unwrap();
-        knobs[at].stuck.store(true, Ordering::SeqCst);
+        settings[at].stuck.store(true, Ordering::SeqCst);
         // Also of tiles without held samples, some of which samplers render.
         let answers = join_all((6..30).map(|i| {
             let (client, view) = (cluster.views(), if i % 4 == 0 { direct(i) } else { view(i) });
@@ -322,7 +322,7 @@ async fn a_stuck_worker_that_still_reports_loses_no_view() {
         assert!(counters.views_retried > 0, "{role:?}: {counters:?}");
         assert_eq!((counters.views_failed, counters.workers_lost, status.processes), (0, 0, 3), "{role:?}");
         // A worker that was only slow gets views again.
-        knobs[at].stuck.store(false, Ordering::SeqCst);
+        settings[at].stuck.store(false, Ordering::SeqCst);
         let back = async {
             for i in 0.. {
                 let view = if role == Role::Sampler { direct(i) } else { view(i) };
@@ -337,7 +337,7 @@ async fn a_stuck_worker_that_still_reports_loses_no_view() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_without_a_device_attracts_no_views_and_is_not_ready() {
-    let (cluster, knobs) = with_knobs_of_their_own(quick(), 3).await;
+    let (cluster, settings) = with_settings_of_their_own(quick(), 3).await;
     for i in 0..6 {
         cluster.render(&view(i)).await.unwrap();
     }
@@ -345,8 +345,8 @@ async fn a_worker_without_a_device_attracts_no_views_and_is_not_ready() {
     let broken = status.workers.iter().find(|w| w.role() == Role::Compositor).unwrap();
     let at = cluster.workers.iter().position(|w| w.url() == broken.address).unwrap();
     assert_eq!(page(cluster.workers[at].address, "/readyz").await.0, 200);
-    knobs[at].lose_device.store(1, Ordering::SeqCst);
-    knobs[at].no_device.store(true, Ordering::SeqCst);
+    settings[at].lose_device.store(1, Ordering::SeqCst);
+    settings[at].no_device.store(true, Ordering::SeqCst);
     // Enough views at once that it gets some, although it lost its samples with its device.
     let fails = async {
         loop {
@@ -372,8 +372,8 @@ async fn a_worker_without_a_device_attracts_no_views_and_is_not_ready() {
     assert!(more < 8, "{more} more views went there");
     assert!(reason.contains("in a row") && reason.contains("no device"), "{reason}");
     // It is tried now and then, and gets views again once it answers.
-    knobs[at].no_device.store(false, Ordering::SeqCst);
-    knobs[at].lose_device.store(0, Ordering::SeqCst);
+    settings[at].no_device.store(false, Ordering::SeqCst);
+    settings[at].lose_device.store(0, Ordering::SeqCst);
     let back = async { while cluster.render(&view(1)).await.unwrap().1.worker != broken.id {} };
     tokio::time::timeout(common::LIMIT, back).await.expect("it is given views again");
     assert_eq!(page(cluster.workers[at].address, "/readyz").await.0, 200);
@@ -385,7 +385,7 @@ async fn an_unused_sampler_is_dropped_after_a_while() {
     let rest_after = Duration::from_millis(400);
     let config = worker::Config { rest_after, ..worker::Config::new(cluster.coordinator.url()) };
     for _ in 0..2 {
-        cluster.workers.push(start_worker_with(config.clone(), &cluster.knobs, Opener::default().into()));
+        cluster.workers.push(start_worker_with(config.clone(), &cluster.settings, Opener::default().into()));
         // The first worker alone plays both roles, and later gives one up.
         let count = cluster.workers.len() as u32;
         cluster.wait_for(|status| status.processes == count).await;
@@ -397,12 +397,12 @@ async fn an_unused_sampler_is_dropped_after_a_while() {
     cluster.worker_at(&sampler).kill();
     cluster.wait_for(|status| status.processes == 1).await;
     cluster.render(&direct(1)).await.unwrap();
-    let made = count(&cluster.knobs.samplers_made);
+    let made = count(&cluster.settings.samplers_made);
     // Another worker joins, and one of the two has an unused sampler.
-    cluster.workers.push(start_worker_with(config, &cluster.knobs, Opener::default().into()));
+    cluster.workers.push(start_worker_with(config, &cluster.settings, Opener::default().into()));
     cluster.wait_for(|status| status.processes == 2 && status.samplers == 1).await;
     let dropped = async {
-        while count(&cluster.knobs.samplers_dropped) < made - 1 {
+        while count(&cluster.settings.samplers_dropped) < made - 1 {
             cluster.render(&view(1)).await.unwrap();
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
@@ -414,14 +414,14 @@ async fn an_unused_sampler_is_dropped_after_a_while() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_waits_for_a_coordinator_to_start() {
     let address = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let knobs = Arc::new(Knobs::default());
+    let settings = Arc::new(Settings::default());
     let short = Duration::from_millis(50);
     let config = worker::Config {
         join_timeout: short,
         connect_timeout: short,
         ..worker::Config::new(format!("http://{address}"))
     };
-    let worker = start_worker_with(config, &knobs, Opener::default().into());
+    let worker = start_worker_with(config, &settings, Opener::default().into());
     tokio::time::sleep(short * 10).await;
     assert!(page(worker.address, "/readyz").await.1.contains("no coordinator"));
     let source = Source { scene: scene("test"), files: Vec::new() };
@@ -432,7 +432,7 @@ async fn a_worker_waits_for_a_coordinator_to_start() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_reports_in_one_line_why_it_cannot_start() {
-    let knobs = Arc::new(Knobs::default());
+    let settings = Arc::new(Settings::default());
     let opener = || Arc::new(Opener::default());
     let config = |url: &str| worker::Config {
         join_timeout: Duration::from_millis(300),
@@ -441,7 +441,7 @@ async fn a_worker_reports_in_one_line_why_it_cannot_start() {
         ..worker::Config::new(url)
     };
     let error = async |config| {
-        let mut worker = start_worker_with(config, &knobs, opener());
+        let mut worker = start_worker_with(config, &settings, opener());
         worker.ended().await.unwrap_err().to_string()
     };
     let unused = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
@@ -459,7 +459,7 @@ async fn a_worker_reports_in_one_line_why_it_cannot_start() {
     }
     let advertised = worker::Config { advertise: Some("nowhere".to_owned()), ..config("http://127.0.0.1:1") };
     assert!(error(advertised).await.contains("advertised address"));
-    knobs.no_device.store(true, Ordering::SeqCst);
+    settings.no_device.store(true, Ordering::SeqCst);
     let device = error(config("http://127.0.0.1:1")).await;
     assert!(device.contains("cannot render") && device.contains("no device"), "{device}");
     for line in [unanswered, silent, device] {
@@ -471,7 +471,7 @@ async fn a_worker_reports_in_one_line_why_it_cannot_start() {
 async fn requests_of_disconnected_clients_are_cancelled() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
-    cluster.knobs.set(20_000_000, 0);
+    cluster.settings.set(20_000_000, 0);
     let mut client = cluster.views();
     let impatient = client.render(common::request(&view(1), 0));
     assert!(
@@ -482,12 +482,12 @@ async fn requests_of_disconnected_clients_are_cancelled() {
         .await
         .is_err()
     );
-    while cluster.knobs.cancelled.load(Ordering::SeqCst) == 0 {
+    while cluster.settings.cancelled.load(Ordering::SeqCst) == 0 {
         tokio::time::sleep(Duration::from_millis(5)).await;
     }
     let late = common::render(cluster.views(), &view(2), 150).await.unwrap_err();
     assert_eq!(late.code(), Code::DeadlineExceeded);
-    cluster.knobs.set(0, 0);
+    cluster.settings.set(0, 0);
     cluster.render(&view(3)).await.unwrap();
 }
 
@@ -497,7 +497,7 @@ async fn overload_is_refused_at_once_and_passes() {
     config.core = core::Config { max_views: 8, ..config.core };
     let cluster = Cluster::start_with(config, 1).await;
     cluster.render(&view(0)).await.unwrap();
-    cluster.knobs.set(100_000, 0);
+    cluster.settings.set(100_000, 0);
     let answers = join_all((0..20).map(|i| {
         let (client, view) = (cluster.views(), view(i));
         async move {
@@ -519,7 +519,7 @@ async fn overload_is_refused_at_once_and_passes() {
         }
     }
     assert_eq!((answered, rejected), (8, 12));
-    cluster.knobs.set(0, 0);
+    cluster.settings.set(0, 0);
     cluster.render(&view(1)).await.unwrap();
     assert_eq!(cluster.status().await.counters.unwrap().views_rejected, 12);
 }
@@ -533,13 +533,13 @@ async fn a_worker_without_the_scene_fetches_it_by_hash() {
         (name.to_owned(), path)
     };
     let files = vec![place("scene.gltf"), place("data.bin")];
-    let knobs = Arc::new(Knobs::default());
+    let settings = Arc::new(Settings::default());
     for files in [files, Vec::new()] {
         let source = Source { scene: scene("bundle"), files: files.clone() };
         let coordinator = start_coordinator_at(quick(), None, source);
         let opener = Arc::new(Opener { has_nothing: true, ..Opener::default() });
         let config = worker::Config::new(coordinator.url());
-        let _worker = start_worker_with(config, &knobs, opener.clone());
+        let _worker = start_worker_with(config, &settings, opener.clone());
         let client = argus_proto::v1::views_client::ViewsClient::new(common::channel(&coordinator.url()));
         common::render(client, &view(0), 0).await.unwrap();
         let fetched = opener.fetched.lock().clone();
@@ -559,7 +559,7 @@ async fn a_worker_without_the_scene_fetches_it_by_hash() {
     };
     let coordinator = start_coordinator_at(quick(), None, wrong);
     let opener = Arc::new(Opener { has_nothing: true, ..Opener::default() });
-    let mut worker = start_worker_with(worker::Config::new(coordinator.url()), &knobs, opener);
+    let mut worker = start_worker_with(worker::Config::new(coordinator.url()), &settings, opener);
     let error = worker.ended().await.unwrap_err().to_string();
     assert!(error.contains("scene other") && error.contains("hash"), "{error}");
     drop(start_coordinator(quick()));

@@ -37,7 +37,7 @@ async fn cluster_of(count: usize) -> Cluster {
     let mut cluster = Cluster::start_with(quick(), 0).await;
     for _ in 0..count {
         let config = Config { public: Some(Public::AsAdvertised), ..Config::new(cluster.coordinator.url()) };
-        cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+        cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
     }
     cluster.wait_for(|status| status.processes as usize == count).await;
     cluster

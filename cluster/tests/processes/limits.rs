@@ -30,7 +30,7 @@ const AT_ONCE: Duration = Duration::from_secs(5);
 async fn a_clients_views_in_flight_are_limited() {
     let cluster = Cluster::start_with(with(|core| core.max_views_per_client = 3), 1).await;
     cluster.render(&view(0)).await.unwrap();
-    cluster.knobs.set(400_000, 0);
+    cluster.settings.set(400_000, 0);
     let began = Instant::now();
     let all = join_all((0..8).map(|i| {
         let cluster = &cluster;
@@ -46,7 +46,7 @@ async fn a_clients_views_in_flight_are_limited() {
         assert!(retry_after(&status).is_some_and(|hint| hint >= Duration::from_millis(50)), "{status}");
         assert!(took < AT_ONCE);
     }
-    cluster.knobs.set(0, 0);
+    cluster.settings.set(0, 0);
     cluster.render(&view(1)).await.unwrap();
 }
 
@@ -114,7 +114,7 @@ async fn an_oversized_request_is_refused_unread() {
 async fn a_view_whose_deadline_passes_in_the_queue_is_not_rendered() {
     // The cost of a direct view is not measured yet, so all are admitted.
     let cluster = Cluster::start_with(with(|core| core.max_views_per_worker = 1), 1).await;
-    cluster.knobs.set(0, 600_000);
+    cluster.settings.set(0, 600_000);
     let views = cluster.views();
     let long = tokio::spawn(async move { render(views, &direct(0), 0).await });
     cluster.wait_for(|status| status.workers.iter().any(|worker| worker.queued_views > 0)).await;
@@ -137,13 +137,13 @@ async fn a_full_compositor_drops_the_least_recently_used_samples() {
     };
     let (free, full) =
         (Cluster::start_with(several_tiles(), 1).await, Cluster::start_with(several_tiles(), 1).await);
-    full.knobs.compositor_holds.store(6, Ordering::SeqCst);
+    full.settings.compositor_holds.store(6, Ordering::SeqCst);
     for i in 0..24 {
         let (expected, _) = free.render(&view(i)).await.unwrap();
         let (frame, _) = full.render(&common::pinned(i, expected.provenance.clone())).await.unwrap();
         assert_eq!(frame.color, expected.color, "view {i}");
     }
-    let most = |cluster: &Cluster| cluster.knobs.most_held.load(Ordering::SeqCst);
+    let most = |cluster: &Cluster| cluster.settings.most_held.load(Ordering::SeqCst);
     assert!(most(&free) > 6, "{} samples are too few to show anything", most(&free));
     assert!(most(&full) <= 6);
 }
@@ -159,7 +159,7 @@ async fn clients_that_do_not_read_relayed_frames_block_no_other_client() {
     // Memory for only those frames: while they are held, no other one is rendered.
     let frame_bytes = 10 * u64::from(LARGE[0] * LARGE[1]) * 3;
     let config = worker::Config { frame_bytes, ..worker::Config::new(&url) };
-    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
     cluster.wait_for(|status| status.processes == 1).await;
     let large = View { width: LARGE[0], height: LARGE[1], ..view(1) };
     let (mut frames, mut sessions) = (Vec::new(), Vec::new());
@@ -240,13 +240,13 @@ async fn views_wait_for_frame_memory_and_are_all_answered() {
     // Memory for two frames, each raw and packed.
     let frame_bytes = 2 * u64::from(wanted.width * wanted.height) * 3 * 2;
     let config = worker::Config { frame_bytes, ..worker::Config::new(cluster.coordinator.url()) };
-    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
     cluster.wait_for(|status| status.processes == 1).await;
-    cluster.knobs.set(20_000, 0);
+    cluster.settings.set(20_000, 0);
     for answer in join_all((0..12).map(|_| cluster.render(&wanted))).await {
         answer.unwrap();
     }
-    assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) <= 2);
+    assert!(cluster.settings.largest_batch.load(Ordering::SeqCst) <= 2);
     // A frame larger than the whole memory is rendered alone.
     cluster.render(&View { width: 256, height: 256, ..view(2) }).await.unwrap();
 }
@@ -255,7 +255,7 @@ async fn views_wait_for_frame_memory_and_are_all_answered() {
 async fn clients_that_take_all_slots_of_a_worker_do_not_block_its_coordinator() {
     let mut cluster = Cluster::start_with(quick(), 0).await;
     let config = worker::Config { max_connections: 8, ..worker::Config::new(cluster.coordinator.url()) };
-    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
     cluster.wait_for(|status| status.processes == 1).await;
     // Silent connections from several addresses, since one address may not take all slots.
     let mut clients = Vec::new();

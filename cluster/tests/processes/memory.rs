@@ -30,9 +30,9 @@ fn is_direct(frame: &Frame) -> bool {
 async fn a_still_cameras_frames_do_not_change_when_another_way_becomes_faster() {
     for redirect in [false, true] {
         let mut cluster = Cluster::start_with(quick(), 0).await;
-        cluster.knobs.set(0, 60_000);
+        cluster.settings.set(0, 60_000);
         let config = Config { public: Some(Public::AsAdvertised), ..Config::new(cluster.coordinator.url()) };
-        cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+        cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
         cluster.wait_for(|status| status.processes == 1).await;
         let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
         let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });

@@ -29,7 +29,7 @@ use tower::service_fn;
 use turmoil::{Builder, Sim};
 
 use crate::common;
-use crate::common::roles::{Factory, Knobs};
+use crate::common::roles::{Factory, Settings};
 use crate::common::{Opener, Source, quick, scene, view};
 
 const COORDINATOR: &str = "coordinator";
@@ -107,7 +107,7 @@ fn cluster_of<'a>(config: coordinator::Config, seed: u64, change: impl FnOnce(&m
                 join_timeout: Duration::from_secs(60),
                 ..worker::Config::new(format!("http://{COORDINATOR}:{PORT}"))
             };
-            let factory = Arc::new(Factory { knobs: Arc::new(Knobs::default()) });
+            let factory = Arc::new(Factory { settings: Arc::new(Settings::default()) });
             let listening = Listening::on(PORT).await?;
             let opener = Arc::new(Opener::default());
             worker::run(config, listening, factory, opener, CancellationToken::new()).await?;

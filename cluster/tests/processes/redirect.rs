@@ -25,7 +25,7 @@ async fn open_to_clients(config: argus_cluster::coordinator::Config, count: usiz
     let url = cluster.coordinator.url();
     for _ in 0..count {
         let config = Config { public: Some(Public::AsAdvertised), ..Config::new(&url) };
-        cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+        cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
     }
     cluster.wait_for(|status| status.processes as usize == count).await;
     cluster
@@ -171,7 +171,7 @@ async fn clients_that_do_not_read_their_frames_block_no_other_client() {
     let url = cluster.coordinator.url();
     let public = Some(Public::AsAdvertised);
     let config = Config { public, max_queued_views: 8, ..Config::new(&url) };
-    cluster.workers.push(start_worker_with(config, &cluster.knobs, Default::default()));
+    cluster.workers.push(start_worker_with(config, &cluster.settings, Default::default()));
     cluster.wait_for(|status| status.processes == 1).await;
     // Each holds one of four places by not reading a frame larger than any window.
     let large = View { width: 4096, height: 4096, ..view(1) };
@@ -289,7 +289,7 @@ async fn a_frame_is_relayed_after_two_failed_fetches() {
 async fn a_client_of_a_slow_frame_gets_progress_messages() {
     let cluster = open_to_clients(quick(), 1).await;
     cluster.priced().await;
-    cluster.knobs.set(1_200_000, 1_200_000);
+    cluster.settings.set(1_200_000, 1_200_000);
     let mut session = redirectable(&cluster).await;
     session.ask(1, &view(1)).await;
     let (_, redirect) = session.redirect().await;
@@ -310,7 +310,7 @@ async fn a_client_of_a_slow_frame_gets_progress_messages() {
     assert!(matches!(answers.message().await.unwrap().unwrap().body, Some(Redeemed::Working(_))));
     drop(answers);
     let cancelled = async {
-        while cluster.knobs.cancelled.load(std::sync::atomic::Ordering::SeqCst) == 0 {
+        while cluster.settings.cancelled.load(std::sync::atomic::Ordering::SeqCst) == 0 {
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
     };

@@ -148,7 +148,7 @@ async fn a_worker_of_another_version_or_without_a_hello_is_refused() {
 async fn in_a_session_the_newest_camera_wins() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
-    cluster.knobs.set(60_000, 0);
+    cluster.settings.set(60_000, 0);
     let mut session = Session::open(&cluster).await;
     session.ask(1, &view(1)).await;
     tokio::time::sleep(Duration::from_millis(30)).await;

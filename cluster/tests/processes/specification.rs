@@ -6,13 +6,13 @@ use argus_cluster::coordinator::Config;
 use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::v1;
 use argus_proto::v1::samples_client::SamplesClient;
-use argus_scene::{Exposure, Indirect, PointKnobs, Specification, Version, VplKnobs};
+use argus_scene::{Exposure, Indirect, PointSettings, Specification, Version, VplSettings};
 use tonic::Code;
 
 use crate::common::{Cluster, Source, channel, direct, pinned, quick, scene, start_coordinator_at, view};
 
 const POINTS: Indirect =
-    Indirect::Points(PointKnobs { levels: 6, map_side: 16, block: 8, bounces: 1, sharing: true });
+    Indirect::Points(PointSettings { levels: 6, map_side: 16, block: 8, bounces: 1, sharing: true });
 
 fn lit_by(indirect: Indirect) -> Config {
     Config { indirect: Some(indirect), ..quick() }
@@ -36,7 +36,7 @@ async fn two_workers_never_mix_indirect_light() {
     let address = cluster.coordinator.address;
     cluster.coordinator.kill();
     tokio::time::sleep(Duration::from_millis(300)).await;
-    let vpl = Indirect::Vpl(VplKnobs { vpls: 64, ..VplKnobs::default() });
+    let vpl = Indirect::Vpl(VplSettings { vpls: 64, ..VplSettings::default() });
     let source = Source { scene: scene("test"), files: Vec::new() };
     cluster.coordinator = start_coordinator_at(lit_by(vpl), Some(address), source);
     cluster.channel = channel(&cluster.coordinator.url());

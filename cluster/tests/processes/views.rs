@@ -18,7 +18,7 @@ use crate::common::{Cluster, answer_to, channel, direct, pinned, render, request
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn views_of_two_clients_share_samples_that_are_rendered_once() {
     let cluster = Cluster::start(3).await;
-    cluster.knobs.set(3000, 0);
+    cluster.settings.set(3000, 0);
     let frames = join_all((0..60).map(|i| {
         let cluster = &cluster;
         async move { cluster.render(&view(i)).await.unwrap() }
@@ -33,9 +33,9 @@ async fn views_of_two_clients_share_samples_that_are_rendered_once() {
         assert_eq!(stages, ["samples", "queue", "render", "encode", "relay"]);
         assert_eq!(frame.provenance.device, common::roles::DEVICE);
     }
-    assert!(cluster.knobs.largest_batch.load(Ordering::SeqCst) > 4, "what waits is one batch");
-    assert_eq!(cluster.knobs.samples_rendered.load(Ordering::SeqCst), 4, "one tile, four corners, once");
-    assert_eq!(cluster.knobs.samples_read_back.load(Ordering::SeqCst), 4, "others need them");
+    assert!(cluster.settings.largest_batch.load(Ordering::SeqCst) > 4, "what waits is one batch");
+    assert_eq!(cluster.settings.samples_rendered.load(Ordering::SeqCst), 4, "one tile, four corners, once");
+    assert_eq!(cluster.settings.samples_read_back.load(Ordering::SeqCst), 4, "others need them");
     // On a busy machine the first measured costs may call for two samplers. With no sample left to render, one is
     // enough.
     let roles = |s: &v1::StatusResponse| (s.samplers, s.compositors) == (1, 2);
@@ -58,7 +58,11 @@ async fn one_process_and_a_cluster_make_the_same_bytes() {
         assert_eq!((same.color, same.range), (frame.color, frame.range));
         assert_eq!((same.mask, same.source), (frame.mask, frame.source));
     }
-    assert_eq!(alone.knobs.samples_read_back.load(Ordering::SeqCst), 0, "alone, samples stay on the device");
+    assert_eq!(
+        alone.settings.samples_read_back.load(Ordering::SeqCst),
+        0,
+        "alone, samples stay on the device"
+    );
     let (frame, _) = alone.render(&direct(3)).await.unwrap();
     assert_eq!(frame.provenance.plan, Plan::direct(1));
     let (same, _) = many.render(&pinned(3, frame.provenance.clone())).await.unwrap();
@@ -72,11 +76,11 @@ async fn views_are_composed_between_slices_of_background_samples() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
     // A refinement that views need takes more than a second.
-    cluster.knobs.sample_parts.store(30, Ordering::SeqCst);
-    cluster.knobs.sample_us.store(50_000, Ordering::SeqCst);
-    cluster.knobs.unresolved_percent.store(20, Ordering::SeqCst);
+    cluster.settings.sample_parts.store(30, Ordering::SeqCst);
+    cluster.settings.sample_us.store(50_000, Ordering::SeqCst);
+    cluster.settings.unresolved_percent.store(20, Ordering::SeqCst);
     let (began, mut longest) = (Instant::now(), Duration::ZERO);
-    let ahead = || cluster.knobs.samples_ahead.load(Ordering::SeqCst);
+    let ahead = || cluster.settings.samples_ahead.load(Ordering::SeqCst);
     let mut lost = false;
     for i in 0.. {
         assert!(began.elapsed() < Duration::from_secs(60), "{} refinements only", ahead());
@@ -87,7 +91,7 @@ async fn views_are_composed_between_slices_of_background_samples() {
             // The device is lost between two slices: the sample is restarted, and views are answered from new
             // samples.
             2 if !lost => {
-                cluster.knobs.lose_device.store(1, Ordering::SeqCst);
+                cluster.settings.lose_device.store(1, Ordering::SeqCst);
                 lost = true;
             }
             2 => {}
@@ -104,13 +108,13 @@ async fn a_waiting_view_is_composed_between_two_slices_of_an_upload() {
     cluster.priced().await;
     cluster.render(&view(0)).await.unwrap();
     // Each refinement that views need takes a second and a half to upload.
-    cluster.knobs.hold_slices.store(30, Ordering::SeqCst);
-    cluster.knobs.hold_us.store(50_000, Ordering::SeqCst);
-    cluster.knobs.unresolved_percent.store(20, Ordering::SeqCst);
+    cluster.settings.hold_slices.store(30, Ordering::SeqCst);
+    cluster.settings.hold_us.store(50_000, Ordering::SeqCst);
+    cluster.settings.unresolved_percent.store(20, Ordering::SeqCst);
     let began = Instant::now();
     // Whether one of these was done between two slices of one sample.
     let between = |kind: Done| {
-        let done = cluster.knobs.done.lock();
+        let done = cluster.settings.done.lock();
         done.windows(3).any(|three| match three {
             [Done::Slice(before, i), one, Done::Slice(after, j)] => {
                 before == after && i + 1 == *j && *one == kind
@@ -123,7 +127,7 @@ async fn a_waiting_view_is_composed_between_two_slices_of_an_upload() {
         if between(Done::Warped) && between(Done::Direct) {
             break;
         }
-        assert!(began.elapsed() < Duration::from_secs(60), "{:?}", cluster.knobs.done.lock());
+        assert!(began.elapsed() < Duration::from_secs(60), "{:?}", cluster.settings.done.lock());
         for wanted in [view(i % 16), direct(i % 16)] {
             let asked = Instant::now();
             cluster.render(&wanted).await.unwrap();
@@ -156,11 +160,11 @@ async fn a_frame_from_insufficient_samples_is_replaced_by_one_from_triangles() {
     let good = ordered().await;
     assert_eq!((reason(&good), &good.color), (Some(Reason::Soonest), &warped.color));
     assert!(good.range.is_none() && good.source.is_none(), "what it is judged by was not asked for");
-    cluster.knobs.coarse.store(true, Ordering::SeqCst);
+    cluster.settings.coarse.store(true, Ordering::SeqCst);
     let coarse = ordered().await;
     assert_eq!((reason(&coarse), &coarse.color), (Some(Reason::FrameFellShort), &from_triangles.color));
-    cluster.knobs.coarse.store(false, Ordering::SeqCst);
-    cluster.knobs.unresolved_percent.store(6, Ordering::SeqCst);
+    cluster.settings.coarse.store(false, Ordering::SeqCst);
+    cluster.settings.unresolved_percent.store(6, Ordering::SeqCst);
     let with_holes = ordered().await;
     assert_eq!(with_holes.provenance.plan, Plan::direct(1));
 }
@@ -176,7 +180,7 @@ async fn a_frame_of_many_chunks_arrives_whole() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn roles_follow_demand_and_every_view_is_answered() {
     let cluster = Cluster::start(3).await;
-    cluster.knobs.set(2000, 10_000);
+    cluster.settings.set(2000, 10_000);
     let client = cluster.views();
     // Sends views and direct views every 100 ms until the roles are as expected.
     let press = async |views: usize, directs: usize, wanted: (u32, u32)| {
@@ -216,8 +220,8 @@ async fn roles_follow_demand_and_every_view_is_answered() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn status_reports_measurements() {
     let cluster = Cluster::start(3).await;
-    cluster.knobs.set(5000, 20_000);
-    cluster.knobs.sample_us.store(30_000, Ordering::SeqCst);
+    cluster.settings.set(5000, 20_000);
+    cluster.settings.sample_us.store(30_000, Ordering::SeqCst);
     for i in 0..40 {
         cluster.render(&view(i)).await.unwrap();
         if i % 4 == 0 {

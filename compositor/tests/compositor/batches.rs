@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use argus_compositor::{BareFetch, CompositorKnobs, GpuCompositor};
+use argus_compositor::{BareFetch, CompositorSettings, GpuCompositor};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, Outputs, Plan, PlaneData, PlaneKind, RenderError, Sample,
     SampleCamera, SampleSet, Search, ViewJob, Warp,
@@ -76,7 +76,7 @@ fn a_view_alone_and_in_a_batch_of_64_is_equal_byte_for_byte() {
 fn a_large_view_in_pieces_is_the_same_as_in_one() {
     let set = garden_set(false);
     let mut whole = compositor(&set);
-    let pieces = CompositorKnobs { piece_side: 40, chunk_pixels: 5000, ..CompositorKnobs::default() };
+    let pieces = CompositorSettings { piece_side: 40, chunk_pixels: 5000, ..CompositorSettings::default() };
     let mut parts = compositor_with(&set, pieces);
     for search in Search::ALL {
         for supersampling in [1, 3] {
@@ -248,8 +248,9 @@ fn malformed_samples_are_refused_and_change_nothing() {
 #[test]
 fn more_samples_than_memory_are_refused() {
     let set = garden_set(false);
-    let knobs = CompositorKnobs { max_sample_bytes: 100 * 75 * 15 * 3, ..CompositorKnobs::default() };
-    let mut compositor = GpuCompositor::with_knobs(gpu(), knobs).unwrap();
+    let settings =
+        CompositorSettings { max_sample_bytes: 100 * 75 * 15 * 3, ..CompositorSettings::default() };
+    let mut compositor = GpuCompositor::with_settings(gpu(), settings).unwrap();
     assert!(matches!(compositor.hold(&set), Err(RenderError::OutOfMemory(_))));
     assert_eq!(compositor.held(), 0);
     let three = SampleSet { info: Arc::clone(&set.info), samples: set.samples[..3].to_vec() };

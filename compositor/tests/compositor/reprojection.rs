@@ -5,7 +5,7 @@ use crate::common;
 
 use std::sync::Arc;
 
-use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_compositor::{CompositorSettings, GpuCompositor};
 use argus_scene::{
     Camera, Cancel, Compositor as _, Frame, History, Outputs, Plan, SampleCamera, SampleSet, Search, ViewJob,
 };
@@ -87,7 +87,7 @@ fn reprojected_frames_restart_from_samples_regularly_and_do_not_drift() {
     let (garden, set) = (Analytic::garden(), garden_set());
     let max_reprojections = 5;
     let mut compositor =
-        compositor_with(&set, CompositorKnobs { max_reprojections, ..CompositorKnobs::default() });
+        compositor_with(&set, CompositorSettings { max_reprojections, ..CompositorSettings::default() });
     let mut last: Option<Arc<History>> = None;
     for i in 0..30 {
         let fresh = seeded(&set, moved(here(), f64::from(i), 0.05 * f64::from(i)));
@@ -249,7 +249,7 @@ fn batches_and_pieces_do_not_change_a_reprojected_frame() {
         assert_eq!(frame.provenance.history, view.history.is_some());
         assert!(bytes_of(frame) == bytes_of(&alone), "a view shows its batch");
     }
-    let pieces = CompositorKnobs { piece_side: 40, chunk_pixels: 5000, ..CompositorKnobs::default() };
+    let pieces = CompositorSettings { piece_side: 40, chunk_pixels: 5000, ..CompositorSettings::default() };
     let mut parts = compositor_with(&set, pieces);
     let view = from(&before, wide);
     let (a, b) = (compose_one(&mut whole, &view).unwrap(), compose_one(&mut parts, &view).unwrap());

@@ -2,7 +2,7 @@
 
 use crate::common;
 
-use argus_compositor::{CompositorKnobs, SearchBackend};
+use argus_compositor::{CompositorSettings, SearchBackend};
 use argus_scene::{Camera, Cancel, Compositor as _, Output, Plan, SampleSet, Search, ViewJob, Warp};
 use common::*;
 use glam::DVec3;
@@ -41,9 +41,10 @@ fn views(set: &SampleSet, search: Search) -> Vec<ViewJob> {
 #[test]
 fn the_fragment_and_compute_programs_of_every_search_write_equal_bytes() {
     for set in [pinholes(false), pinholes(true), cubes(false), cubes(true)] {
-        let knobs = |search_backend| CompositorKnobs { search_backend, ..CompositorKnobs::default() };
-        let mut fragment = compositor_with(&set, knobs(SearchBackend::Fragment));
-        let mut compute = compositor_with(&set, knobs(SearchBackend::Compute));
+        let settings =
+            |search_backend| CompositorSettings { search_backend, ..CompositorSettings::default() };
+        let mut fragment = compositor_with(&set, settings(SearchBackend::Fragment));
+        let mut compute = compositor_with(&set, settings(SearchBackend::Compute));
         for search in Search::ALL {
             let views = views(&set, search);
             let a = fragment.compose(&views, &Cancel::new());

@@ -5,7 +5,7 @@ use crate::common;
 
 use std::sync::Arc;
 
-use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_compositor::{CompositorSettings, GpuCompositor};
 use argus_scene::{Camera, Compositor as _, Frame, RenderError, Sample, SampleSet, Search, ViewJob};
 use common::*;
 use glam::DVec3;
@@ -21,8 +21,8 @@ fn garden() -> (SampleSet, ViewJob) {
 
 /// A compositor that ends a slice at the first step after which it may.
 fn impatient() -> GpuCompositor {
-    let knobs = CompositorKnobs { slice_ms: 0.0, ..CompositorKnobs::default() };
-    GpuCompositor::with_knobs(gpu(), knobs).unwrap()
+    let settings = CompositorSettings { slice_ms: 0.0, ..CompositorSettings::default() };
+    GpuCompositor::with_settings(gpu(), settings).unwrap()
 }
 
 fn one(set: &SampleSet, sample: &Arc<Sample>) -> SampleSet {
@@ -53,7 +53,7 @@ fn a_sample_uploaded_in_slices_gives_the_frames_of_one_uploaded_at_once() {
 fn views_are_composed_and_other_samples_held_between_slices() {
     let (set, view) = garden();
     let mut compositor =
-        compositor_with(&set, CompositorKnobs { slice_ms: 0.0, ..CompositorKnobs::default() });
+        compositor_with(&set, CompositorSettings { slice_ms: 0.0, ..CompositorSettings::default() });
     let expected = composed(&mut compositor, &view);
     let copy = |index, of: usize| Arc::new(Sample { id: id(index), ..(*set.samples[of]).clone() });
     // Two come in at a time, so that the pool grows under both, and the view's own are taken up anew in between.
@@ -100,8 +100,9 @@ fn an_upload_that_is_abandoned_half_way_leaves_nothing() {
     for is_released in [true, false] {
         // Memory for four samples and no more.
         let max_sample_bytes = 100 * 75 * 27 * 4;
-        let knobs = CompositorKnobs { slice_ms: 0.0, max_sample_bytes, ..CompositorKnobs::default() };
-        let mut compositor = GpuCompositor::with_knobs(gpu(), knobs).unwrap();
+        let settings =
+            CompositorSettings { slice_ms: 0.0, max_sample_bytes, ..CompositorSettings::default() };
+        let mut compositor = GpuCompositor::with_settings(gpu(), settings).unwrap();
         let sample = other();
         for _ in 1..needed {
             assert!(!compositor.hold_slice(&one(&set, &sample)).unwrap());

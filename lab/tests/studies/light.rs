@@ -97,7 +97,7 @@ fn the_equal_error_study_gives_each_ways_time_for_the_error_of_views_from_sample
 }
 
 #[test]
-fn the_radiosity_study_varies_each_knob_and_light_brings_images_closer_to_path_tracing() {
+fn the_radiosity_study_varies_each_setting_and_light_brings_images_closer_to_path_tracing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let study = json(&[

@@ -19,8 +19,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    Eye, EyePointKnobs, EyePoints, IndexMaps, MappedReflector, Piece, Pieces, Point, PointScene, Splatting,
-    Stages,
+    Eye, EyePointSettings, EyePoints, IndexMaps, MappedReflector, Piece, Pieces, Point, PointScene,
+    Splatting, Stages,
 };
 
 /// A device with the triangles of a scene.
@@ -101,7 +101,7 @@ impl PointScene {
         device: &PointDevice,
         eye: &Eye,
         reflectors: &[MappedReflector],
-        knobs: &EyePointKnobs,
+        settings: &EyePointSettings,
     ) -> Result<EyePoints, PointsError> {
         let mut stages = Stages::new();
         let mut counted = None;
@@ -110,7 +110,7 @@ impl PointScene {
             let cells = || pieces.all.par_iter().map(|piece| piece.rows().cells()).sum();
             Ok::<u64, PointsError>(counted.as_ref().map_or_else(cells, |counted| u64::from(counted.cells())))
         };
-        let ([mut pieces, culled], budget) = self.pieces_within(eye, reflectors, knobs, count)?;
+        let ([mut pieces, culled], budget) = self.pieces_within(eye, reflectors, settings, count)?;
         let Some(counted) = counted else {
             return Err(PointsError::TooLarge {
                 what: "points",
@@ -137,7 +137,7 @@ impl PointScene {
         let mut stored = first.clone();
         self.splats(&pieces, (&points, &stored), &first, reflectors).splat_cutouts(&maps);
         let buffer = (Splatting::Buffered, &mut points, &mut stored);
-        self.add_alone(&culled, &mut pieces, &mut first, buffer, &maps, (reflectors, knobs));
+        self.add_alone(&culled, &mut pieces, &mut first, buffer, &maps, (reflectors, settings));
         stages.end("splat");
         Ok(EyePoints { pieces, points, first, stored, maps, budget, stages: stages.all() })
     }

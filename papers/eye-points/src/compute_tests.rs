@@ -32,9 +32,9 @@ fn both(
     device: &PointDevice,
     eye: &Eye,
     reflectors: &[MappedReflector],
-    knobs: &EyePointKnobs,
+    settings: &EyePointSettings,
 ) -> [EyePoints; 2] {
-    [points.points(eye, reflectors, knobs), points.points_on(device, eye, reflectors, knobs).unwrap()]
+    [points.points(eye, reflectors, settings), points.points_on(device, eye, reflectors, settings).unwrap()]
 }
 
 /// Texels that name another point, and those that only one of the two has; shares of all. Ranges of equal points are equal
@@ -74,11 +74,11 @@ fn assert_equal(scene: Scene, size: [u32; 2], moved_by: DVec3) {
     let points = PointScene::new(&scene, 0.0);
     let device = PointDevice::new(&gpu(), &points).unwrap();
     for culling in [false, true] {
-        let knobs = EyePointKnobs { culling, ..EyePointKnobs::default() };
-        let both = both(&points, &device, &eye, &reflectors, &knobs);
+        let settings = EyePointSettings { culling, ..EyePointSettings::default() };
+        let both = both(&points, &device, &eye, &reflectors, &settings);
         let [other, holes] = differences(&both);
         assert!(other < 1e-3 && holes <= 1e-5, "{other} {holes}");
-        let again = points.points_on(&device, &eye, &reflectors, &knobs).unwrap();
+        let again = points.points_on(&device, &eye, &reflectors, &settings).unwrap();
         assert!(again.points == both[1].points && again.maps.bits().eq(both[1].maps.bits()));
     }
 }
@@ -111,10 +111,10 @@ fn a_device_sees_through_what_is_cut_out() {
     let [whole, scene] = [whole, scene].map(|scene| PointScene::new(&Arc::new(scene), 0.0));
     assert!(scene.facets().iter().any(|facet| facet.cutout));
     let device = PointDevice::new(&gpu(), &scene).unwrap();
-    let both = both(&scene, &device, &eye, &reflectors, &EyePointKnobs::default());
+    let both = both(&scene, &device, &eye, &reflectors, &EyePointSettings::default());
     let [other, holes] = differences(&both);
     assert!(other < 1e-3 && holes <= 1e-5, "{other} {holes}");
-    let uncut = whole.points(&eye, &reflectors, &EyePointKnobs::default());
+    let uncut = whole.points(&eye, &reflectors, &EyePointSettings::default());
     assert!((0..uncut.maps.texels()).any(|texel| uncut.maps.get(texel) != both[1].maps.get(texel)));
 }
 
@@ -125,7 +125,7 @@ fn no_point_of_the_cpu_is_missing_on_the_device_and_few_are_added() {
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
     let device = PointDevice::new(&gpu(), &points).unwrap();
-    let [cpu, device] = both(&points, &device, &eye, &reflectors, &EyePointKnobs::default());
+    let [cpu, device] = both(&points, &device, &eye, &reflectors, &EyePointSettings::default());
     assert!(device.points.is_sorted());
     let missing = cpu.points.iter().filter(|point| device.points.binary_search(point).is_err()).count();
     assert_eq!(missing, 0);
@@ -145,9 +145,10 @@ fn no_reflector_and_sixty_five_reflectors_are_served() {
     assert_eq!(reflectors.len(), 65, "two words of bits");
     let points = PointScene::new(&scene, 0.0);
     let device = PointDevice::new(&gpu(), &points).unwrap();
-    let [other, holes] = differences(&both(&points, &device, &eye, &reflectors, &EyePointKnobs::default()));
+    let [other, holes] =
+        differences(&both(&points, &device, &eye, &reflectors, &EyePointSettings::default()));
     assert!(other < 1e-3 && holes <= 1e-5, "{other} {holes}");
-    let none = points.points_on(&device, &eye, &[], &EyePointKnobs::default()).unwrap();
+    let none = points.points_on(&device, &eye, &[], &EyePointSettings::default()).unwrap();
     assert_eq!((none.count(), none.maps.texels(), none.pieces.all.len()), (0, 0, 0));
 }
 
@@ -159,8 +160,8 @@ fn cells_larger_than_a_tile_are_divided_and_leave_no_holes() {
     let points = PointScene::new(&scene, 0.0);
     let device = PointDevice::new(&gpu(), &points).unwrap();
     let density = Density { reduction: 0.01, ..Density::default() };
-    let knobs = EyePointKnobs { density, ..EyePointKnobs::default() };
-    let both = both(&points, &device, &eye, &reflectors, &knobs);
+    let settings = EyePointSettings { density, ..EyePointSettings::default() };
+    let both = both(&points, &device, &eye, &reflectors, &settings);
     let mut texels_of: HashMap<u32, u32> = HashMap::new();
     (0..both[0].maps.texels())
         .filter_map(|texel| both[0].maps.get(texel))
@@ -177,18 +178,18 @@ fn maps_that_exceed_an_array_are_filled_in_turns_and_points_that_do_are_an_error
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
     let passes = |bytes| PointDevice::with_passes(PointPasses::with_arrays_of(&gpu(), bytes), &points);
-    let knobs = EyePointKnobs { budget: u32::MAX, ..EyePointKnobs::default() };
-    let whole = points.points_on(&passes(u64::MAX).unwrap(), &eye, &reflectors, &knobs).unwrap();
+    let settings = EyePointSettings { budget: u32::MAX, ..EyePointSettings::default() };
+    let whole = points.points_on(&passes(u64::MAX).unwrap(), &eye, &reflectors, &settings).unwrap();
     let largest_map = reflectors.iter().map(|r| 6 * 8 * u64::from(r.side).pow(2)).max().unwrap();
     let others = (whole.points.len() * 8).max(whole.pieces.all.len() * 96) as u64;
     let bytes = largest_map.max(others);
     assert!(bytes < whole.maps.bytes() as u64, "{bytes}: there are several turns");
-    let in_turns = points.points_on(&passes(bytes).unwrap(), &eye, &reflectors, &knobs).unwrap();
+    let in_turns = points.points_on(&passes(bytes).unwrap(), &eye, &reflectors, &settings).unwrap();
     assert!(in_turns.maps.bits().eq(whole.maps.bits()));
     let name = |bytes, reduction| {
         let density = Density { reduction, ..Density::default() };
-        let knobs = EyePointKnobs { density, ..knobs };
-        let found = passes(bytes).and_then(|device| points.points_on(&device, &eye, &reflectors, &knobs));
+        let settings = EyePointSettings { density, ..settings };
+        let found = passes(bytes).and_then(|device| points.points_on(&device, &eye, &reflectors, &settings));
         match found {
             Err(PointsError::TooLarge { what, needed, limit }) if needed > limit => what,
             other => panic!("{:?}", other.map(|points| points.count())),

@@ -86,9 +86,9 @@ fn hard_places_have_no_holes_and_no_nan() {
                 };
                 let reflectors = reflectors_of(&scene, &eye);
                 assert_eq!(reflectors.len(), 1);
-                let knobs = EyePointKnobs::default();
-                let mut found = vec![points.points(&eye, &reflectors, &knobs)];
-                let on_device = |device| points.points_on(device, &eye, &reflectors, &knobs).unwrap();
+                let settings = EyePointSettings::default();
+                let mut found = vec![points.points(&eye, &reflectors, &settings)];
+                let on_device = |device| points.points_on(device, &eye, &reflectors, &settings).unwrap();
                 found.extend(device.as_ref().map(on_device));
                 for found in found {
                     let texels = (0..found.maps.texels()).map(|texel| found.maps.get(texel));
@@ -140,7 +140,7 @@ fn a_mirrored_camera_shows_a_planar_mirror_without_parallax() {
     let mirror = planar_reflector(&scene, 1, &scene.instances[1], &eye).unwrap();
     assert_eq!((mirror.center, mirror.side), (DVec3::new(0.4, 0.3, -3.5), 608));
     let points = PointScene::new(&scene, 0.0);
-    let found = points.points(&eye, &[mirror], &EyePointKnobs::default());
+    let found = points.points(&eye, &[mirror], &EyePointSettings::default());
     let mut others = 0;
     for i in 0..900 {
         let place = DVec3::new(f64::from(i % 30) / 15.0 - 0.97, f64::from(i / 30) / 15.0 - 0.97, -1.0);
@@ -257,7 +257,7 @@ fn sixty_five_reflectors_have_two_words_of_bits_and_maps_without_holes() {
     let reflectors = reflectors_of(&scene, &eye);
     assert_eq!(reflectors.len(), 65);
     let points = PointScene::new(&scene, 0.0);
-    let found = points.points(&eye, &reflectors, &EyePointKnobs::default());
+    let found = points.points(&eye, &reflectors, &EyePointSettings::default());
     assert_eq!(found.pieces.words, 2);
     let last = found.maps.index(64, 0, 0, 0)..found.maps.texels();
     let whole = points.rasterise(&reflectors);

@@ -14,7 +14,7 @@ use tracing::warn;
 use argus_sampler::plug::{MappedReflector, Met, Points, Ray, Requests, ViewMaps, probe_point};
 
 use crate::{
-    Eye, EyePointKnobs, EyePoints, LARGEST_SIDE, PointScene, STEPS, curved_reflector, lookup,
+    Eye, EyePointSettings, EyePoints, LARGEST_SIDE, PointScene, STEPS, curved_reflector, lookup,
     planar_reflector,
 };
 
@@ -55,8 +55,8 @@ impl IndexedMaps {
             Some(reflectors.len() as u32 - 1)
         });
         let map_of = map_of.collect();
-        let knobs = EyePointKnobs { budget, culling: true, ..EyePointKnobs::default() };
-        let found = points.points(&eye, &reflectors, &knobs);
+        let settings = EyePointSettings { budget, culling: true, ..EyePointSettings::default() };
+        let found = points.points(&eye, &reflectors, &settings);
         let (wanted, reduction) = (found.budget.wanted, found.budget.reduction);
         if reduction < 1.0 {
             warn!(wanted, budget, reduction, "reflections of a view are coarser: it wants more points");

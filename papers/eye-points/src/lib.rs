@@ -83,7 +83,7 @@ impl fmt::Debug for PointScene {
 
 /// How points are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EyePointKnobs {
+pub struct EyePointSettings {
     /// Density of points.
     pub density: Density,
     /// Most points, 8 bytes each. More are never made, as long as there are no more pieces.
@@ -93,7 +93,7 @@ pub struct EyePointKnobs {
     pub culling: bool,
 }
 
-impl Default for EyePointKnobs {
+impl Default for EyePointSettings {
     fn default() -> Self {
         Self { density: Density::default(), budget: 1 << 25, culling: false }
     }
@@ -168,8 +168,13 @@ impl PointScene {
     }
 
     /// Makes points for reflectors that an eye sees, and fills their maps.
-    pub fn points(&self, eye: &Eye, reflectors: &[MappedReflector], knobs: &EyePointKnobs) -> EyePoints {
-        self.points_by(eye, reflectors, knobs, Splatting::Buffered)
+    pub fn points(
+        &self,
+        eye: &Eye,
+        reflectors: &[MappedReflector],
+        settings: &EyePointSettings,
+    ) -> EyePoints {
+        self.points_by(eye, reflectors, settings, Splatting::Buffered)
     }
 
     /// Makes points for reflectors that an eye sees, and fills their maps. All ways to splat give the same maps.
@@ -177,11 +182,11 @@ impl PointScene {
         &self,
         eye: &Eye,
         reflectors: &[MappedReflector],
-        knobs: &EyePointKnobs,
+        settings: &EyePointSettings,
         splatting: Splatting,
     ) -> EyePoints {
         let mut stages = Stages::new();
-        let ([mut pieces, culled], mut first, budget) = self.pieces(eye, reflectors, knobs);
+        let ([mut pieces, culled], mut first, budget) = self.pieces(eye, reflectors, settings);
         stages.end("density");
         let mut stored = vec![0];
         splatting.extend_stored(&mut stored, &pieces, &first, reflectors);
@@ -191,7 +196,7 @@ impl PointScene {
         let splats = self.splats(&pieces, (&points, &stored), &first, reflectors);
         splats.splat_to(&maps, 0);
         let buffer = (splatting, &mut points, &mut stored);
-        self.add_alone(&culled, &mut pieces, &mut first, buffer, &maps, (reflectors, knobs));
+        self.add_alone(&culled, &mut pieces, &mut first, buffer, &maps, (reflectors, settings));
         stages.end("splat");
         EyePoints { pieces, points, first, stored, maps, budget, stages: stages.all() }
     }
@@ -205,13 +210,13 @@ impl PointScene {
         first: &mut Vec<u32>,
         (splatting, points, stored): (Splatting, &mut Vec<Point>, &mut Vec<u32>),
         maps: &IndexMaps,
-        (reflectors, knobs): (&[MappedReflector], &EyePointKnobs),
+        (reflectors, settings): (&[MappedReflector], &EyePointSettings),
     ) {
         let alone = self.splats(pieces, (points, stored), first, reflectors).fill_holes(culled, maps);
         let kept = pieces.all.len();
         for index in alone {
             let count = u64::from(first[pieces.all.len()]) + culled.all[index].rows().cells();
-            if count <= u64::from(knobs.budget) {
+            if count <= u64::from(settings.budget) {
                 pieces.push(culled.all[index], culled.bits(index));
                 first.push(count as u32);
             }
@@ -236,14 +241,14 @@ impl PointScene {
         &self,
         eye: &Eye,
         reflectors: &[MappedReflector],
-        knobs: &EyePointKnobs,
+        settings: &EyePointSettings,
     ) -> ([Pieces; 2], Vec<u32>, BudgetReport) {
         let mut counts = Vec::new();
         let count = |pieces: &Pieces| {
             counts = pieces.all.par_iter().map(|piece| piece.rows().cells()).collect();
             Ok::<u64, Infallible>(counts.iter().sum())
         };
-        let Ok((pieces, budget)) = self.pieces_within(eye, reflectors, knobs, count);
+        let Ok((pieces, budget)) = self.pieces_within(eye, reflectors, settings, count);
         let mut next = 0u32;
         let mut first: Vec<u32> = Vec::with_capacity(counts.len() + 1);
         for count in counts {
@@ -260,21 +265,21 @@ impl PointScene {
         &self,
         eye: &Eye,
         reflectors: &[MappedReflector],
-        knobs: &EyePointKnobs,
+        settings: &EyePointSettings,
         mut count: impl FnMut(&Pieces) -> Result<u64, E>,
     ) -> Result<([Pieces; 2], BudgetReport), E> {
-        let (mut reduction, mut wanted) = (knobs.density.reduction, None);
+        let (mut reduction, mut wanted) = (settings.density.reduction, None);
         for round in 0.. {
-            let density = Density { reduction, ..knobs.density };
+            let density = Density { reduction, ..settings.density };
             let [pieces, culled] =
-                Cutter { eye, reflectors, density, culling: knobs.culling }.cut_and_culled(&self.facets);
+                Cutter { eye, reflectors, density, culling: settings.culling }.cut_and_culled(&self.facets);
             let sum = count(&pieces)?;
             let wanted = *wanted.get_or_insert(sum);
-            let kept = sum <= u64::from(knobs.budget);
+            let kept = sum <= u64::from(settings.budget);
             if kept || round == MOST_ROUNDS {
                 return Ok(([pieces, culled], BudgetReport { wanted, reduction, kept }));
             }
-            let budget = f64::from(knobs.budget);
+            let budget = f64::from(settings.budget);
             reduction *= match round {
                 0 => (budget / sum as f64).sqrt(),
                 // Cells on edges follow the density itself, and every piece keeps one.

@@ -13,7 +13,7 @@ use glam::DVec3;
 use tracing::warn;
 
 use crate::indexed::IndexedMaps;
-use crate::{BudgetReport, Density, Eye, EyePointKnobs, PointScene, curved_reflector};
+use crate::{BudgetReport, Density, Eye, EyePointSettings, PointScene, curved_reflector};
 
 /// Distances below this share of the scene's extent count as this, in the density of points.
 const NEAR: f64 = 1e-4;
@@ -46,8 +46,8 @@ impl PointMethod for PointScene {
         budget: u32,
     ) -> FilledMaps {
         let side = reflectors.first().map_or(1, |reflector| reflector.side);
-        let knobs = EyePointKnobs { density: Density::default(), budget, culling: true };
-        let found = self.points(&eye_of(scene, viewers, side), reflectors, &knobs);
+        let settings = EyePointSettings { density: Density::default(), budget, culling: true };
+        let found = self.points(&eye_of(scene, viewers, side), reflectors, &settings);
         warn_of_budget(&found.budget);
         let shown = Requests::all(&found.maps, found.points.len(), |_, id| id);
         let point = |id: u32| probe_point(&self.shading_of_point(&found, id), middle);

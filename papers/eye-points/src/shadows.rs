@@ -96,7 +96,7 @@ mod tests {
 
     use super::*;
     use crate::tests::{by_brute_force, eye_of};
-    use crate::{Density, DensityRule, EyePointKnobs, PointScene};
+    use crate::{Density, DensityRule, EyePointSettings, PointScene};
 
     #[test]
     fn points_of_a_light_lie_evenly_on_its_sphere() {
@@ -158,7 +158,8 @@ mod tests {
             .map(|point| light_map(point, 256))
             .collect();
         let density = Density { rule: DensityRule::Shadow, ..Density::default() };
-        let found = points.points(&eye, &lights, &EyePointKnobs { density, ..EyePointKnobs::default() });
+        let found =
+            points.points(&eye, &lights, &EyePointSettings { density, ..EyePointSettings::default() });
         let whole = points.rasterise(&lights);
         let (mut wrong, mut shadowed, mut other, mut all) = (0, 0, 0, 0);
         for facet in points.facets().iter().step_by(points.facets().len() / 400 + 1) {

@@ -80,8 +80,11 @@ fn maps_have_no_holes_and_see_what_rays_see() {
         let points = PointScene::new(&scene, 0.0);
         for rule in [DensityRule::Eye, DensityRule::Planar, DensityRule::Map] {
             let density = Density { rule, ..Density::default() };
-            let found =
-                points.points(&eye, &reflectors, &EyePointKnobs { density, ..EyePointKnobs::default() });
+            let found = points.points(
+                &eye,
+                &reflectors,
+                &EyePointSettings { density, ..EyePointSettings::default() },
+            );
             let [holes, other, off] = errors(&points, &reflectors, &found, step);
             assert_eq!(holes, 0.0, "{} {rule:?}", scene.name);
             // Where two triangles meet, rounding decides.
@@ -97,15 +100,15 @@ fn culling_saves_a_third_of_the_points_and_leaves_no_holes() {
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
     let [all, culled] = [false, true].map(|culling| {
-        points.points(&eye, &reflectors, &EyePointKnobs { culling, ..EyePointKnobs::default() })
+        points.points(&eye, &reflectors, &EyePointSettings { culling, ..EyePointSettings::default() })
     });
     assert!(culled.points.len() * 3 < all.points.len() * 2, "{} {}", culled.points.len(), all.points.len());
     // Leaves stand alone before the sky.
     let seen = |points: &EyePoints, texel| points.maps.get(texel).is_some();
     assert!((0..all.maps.texels()).all(|texel| !seen(&all, texel) || seen(&culled, texel)));
     let budget = culled.points.len() as u32 - 1;
-    let knobs = EyePointKnobs { culling: true, budget, ..EyePointKnobs::default() };
-    let fewer = points.points(&eye, &reflectors, &knobs);
+    let settings = EyePointSettings { culling: true, budget, ..EyePointSettings::default() };
+    let fewer = points.points(&eye, &reflectors, &settings);
     assert!(fewer.points.len() <= budget as usize);
 }
 
@@ -115,7 +118,7 @@ fn triangles_that_are_rasterised_whole_fill_the_same_texels_as_their_points() {
     let eye = eye_of(&scene, [480, 360]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let by_points = points.points(&eye, &reflectors, &EyePointKnobs::default());
+    let by_points = points.points(&eye, &reflectors, &EyePointSettings::default());
     let whole = points.rasterise(&reflectors);
     let mut other = 0;
     for texel in 0..whole.texels() {
@@ -134,7 +137,7 @@ fn traced_maps_see_what_points_see() {
     let scene = Arc::new(with_balls(rooms(20), 4).unwrap());
     let eye = eye_of(&scene, [480, 360]);
     let reflectors = reflectors_of(&scene, &eye);
-    let by_points = PointScene::new(&scene, 0.0).points(&eye, &reflectors, &EyePointKnobs::default());
+    let by_points = PointScene::new(&scene, 0.0).points(&eye, &reflectors, &EyePointSettings::default());
     let (traced, _) = ReflectionRays::new(&scene, 0.0).unwrap().maps(&reflectors);
     let off = |texel: &usize| match (traced.get(*texel), by_points.maps.get(*texel)) {
         (Some((_, a)), Some((_, b))) => (a / b - 1.0).abs() > 1e-3,
@@ -155,7 +158,7 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
     let with_threads = |threads| {
         let pool = ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let found = points.points(&eye, &reflectors, &EyePointKnobs::default());
+            let found = points.points(&eye, &reflectors, &EyePointSettings::default());
             let pixels = pixels_on(&reflectors);
             let lookups = Lookups {
                 maps: &found.maps,
@@ -207,7 +210,7 @@ fn each_requested_point_is_shaded_once_and_its_shading_lies_on_its_triangle() {
     let eye = eye_of(&scene, [480, 360]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let found = points.points(&eye, &reflectors, &EyePointKnobs::default());
+    let found = points.points(&eye, &reflectors, &EyePointSettings::default());
     let pixels = pixels_on(&reflectors);
     let lookups = Lookups {
         maps: &found.maps,
@@ -243,17 +246,19 @@ fn a_budget_is_kept_at_less_density_and_leaves_no_holes() {
     let eye = eye_of(&scene, [480, 360]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let full = points.points(&eye, &reflectors, &EyePointKnobs::default());
+    let full = points.points(&eye, &reflectors, &EyePointSettings::default());
     assert_eq!((full.budget.reduction, full.budget.kept), (1.0, true));
     assert_eq!(full.budget.wanted, full.points.len() as u64);
     let budget = (full.points.len() as u32 + full.pieces.all.len() as u32) / 2;
-    let [one, other] = [(); 2]
-        .map(|()| points.points(&eye, &reflectors, &EyePointKnobs { budget, ..EyePointKnobs::default() }));
+    let [one, other] = [(); 2].map(|()| {
+        points.points(&eye, &reflectors, &EyePointSettings { budget, ..EyePointSettings::default() })
+    });
     assert!(one.budget.kept && one.budget.reduction < 1.0 && one.points.len() <= budget as usize);
     assert_eq!(one.budget.wanted, full.budget.wanted);
     assert_eq!(one.points, other.points, "the second round is deterministic");
     assert_eq!(errors(&points, &reflectors, &one, 41)[0], 0.0);
-    let least = points.points(&eye, &reflectors, &EyePointKnobs { budget: 10, ..EyePointKnobs::default() });
+    let least =
+        points.points(&eye, &reflectors, &EyePointSettings { budget: 10, ..EyePointSettings::default() });
     assert!(!least.budget.kept, "every piece has a point");
     assert_eq!(errors(&points, &reflectors, &least, 97)[0], 0.0);
 }
@@ -265,9 +270,9 @@ fn maps_and_points_are_the_same_with_a_buffer_without_one_and_with_one_for_large
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
     for culling in [false, true] {
-        let knobs = EyePointKnobs { culling, ..EyePointKnobs::default() };
+        let settings = EyePointSettings { culling, ..EyePointSettings::default() };
         let [one, none, some] = [Splatting::Buffered, Splatting::Bufferless, Splatting::Hybrid]
-            .map(|splatting| points.points_by(&eye, &reflectors, &knobs, splatting));
+            .map(|splatting| points.points_by(&eye, &reflectors, &settings, splatting));
         assert!(one.points.len() == one.count() && none.points.is_empty());
         assert!(!some.points.is_empty() && some.points.len() < some.count(), "{}", some.points.len());
         for other in [none, some] {
@@ -282,7 +287,7 @@ fn maps_and_points_are_the_same_with_a_buffer_without_one_and_with_one_for_large
 fn no_reflector_is_no_work() {
     let scene = Arc::new(rooms(20));
     let found =
-        PointScene::new(&scene, 0.0).points(&eye_of(&scene, [64, 48]), &[], &EyePointKnobs::default());
+        PointScene::new(&scene, 0.0).points(&eye_of(&scene, [64, 48]), &[], &EyePointSettings::default());
     assert_eq!((found.points.len(), found.maps.texels(), found.pieces.all.len()), (0, 0, 0));
 }
 

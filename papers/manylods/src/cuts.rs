@@ -17,9 +17,9 @@ use argus_megaviews::many_views::{MapSet, TexelCode, ViewList};
 
 use crate::counters::{CutStats, OVERFLOW, WORDS, WRAPPED};
 use crate::draw::DrawPasses;
-use crate::knobs::{CutKnobs, CutMethod};
 use crate::passes::{CutPasses, CutWork};
 use crate::pool::{CHUNK, Pool, most_entries};
+use crate::settings::{CutMethod, CutSettings};
 use crate::tree::CutTree;
 use argus_gpu::Gpu;
 use argus_megaviews::hierarchy::HierarchyError;
@@ -38,7 +38,7 @@ const LATE: u32 = 1 << 31;
 pub struct ManyLods {
     gpu: Arc<Gpu>,
     tree: CutTree,
-    knobs: CutKnobs,
+    settings: CutSettings,
     code: TexelCode,
     passes: CutPasses,
     draw: Option<(usize, DrawPasses)>,
@@ -53,13 +53,13 @@ impl ManyLods {
     /// Makes the pipelines.
     ///
     /// # Errors
-    /// A knob out of range, or more nodes than texels can index.
-    pub fn new(gpu: &Arc<Gpu>, tree: CutTree, knobs: CutKnobs) -> Result<Self, HierarchyError> {
-        knobs.validate()?;
-        let ordered = knobs.method != CutMethod::Basic;
+    /// A setting out of range, or more nodes than texels can index.
+    pub fn new(gpu: &Arc<Gpu>, tree: CutTree, settings: CutSettings) -> Result<Self, HierarchyError> {
+        settings.validate()?;
+        let ordered = settings.method != CutMethod::Basic;
         Ok(Self {
-            code: TexelCode::new(knobs.texel, tree.node_count(), tree.root.edge)?,
-            passes: CutPasses::new(gpu, &knobs),
+            code: TexelCode::new(settings.texel, tree.node_count(), tree.root.edge)?,
+            passes: CutPasses::new(gpu, &settings),
             draw: None,
             pool: Pool::new(gpu, CHUNK, ordered)?,
             eyes: gpu.buffer("eyes", EYE_BYTES, BufferUsages::STORAGE),
@@ -67,7 +67,7 @@ impl ManyLods {
             views: 0,
             gpu: Arc::clone(gpu),
             tree,
-            knobs,
+            settings,
         })
     }
 
@@ -95,7 +95,7 @@ impl ManyLods {
             let mut commands = self.gpu.commands("cuts of many views");
             let work = CutWork {
                 tree: &self.tree,
-                knobs: &self.knobs,
+                settings: &self.settings,
                 pool: &self.pool,
                 eyes: &self.eyes,
                 views,
@@ -186,24 +186,25 @@ impl ManyLods {
             self.views = 0;
         }
         let guess = u64::from(views.count()) * FIRST_GUESS;
-        let wanted = self.knobs.entries.unwrap_or(guess.min(u64::from(most_entries(&self.gpu))) as u32);
+        let wanted = self.settings.entries.unwrap_or(guess.min(u64::from(most_entries(&self.gpu))) as u32);
         if self.pool.capacity < wanted {
-            self.pool = Pool::new(&self.gpu, wanted, self.knobs.method != CutMethod::Basic)?;
+            self.pool = Pool::new(&self.gpu, wanted, self.settings.method != CutMethod::Basic)?;
             self.views = 0;
         }
         if draws && self.maps.as_ref().is_none_or(|maps| maps.capacity != views.count()) {
-            let maps = MapSet::new(&self.gpu, self.knobs.side, self.code, views.count())?;
+            let maps = MapSet::new(&self.gpu, self.settings.side, self.code, views.count())?;
             let arrays = maps.arrays.len();
             if self.draw.as_ref().is_none_or(|(made_for, _)| *made_for != arrays) {
-                self.draw = Some((arrays, DrawPasses::new(&self.gpu, &self.knobs, self.tree.surfels, &maps)));
+                self.draw =
+                    Some((arrays, DrawPasses::new(&self.gpu, &self.settings, self.tree.surfels, &maps)));
             }
             self.maps = Some(maps);
         }
-        Ok(self.views != views.count() || self.knobs.method == CutMethod::Basic)
+        Ok(self.views != views.count() || self.settings.method == CutMethod::Basic)
     }
 
     fn grow(&mut self) -> Result<(), HierarchyError> {
-        let most = self.knobs.entries.unwrap_or_else(|| most_entries(&self.gpu));
+        let most = self.settings.entries.unwrap_or_else(|| most_entries(&self.gpu));
         if self.pool.capacity >= most {
             let needed = u64::from(most) * 8;
             return Err(HierarchyError::TooLarge {
@@ -213,7 +214,7 @@ impl ManyLods {
             });
         }
         let capacity = self.pool.capacity.saturating_mul(2).min(most);
-        self.pool = Pool::new(&self.gpu, capacity, self.knobs.method != CutMethod::Basic)?;
+        self.pool = Pool::new(&self.gpu, capacity, self.settings.method != CutMethod::Basic)?;
         Ok(())
     }
 }

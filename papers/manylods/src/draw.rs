@@ -3,7 +3,7 @@
 use crate::layout::DrawStep;
 use crate::programs::CUT_DRAW;
 
-use crate::CutKnobs;
+use crate::CutSettings;
 use crate::counters::QUEUES;
 use crate::passes::CutWork;
 use argus_gpu::{Commands, ComputePipeline, Gpu};
@@ -23,11 +23,11 @@ pub(crate) struct DrawPasses {
 
 impl DrawPasses {
     /// Pipelines for maps of this layout.
-    pub(crate) fn new(gpu: &Gpu, knobs: &CutKnobs, surfels: bool, maps: &MapSet) -> Self {
+    pub(crate) fn new(gpu: &Gpu, settings: &CutSettings, surfels: bool, maps: &MapSet) -> Self {
         let surfels = ("surfels", f64::from(u8::from(surfels)));
-        let reach = ("reach", f64::from(knobs.threshold.ceil()));
+        let reach = ("reach", f64::from(settings.threshold.ceil()));
         let fill = [&[surfels][..], &maps.constants()].concat();
-        let disc = ("disc_of_cell", f64::from(knobs.disc));
+        let disc = ("disc_of_cell", f64::from(settings.disc));
         let draw = [&fill[..], &[reach, disc]].concat();
         Self {
             prepare_draw: gpu.compute_pipeline(&CUT_DRAW, "prepare_draw"),
@@ -38,11 +38,11 @@ impl DrawPasses {
     }
 
     pub(crate) fn run(&self, commands: &mut Commands, work: &CutWork<'_>, maps: &MapSet) {
-        let CutWork { tree, knobs, pool, .. } = *work;
+        let CutWork { tree, settings, pool, .. } = *work;
         let step = DrawStep {
             views: work.views.count(),
-            side: knobs.side,
-            threshold: knobs.threshold,
+            side: settings.side,
+            threshold: settings.threshold,
             edge: tree.root.edge as f32,
             map_shift: maps.shift,
             capacity: pool.capacity,

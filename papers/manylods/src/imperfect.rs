@@ -11,13 +11,13 @@ use argus_gpu::wgpu::{Buffer, BufferUsages};
 use crate::SphereHierarchy;
 use argus_gpu::{ComputePipeline, Gpu};
 use argus_megaviews::hierarchy::{HierarchyError, fits};
-use argus_megaviews::many_views::{FrameStats, Knobs, MapSet, TexelCode, ViewList, with_maps};
+use argus_megaviews::many_views::{FrameStats, MapSet, Settings, TexelCode, ViewList, with_maps};
 
 /// Imperfect shadow maps (Ritschel et al. 2008), for comparison. Their cost does not depend on the scene.
 #[derive(Debug)]
 pub struct ImperfectViews {
     gpu: Arc<Gpu>,
-    knobs: Knobs,
+    settings: Settings,
     edge: f32,
     nodes: Buffer,
     /// First point among the nodes, and number of points.
@@ -30,28 +30,28 @@ pub struct ImperfectViews {
 }
 
 impl ImperfectViews {
-    /// Uses the leaves of a sphere hierarchy as points. Of the knobs, only resolution and texel format matter.
+    /// Uses the leaves of a sphere hierarchy as points. Of the settings, only resolution and texel format matter.
     ///
     /// # Errors
-    /// A knob out of range, or a resolution that is no power of two.
-    pub fn new(gpu: &Arc<Gpu>, points: &SphereHierarchy, knobs: Knobs) -> Result<Self, HierarchyError> {
-        knobs.validate()?;
-        if !knobs.side.is_power_of_two() {
-            let (range, value) = ("a power of two".to_owned(), knobs.side.to_string());
+    /// A setting out of range, or a resolution that is no power of two.
+    pub fn new(gpu: &Arc<Gpu>, points: &SphereHierarchy, settings: Settings) -> Result<Self, HierarchyError> {
+        settings.validate()?;
+        if !settings.side.is_power_of_two() {
+            let (range, value) = ("a power of two".to_owned(), settings.side.to_string());
             return Err(HierarchyError::OutOfRange { field: "resolution", range, value });
         }
-        let code = TexelCode::new(knobs.texel, (2 << points.depth) - 1, points.root.edge)?;
+        let code = TexelCode::new(settings.texel, (2 << points.depth) - 1, points.root.edge)?;
         Ok(Self {
             edge: points.root.edge as f32,
             nodes: points.nodes.clone(),
             first: (1 << points.depth) - 1,
             pool: 1 << points.depth,
-            maps: MapSet::new(gpu, knobs.side, code, 1)?,
+            maps: MapSet::new(gpu, settings.side, code, 1)?,
             pyramid: gpu.buffer("pyramids", 4, BufferUsages::STORAGE),
             made_for: 0,
             passes: None,
             gpu: Arc::clone(gpu),
-            knobs,
+            settings,
         })
     }
 
@@ -61,7 +61,7 @@ impl ImperfectViews {
     /// Maps exceed the device's memory, or the device failed.
     pub fn render(&mut self, views: &ViewList, points: u32) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
-        let side = self.knobs.side;
+        let side = self.settings.side;
         if self.maps.capacity != views.count() {
             self.maps = MapSet::new(&self.gpu, side, self.maps.code, views.count())?;
             // A third of level 0.

@@ -6,7 +6,7 @@ use argus_gpu::wgpu::Buffer;
 
 use crate::counters::QUEUES;
 use crate::pool::Pool;
-use crate::{CutKnobs, CutMethod, CutTree};
+use crate::{CutMethod, CutSettings, CutTree};
 use argus_gpu::{Commands, ComputeCall, ComputePipeline, Gpu};
 use argus_megaviews::many_views::ViewList;
 
@@ -31,7 +31,7 @@ pub(crate) struct CutPasses {
 /// Inputs and buffers of one frame.
 pub(crate) struct CutWork<'a> {
     pub(crate) tree: &'a CutTree,
-    pub(crate) knobs: &'a CutKnobs,
+    pub(crate) settings: &'a CutSettings,
     pub(crate) pool: &'a Pool,
     pub(crate) eyes: &'a Buffer,
     pub(crate) views: &'a ViewList,
@@ -41,9 +41,10 @@ pub(crate) struct CutWork<'a> {
 
 impl CutPasses {
     /// Makes the pipelines.
-    pub(crate) fn new(gpu: &Gpu, knobs: &CutKnobs) -> Self {
+    pub(crate) fn new(gpu: &Gpu, settings: &CutSettings) -> Self {
         let flag = |set: bool| f64::from(u8::from(set));
-        let constants = [("culls", flag(knobs.culling)), ("ordered", flag(knobs.method != CutMethod::Basic))];
+        let constants =
+            [("culls", flag(settings.culling)), ("ordered", flag(settings.method != CutMethod::Basic))];
         // A pipeline accepts only constants that its entry point uses.
         let pipeline = |entry, names: &[&str]| {
             let given: Vec<_> = constants.into_iter().filter(|(name, _)| names.contains(name)).collect();
@@ -66,22 +67,26 @@ impl CutPasses {
 
     /// Records the passes of one frame.
     pub(crate) fn run(&self, commands: &mut Commands, work: &CutWork<'_>) {
-        let CutWork { tree, knobs, pool, restart, .. } = *work;
+        let CutWork { tree, settings, pool, restart, .. } = *work;
         let step = CutStep {
             views: work.views.count(),
             root: tree.root_node,
-            scale: knobs.side as f32 / knobs.threshold,
-            jump: knobs.jump as f32,
+            scale: settings.side as f32 / settings.threshold,
+            jump: settings.jump as f32,
             capacity: pool.capacity,
             chunks: pool.chunk_count,
             queue_in: QUEUES,
             queue_out: QUEUES,
             arguments: 0,
-            lag: if matches!(knobs.method, CutMethod::Lazy { .. }) { (knobs.lag * UNITS) as u32 } else { 0 },
+            lag: if matches!(settings.method, CutMethod::Lazy { .. }) {
+                (settings.lag * UNITS) as u32
+            } else {
+                0
+            },
             restart: u32::from(restart),
             deep: 1,
         };
-        let ordered = knobs.method != CutMethod::Basic;
+        let ordered = settings.method != CutMethod::Basic;
         commands.clear(&pool.counters);
         if restart && ordered {
             commands
@@ -105,7 +110,7 @@ impl CutPasses {
         if ordered && !restart {
             self.test_due_chunks(commands, work, step);
         }
-        let max_depth = match knobs.method {
+        let max_depth = match settings.method {
             CutMethod::Lazy { edges } => edges,
             _ => u32::MAX,
         };

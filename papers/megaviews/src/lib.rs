@@ -27,7 +27,7 @@ use self::probes::OctreeProbes;
 
 /// Adds samples from maps, and reflection probes from an octree, to the methods of a sampler.
 pub fn add_to(methods: &mut Methods) {
-    methods.samples = Some(Arc::new(|scene, knobs| Box::new(OmniMaps::new(scene, knobs))));
+    methods.samples = Some(Arc::new(|scene, settings| Box::new(OmniMaps::new(scene, settings))));
     methods.probes = Some(Arc::new(|gpu, resident, g_buffer, levels| {
         Box::new(OctreeProbes::new(gpu, resident, g_buffer, levels))
     }));

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use crate::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle};
 use crate::layout::SURFEL_BYTES;
-use crate::many_views::{Knobs, Texel};
+use crate::many_views::{Settings, Texel};
 use argus_gpu::{Commands, Gpu, wgpu};
 use argus_scene::{InvalidField, Lighting, RenderError, Scene, Stage};
 use argus_shaders::layout::sampler::{LEAF_BLOCK, LeafChunk};
@@ -314,13 +314,13 @@ impl LitOctree {
     }
 }
 
-/// Knobs for maps of an octree, each view traversed alone. The bytes do not depend on earlier maps.
-pub(crate) fn map_knobs(side: u32, octree: &Octree) -> Knobs {
-    Knobs {
+/// Settings for maps of an octree, each view traversed alone. The bytes do not depend on earlier maps.
+pub(crate) fn map_settings(side: u32, octree: &Octree) -> Settings {
+    Settings {
         side,
         texel: Texel::RangeAndNode,
-        disc: Knobs::COVERING,
-        shared_disc: Knobs::COVERING,
+        disc: Settings::COVERING,
+        shared_disc: Settings::COVERING,
         sharing: false,
         // Would depend on earlier frames.
         falls_back: false,
@@ -330,7 +330,7 @@ pub(crate) fn map_knobs(side: u32, octree: &Octree) -> Knobs {
         // octree needs the same size.
         queue_pairs: Some(octree.leaf_count().saturating_mul(8).clamp(1 << 16, 1 << 31).next_power_of_two()),
         view_depth: Some(octree.depth),
-        ..Knobs::default()
+        ..Settings::default()
     }
 }
 

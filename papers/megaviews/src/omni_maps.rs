@@ -14,7 +14,7 @@
 //! them up the tree. Once a batch: one traversal for all waiting cameras (up to eight, the corners of a cell). Once a
 //! sample: *map lookup* replaces visibility and shading. A sub-sample's ray finds a node in its camera's map. Its range
 //! is where the texel's central ray meets the node's plane, clamped to the node's cell. The cell that a camera stands in
-//! is culled (`Knobs::own_cell`).
+//! is culled (`Settings::own_cell`).
 //!
 //! # Format
 //!
@@ -36,12 +36,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use crate::hierarchy::Octree;
-use crate::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
+use crate::many_views::{ManyViews, Settings, Texel, ViewList, ViewPoint};
 use argus_gpu::{Commands, Gpu};
 use argus_sampler::plug::{GBufferUse, LitScene, ResolveSample, TileContext};
 use argus_scene::{InvalidField, MegaViews, RenderError, Rig, SampleId, Stage};
 
-use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
+use crate::lit_octree::{LitOctree, map_settings, to_render_error};
 use crate::passes::{MapLookup, NodeMaps};
 
 /// Most bytes of maps in one traversal without sharing: 32 maps of 1024² texels a hemisphere.
@@ -51,7 +51,7 @@ const MOST_VIEW_LEVELS: u32 = 10;
 
 /// The maps of one scene's sample cameras on one device.
 pub(crate) struct OmniMaps {
-    knobs: MegaViews,
+    settings: MegaViews,
     pub(crate) octree: LitOctree,
     look_up: MapLookup,
     /// Resolves samples without planes for reflections.
@@ -73,12 +73,12 @@ pub(crate) struct Group {
 
 impl OmniMaps {
     /// The maps of a scene on a device.
-    pub(crate) fn new(scene: &LitScene<'_>, knobs: MegaViews) -> Self {
-        let (gpu, resident, sampler) = (scene.gpu, scene.resident, scene.knobs);
+    pub(crate) fn new(scene: &LitScene<'_>, settings: MegaViews) -> Self {
+        let (gpu, resident, sampler) = (scene.gpu, scene.resident, scene.settings);
         let g_buffer = GBufferUse::of(sampler);
         Self {
-            knobs,
-            octree: LitOctree::new(gpu, resident, g_buffer, knobs.levels),
+            settings,
+            octree: LitOctree::new(gpu, resident, g_buffer, settings.levels),
             look_up: MapLookup::new(gpu, resident.features, 1),
             resolve: ResolveSample::new(gpu, false, sampler.side(), false, false),
             views: None,
@@ -86,13 +86,13 @@ impl OmniMaps {
         }
     }
 
-    /// Changes the knobs.
-    pub(crate) fn set_knobs(&mut self, knobs: MegaViews) {
-        self.octree.set_levels(knobs.levels);
-        if knobs != self.knobs {
+    /// Changes the settings.
+    pub(crate) fn set_settings(&mut self, settings: MegaViews) {
+        self.octree.set_levels(settings.levels);
+        if settings != self.settings {
             self.traversed = None;
         }
-        self.knobs = knobs;
+        self.settings = settings;
     }
 
     /// Marks all as out of date, because surfaces moved.
@@ -125,9 +125,9 @@ impl OmniMaps {
             .map(|&index| Ok(ViewPoint::everywhere(rig.camera(index)?.center())))
             .collect::<Result<Vec<_>, InvalidField>>()?;
         let list = ViewList::new(gpu, &octree.root, &points)?;
-        let knobs = self.traversal(rig, octree, group, list.edge());
+        let settings = self.traversal(rig, octree, group, list.edge());
         let mut views =
-            ManyViews::reuse_or_new(self.views.take(), gpu, octree, knobs).map_err(to_render_error)?;
+            ManyViews::reuse_or_new(self.views.take(), gpu, octree, settings).map_err(to_render_error)?;
         views.render(&list).map_err(to_render_error)?;
         self.look_up.set_arrays(gpu, views.maps().arrays.len());
         self.views = Some(views);
@@ -135,11 +135,11 @@ impl OmniMaps {
         Ok(vec![Stage::new("traverse octree", begin.elapsed().as_secs_f64() * 1e3)])
     }
 
-    /// Knobs of a group's traversal, a function of its cameras alone.
-    fn traversal(&self, rig: &Rig, octree: &Octree, group: &Group, edge: f64) -> Knobs {
-        let alone = map_knobs(self.knobs.map_side, octree);
+    /// Settings of a group's traversal, a function of its cameras alone.
+    fn traversal(&self, rig: &Rig, octree: &Octree, group: &Group, edge: f64) -> Settings {
+        let alone = map_settings(self.settings.map_side, octree);
         let spacing = group.cameras.first().and_then(|&index| rig.spacing_of(index));
-        let (Some(spacing), true) = (spacing, self.knobs.block > 1 && group.cameras.len() > 1) else {
+        let (Some(spacing), true) = (spacing, self.settings.block > 1 && group.cameras.len() > 1) else {
             return alone;
         };
         // Cells of the octree over cameras are narrower than the lattice, so each camera has its own map.
@@ -148,7 +148,7 @@ impl OmniMaps {
         if view_depth > MOST_VIEW_LEVELS {
             alone
         } else {
-            Knobs { sharing: true, view_depth: Some(view_depth), ..alone }
+            Settings { sharing: true, view_depth: Some(view_depth), ..alone }
         }
     }
 
@@ -162,15 +162,15 @@ impl OmniMaps {
 
 /// Groups samples by traversal. Without sharing, cameras are grouped in order, as many as fit in memory. With sharing, a
 /// group has all cameras of a block. Indices that the rig does not have are in no group.
-pub(crate) fn groups(rig: &Rig, ids: &[SampleId], knobs: &MegaViews) -> Vec<Group> {
+pub(crate) fn groups(rig: &Rig, ids: &[SampleId], settings: &MegaViews) -> Vec<Group> {
     let texel_bytes = u64::from(Texel::RangeAndNode.bits()) / 8;
-    let map_bytes = 2 * u64::from(knobs.map_side) * u64::from(knobs.map_side) * texel_bytes;
+    let map_bytes = 2 * u64::from(settings.map_side) * u64::from(settings.map_side) * texel_bytes;
     let most = (MOST_MAP_BYTES / map_bytes.max(1)).max(1) as usize;
     let mut groups: Vec<Group> = Vec::new();
     for (order, id) in ids.iter().enumerate().filter(|(_, id)| rig.level(id.camera).is_some()) {
-        let block = rig.block(id.camera, knobs.block);
+        let block = rig.block(id.camera, settings.block);
         let is_of = |group: &Group| group.cameras.contains(&id.camera);
-        let has_room = |group: &Group| knobs.block == 1 && group.cameras.len() < most;
+        let has_room = |group: &Group| settings.block == 1 && group.cameras.len() < most;
         let found = groups.iter().position(|group| is_of(group) || has_room(group));
         let group = found.unwrap_or_else(|| {
             groups.push(Group { cameras: Vec::new(), wanted: Vec::new() });
@@ -220,12 +220,12 @@ mod tests {
     #[test]
     fn samples_of_a_block_are_always_traversed_with_the_whole_block() {
         let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 1.0, face: 64 };
-        let knobs = MegaViews { map_side: 64, levels: 4, block: 2 };
+        let settings = MegaViews { map_side: 64, levels: 4, block: 2 };
         let corners = rig.nearest(&Camera::look_at(DVec3::splat(0.4), DVec3::X), 8);
-        let together = groups(&rig, &ids(&corners), &knobs);
+        let together = groups(&rig, &ids(&corners), &settings);
         assert_eq!(together.len(), 1, "the corners of an aligned cell are one block");
         for &index in &corners {
-            let alone = groups(&rig, &ids(&[index]), &knobs);
+            let alone = groups(&rig, &ids(&[index]), &settings);
             assert_eq!(alone[0].cameras, together[0].cameras);
             let place = together[0].cameras.iter().position(|&camera| camera == index).unwrap();
             assert_eq!(alone[0].wanted, [(0, place as u32)]);

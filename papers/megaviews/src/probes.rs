@@ -8,7 +8,7 @@ use argus_sampler::plug::{
 use argus_scene::{Lighting, RenderError, Stage};
 use glam::DVec3;
 
-use crate::lit_octree::{LitOctree, map_knobs, to_render_error};
+use crate::lit_octree::{LitOctree, map_settings, to_render_error};
 use crate::passes::{NodeMaps, OwnNodes, ResampleProbes};
 
 /// Most bytes of probes that are rendered at once: a few thousand small ones, or sixteen of the largest.
@@ -70,7 +70,7 @@ impl ProbeMethod for OctreeProbes {
             let list = ViewList::new(gpu, &octree.root, points)?;
             let own = NodeOwners { owners: owners.clone(), first };
             let kept = self.views.take();
-            let traversed = ManyViews::reuse_or_new(kept, gpu, &octree, map_knobs(side, &octree));
+            let traversed = ManyViews::reuse_or_new(kept, gpu, &octree, map_settings(side, &octree));
             let mut traversed = traversed.map_err(to_render_error)?;
             traversed.cull_own_nodes(own).map_err(to_render_error)?;
             traversed.render(&list).map_err(to_render_error)?;

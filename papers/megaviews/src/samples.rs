@@ -14,10 +14,10 @@ impl SampleMethod for OmniMaps {
         &mut self,
         scene: &mut LitScene<'_>,
         job: &SampleJob,
-        knobs: MegaViews,
+        settings: MegaViews,
         mut costs: Vec<Stage>,
     ) -> Result<Option<SampleResults>, RenderError> {
-        self.set_knobs(knobs);
+        self.set_settings(settings);
         let Some(lit) = self.octree.ready(scene, &job.info.lighting, job.info.time_secs())? else {
             return Ok(None);
         };
@@ -27,7 +27,7 @@ impl SampleMethod for OmniMaps {
             |id: &SampleId| job.info.rig.camera(id.camera).err().map(|error| Err(error.into()));
         let mut samples: Vec<Option<Result<Sample, RenderError>>> =
             job.ids.iter().map(to_render_error).collect();
-        for group in groups(&job.info.rig, &job.ids, &knobs) {
+        for group in groups(&job.info.rig, &job.ids, &settings) {
             let traversed =
                 scene.check_wanted().and_then(|()| self.traverse(scene.gpu, &job.info.rig, &group));
             // Samples of a traversal share its cost evenly. The first traversal includes the cost of the octree.
@@ -74,15 +74,15 @@ impl OmniMaps {
         let begin = Instant::now();
         let camera = job.info.rig.camera(id.camera)?;
         let eye = scene.eye(camera.center(), &job.info.lighting)?;
-        let (gpu, knobs) = (scene.gpu, scene.knobs);
-        let planes = self.resolve.planes(gpu, knobs, camera.size(), job.to_host);
+        let (gpu, settings) = (scene.gpu, scene.settings);
+        let planes = self.resolve.planes(gpu, settings, camera.size(), job.to_host);
         let mut stages = Vec::new();
         for tile in &scene.tiles(&camera)? {
             scene.check_wanted()?;
             let mut commands = gpu.commands("look up sample");
             let context = scene.context(&eye, tile, false);
             self.look_up(&mut commands, &context, view);
-            self.resolve.record(&mut commands, &context, knobs, &planes, None);
+            self.resolve.record(&mut commands, &context, settings, &planes, None);
             timing::add(&mut stages, commands.submit().wait()?.stages);
         }
         let planes = planes.hand_over(gpu, job.to_host)?;

@@ -1,7 +1,7 @@
 // Program of `papers/virtual-lights/src/passes/cull_vpls.rs`: culls groups of VPLs that cannot light a block of sub-samples.
 // Conservative: a group is culled only if its VPLs face none of the block's surfaces, or these face none of the VPLs, or
 // all are beyond the cut-off (MegaViews, sections 3.2.1 and 5.1, with scene and views exchanged). Of the remaining
-// groups, some are drawn at random if the knobs say so.
+// groups, some are drawn at random if the settings say so.
 
 import package::shared::receiver::{Receiver, receiver_of};
 import package::virtual_lights::shared::vpl::{BLOCK, GROUP_WORDS, Gathering, LIST_HEAD, LIST_WORDS, MOST_GROUPS, VplNode};

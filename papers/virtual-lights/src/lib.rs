@@ -24,10 +24,12 @@ use self::vpl::{Radiosity, VplReport};
 
 /// Adds indirect light by virtual point lights and by points to the methods of a sampler.
 pub fn add_to(methods: &mut Methods) {
-    methods.indirect = Some(Arc::new(|gpu, scene, resident, knobs| -> Option<Box<dyn IndirectMethod>> {
-        match knobs {
-            Indirect::Vpl(knobs) => Some(Box::new(Radiosity::new(gpu, scene, &resident.instances, knobs))),
-            Indirect::Points(knobs) => Some(Box::new(PointBased::new(gpu, resident, knobs))),
+    methods.indirect = Some(Arc::new(|gpu, scene, resident, settings| -> Option<Box<dyn IndirectMethod>> {
+        match settings {
+            Indirect::Vpl(settings) => {
+                Some(Box::new(Radiosity::new(gpu, scene, &resident.instances, settings)))
+            }
+            Indirect::Points(settings) => Some(Box::new(PointBased::new(gpu, resident, settings))),
             Indirect::Off | Indirect::Paths(_) | Indirect::Cells(_) => None,
         }
     }));

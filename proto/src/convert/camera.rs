@@ -128,8 +128,8 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
                         side: within("sample.camera.omni.paraboloid_side", side, 1..=4096)?,
                     },
                     Layout::ReflectionProbes(v1::ReflectionProbesLayout { side, count }) => {
-                        let knobs = Reflections { side, ..Reflections::default() };
-                        knobs.validate()?;
+                        let settings = Reflections { side, ..Reflections::default() };
+                        settings.validate()?;
                         OmniLayout::ReflectionProbes {
                             side,
                             count: within("sample.camera.omni.reflection_probes.count", count, 1..=1024)?,

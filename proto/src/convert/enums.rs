@@ -2,8 +2,8 @@
 
 use argus_scene::effects::{EffectKind, Paid};
 use argus_scene::{
-    Detail, Effect, Holes, InvalidField, LightLevel, MapSource, MegaViews, Output, PathKnobs, PlaneFormat,
-    PlaneKind, PointKnobs, Preset, SampleId, Search, Served, Visibility,
+    Detail, Effect, Holes, InvalidField, LightLevel, MapSource, MegaViews, Output, PathSettings, PlaneFormat,
+    PlaneKind, PointSettings, Preset, SampleId, Search, Served, Visibility,
 };
 
 use super::{known, unspecified};
@@ -87,8 +87,8 @@ macro_rules! wire_structs {
 
 wire_structs! {
     MegaViews, MegaViewsSampling: map_side levels block;
-    PathKnobs, PathIndirect: level rays bounces gather;
-    PointKnobs, PointIndirect: levels map_side block bounces sharing;
+    PathSettings, PathIndirect: level rays bounces gather;
+    PointSettings, PointIndirect: levels map_side block bounces sharing;
     SampleId, SampleId: version camera;
     Served, Served: warped other_sample traced unresolved;
 }

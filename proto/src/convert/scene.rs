@@ -1,9 +1,9 @@
 //! Conversions of lights, rigs and sample sets.
 
 use argus_scene::{
-    Bounds, CellKnobs, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, ProbeEye,
+    Bounds, CellSettings, Indirect, InvalidField, Light, LightEffects, Lighting, MapSource, ProbeEye,
     ProbeSource, ReflectionProbeSet, Reflections, Rig, SampleSetInfo, Sampling, SceneState, Sky,
-    Specification, Stage, Version, Visibility, VplKnobs,
+    Specification, Stage, Version, Visibility, VplSettings,
 };
 use glam::DVec3;
 
@@ -261,8 +261,8 @@ impl TryFrom<v1::Specification> for Specification {
 }
 
 impl From<ReflectionProbeSet> for v1::ReflectionProbes {
-    fn from(ReflectionProbeSet { knobs, count, eye }: ReflectionProbeSet) -> Self {
-        let (levels, budget, rays) = match knobs.source {
+    fn from(ReflectionProbeSet { settings, count, eye }: ReflectionProbeSet) -> Self {
+        let (levels, budget, rays) = match settings.source {
             ProbeSource::Octree { levels } => (levels, None, false),
             ProbeSource::Points { budget } => (0, Some(budget), false),
             ProbeSource::Rays => (0, None, true),
@@ -272,7 +272,7 @@ impl From<ReflectionProbeSet> for v1::ReflectionProbes {
             viewpoints: eye.map(|eye| eye.viewpoints.into()),
             pixels: eye.map_or(0.0, |eye| eye.pixels),
         });
-        Self { side: knobs.side, levels, most: knobs.most, count, points, rays }
+        Self { side: settings.side, levels, most: settings.most, count, points, rays }
     }
 }
 
@@ -296,7 +296,7 @@ impl TryFrom<v1::ReflectionProbes> for ReflectionProbeSet {
                 (ProbeSource::Points { budget }, Some(ProbeEye { viewpoints, pixels }))
             }
         };
-        let probes = Self { knobs: Reflections { side, most, source }, count, eye };
+        let probes = Self { settings: Reflections { side, most, source }, count, eye };
         probes.validate()?;
         Ok(probes)
     }
@@ -305,27 +305,27 @@ impl TryFrom<v1::ReflectionProbes> for ReflectionProbeSet {
 fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
     Some(match indirect {
         Indirect::Off => return None,
-        Indirect::Vpl(knobs) => v1::specification::Indirect::Vpl(v1::VplIndirect {
-            vpls: knobs.vpls,
-            particles: knobs.particles,
-            bounces: knobs.bounces,
-            map_side: knobs.map_side,
-            maps: knobs.maps.number(),
-            points: knobs.points,
-            levels: knobs.levels,
-            samples: knobs.samples,
-            filter: knobs.filter,
-            cull: knobs.cull,
-            weigh: knobs.weigh,
-            groups: knobs.groups,
-            cutoff: knobs.cutoff,
-            clamp: knobs.clamp,
-            bias: knobs.bias,
-            seed: knobs.seed,
+        Indirect::Vpl(settings) => v1::specification::Indirect::Vpl(v1::VplIndirect {
+            vpls: settings.vpls,
+            particles: settings.particles,
+            bounces: settings.bounces,
+            map_side: settings.map_side,
+            maps: settings.maps.number(),
+            points: settings.points,
+            levels: settings.levels,
+            samples: settings.samples,
+            filter: settings.filter,
+            cull: settings.cull,
+            weigh: settings.weigh,
+            groups: settings.groups,
+            cutoff: settings.cutoff,
+            clamp: settings.clamp,
+            bias: settings.bias,
+            seed: settings.seed,
         }),
         Indirect::Points(points) => v1::specification::Indirect::Points(points.into()),
         Indirect::Paths(paths) => v1::specification::Indirect::Paths(paths.into()),
-        Indirect::Cells(CellKnobs { paths, pixels, rays }) => {
+        Indirect::Cells(CellSettings { paths, pixels, rays }) => {
             let paths = Some(paths.into());
             v1::specification::Indirect::Cells(v1::CellIndirect { paths, pixels, rays })
         }
@@ -335,7 +335,7 @@ fn indirect_to_wire(indirect: Indirect) -> Option<v1::specification::Indirect> {
 fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, InvalidField> {
     Ok(match wire {
         None => Indirect::Off,
-        Some(v1::specification::Indirect::Vpl(wire)) => Indirect::Vpl(VplKnobs {
+        Some(v1::specification::Indirect::Vpl(wire)) => Indirect::Vpl(VplSettings {
             vpls: wire.vpls,
             particles: wire.particles,
             bounces: wire.bounces,
@@ -357,7 +357,7 @@ fn indirect(wire: Option<v1::specification::Indirect>) -> Result<Indirect, Inval
         Some(v1::specification::Indirect::Paths(paths)) => Indirect::Paths(paths.into()),
         Some(v1::specification::Indirect::Cells(v1::CellIndirect { paths, pixels, rays })) => {
             let paths = required(paths, "indirect.paths")?.into();
-            Indirect::Cells(CellKnobs { paths, pixels, rays })
+            Indirect::Cells(CellSettings { paths, pixels, rays })
         }
     })
 }

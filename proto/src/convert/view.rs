@@ -2,9 +2,9 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    CellKnobs, Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs, Plan,
-    PlanRequest, Prediction, Provenance, SampleId, SceneState, Search, Specification, SurfaceLight, View,
-    Warp,
+    CellSettings, Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs,
+    Plan, PlanRequest, Prediction, Provenance, SampleId, SceneState, Search, Specification, SurfaceLight,
+    View, Warp,
 };
 
 use super::enums::{WireEnum, light_level};
@@ -264,7 +264,7 @@ fn surface_light(wire: u32) -> Result<Option<SurfaceLight>, InvalidField> {
     match wire {
         0 => Ok(None),
         1 => Ok(Some(SurfaceLight::Rays)),
-        rays if CellKnobs::RAYS.contains(&rays) => Ok(Some(SurfaceLight::Cells { rays })),
+        rays if CellSettings::RAYS.contains(&rays) => Ok(Some(SurfaceLight::Cells { rays })),
         other => {
             let reason = format!("must be 0, 1, 16, 64 or 256, not {other}");
             Err(InvalidField::new("plan.direct.light", reason))

@@ -4,12 +4,12 @@ use argus_scene::effects::{Causes, EffectKind, EffectRow, Paid};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, CellKnobs, Detail, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect,
+    Bounds, Camera, CellSettings, Detail, Effect, EffectPlan, FaceMask, Frame, FrameSource, Holes, Indirect,
     Light, LightEffects, LightLevel, Lighting, Limits, MapSource, MegaViews, OmniLayout, Output, Outputs,
-    PathKnobs, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointKnobs, Prediction, Preset,
-    ProbeEye, ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera, SampleId,
-    SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage, SurfaceLight,
-    Version, View, Visibility, VplKnobs, Warp,
+    PathSettings, Plan, PlanRequest, Plane, PlaneData, PlaneFormat, PlaneKind, PointSettings, Prediction,
+    Preset, ProbeEye, ProbeSource, Provenance, ReflectionProbeSet, Reflections, Rig, Sample, SampleCamera,
+    SampleId, SampleSetInfo, Sampling, SceneHash, SceneState, Search, Served, Sky, Specification, Stage,
+    SurfaceLight, Version, View, Visibility, VplSettings, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec3, Vec3};
@@ -120,8 +120,8 @@ pub(crate) fn sample_camera() -> impl Strategy<Value = SampleCamera> {
             center,
             layout: OmniLayout::DualParaboloid { side }
         }),
-        (point(), reflection_probes()).prop_map(|(center, ReflectionProbeSet { knobs, count, .. })| {
-            SampleCamera::Omni { center, layout: OmniLayout::ReflectionProbes { side: knobs.side, count } }
+        (point(), reflection_probes()).prop_map(|(center, ReflectionProbeSet { settings, count, .. })| {
+            SampleCamera::Omni { center, layout: OmniLayout::ReflectionProbes { side: settings.side, count } }
         }),
     ]
 }
@@ -196,7 +196,7 @@ fn reflection_probes() -> impl Strategy<Value = ReflectionProbeSet> {
     let rays = Just((ProbeSource::Rays, None));
     (4..=8u32, prop_oneof![octree, points, rays], 1..=200u32, any::<u32>()).prop_map(
         |(log_side, (source, eye), most, count)| ReflectionProbeSet {
-            knobs: Reflections { side: 1 << log_side, most, source },
+            settings: Reflections { side: 1 << log_side, most, source },
             count: 1 + count % most,
             eye,
         },
@@ -207,7 +207,7 @@ fn sub_samples() -> impl Strategy<Value = u32> {
     prop::sample::select(vec![1, 4, 16])
 }
 
-fn vpl_knobs() -> impl Strategy<Value = VplKnobs> {
+fn vpl_settings() -> impl Strategy<Value = VplSettings> {
     let maps = (prop::sample::select(MapSource::ALL.to_vec()), 3..=8u32, 1..=1u32 << 20, 1..=10u32);
     let numbers = (1..=1u32 << 20, 0..=1u32 << 20, 1..=4u32);
     let gathering = (1..=1u32 << 16, 0..=32u32, any::<(bool, bool)>(), 0..=256u32);
@@ -218,7 +218,7 @@ fn vpl_knobs() -> impl Strategy<Value = VplKnobs> {
             (maps, log_side, points, levels),
             (samples, filter, (cull, weigh), groups),
             (cutoff, clamp, bias, seed),
-        )| VplKnobs {
+        )| VplSettings {
             vpls,
             particles,
             bounces,
@@ -244,22 +244,22 @@ fn indirect() -> impl Strategy<Value = Indirect> {
     let paths = (1..=10u32, 1..=256u32, 1..=16u32, 1..=256u32);
     prop_oneof![
         Just(Indirect::Off),
-        vpl_knobs().prop_map(Indirect::Vpl),
-        points.prop_map(|(levels, map_side, block, bounces, sharing)| Indirect::Points(PointKnobs {
+        vpl_settings().prop_map(Indirect::Vpl),
+        points.prop_map(|(levels, map_side, block, bounces, sharing)| Indirect::Points(PointSettings {
             levels,
             map_side,
             block,
             bounces,
             sharing
         })),
-        (paths.clone(), 1..=64u32, prop::sample::select(CellKnobs::RAYS.to_vec())).prop_map(
+        (paths.clone(), 1..=64u32, prop::sample::select(CellSettings::RAYS.to_vec())).prop_map(
             |((level, rays, bounces, gather), pixels, cell_rays)| {
-                let paths = PathKnobs { level, rays, bounces, gather };
-                Indirect::Cells(CellKnobs { paths, pixels, rays: cell_rays })
+                let paths = PathSettings { level, rays, bounces, gather };
+                Indirect::Cells(CellSettings { paths, pixels, rays: cell_rays })
             }
         ),
         paths.prop_map(|(level, rays, bounces, gather)| {
-            Indirect::Paths(PathKnobs { level, rays, bounces, gather })
+            Indirect::Paths(PathSettings { level, rays, bounces, gather })
         }),
     ]
 }
@@ -349,7 +349,7 @@ fn frame_source() -> impl Strategy<Value = FrameSource> {
 }
 
 fn surface_light() -> impl Strategy<Value = Option<SurfaceLight>> {
-    let cells = CellKnobs::RAYS.map(|rays| Some(SurfaceLight::Cells { rays }));
+    let cells = CellSettings::RAYS.map(|rays| Some(SurfaceLight::Cells { rays }));
     prop::sample::select([vec![None, Some(SurfaceLight::Rays)], cells.to_vec()].concat())
 }
 
@@ -535,7 +535,7 @@ pub(crate) fn sample() -> impl Strategy<Value = (SampleSetInfo, Sample)> {
             let rig = Rig::Cell { origin: DVec3::ONE, spacing: 2.0, face };
             // A few small probes.
             let small = |probes: ReflectionProbeSet| ReflectionProbeSet {
-                knobs: Reflections { side: 16, ..probes.knobs },
+                settings: Reflections { side: 16, ..probes.settings },
                 count: probes.count.min(3),
                 eye: probes.eye,
             };

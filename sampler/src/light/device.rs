@@ -14,7 +14,7 @@ use argus_shaders::layout::sampler::LitTile as TileUniform;
 use super::filter::REACHES;
 use super::pattern::{SLOTS, disc_points};
 use super::tracing::LightTracing;
-use crate::LightKnobs;
+use crate::LightSettings;
 use crate::frame::Frame;
 use crate::light_rays::device::{DevicePlaced, DeviceTrees};
 use crate::lit_tile::{LitBuffers, LitTexels};
@@ -47,7 +47,12 @@ impl Programs {
     fn new(gpu: &Gpu, features: Features) -> Self {
         Self {
             shadows: ShadowRays::new(gpu),
-            sky: SkyRays::new(gpu, features, REACHES, &disc_points(SLOTS * LightKnobs::MOST_RAYS as usize)),
+            sky: SkyRays::new(
+                gpu,
+                features,
+                REACHES,
+                &disc_points(SLOTS * LightSettings::MOST_RAYS as usize),
+            ),
             sum: ArrivingLight::new(gpu, features),
         }
     }
@@ -138,11 +143,17 @@ impl DeviceLight {
     }
 
     /// Records the share of the sky that texels see.
-    pub(super) fn trace_sky(&self, frame: &mut Frame<'_>, tile: &LitTile, sky: &Sky, knobs: LightKnobs) {
+    pub(super) fn trace_sky(
+        &self,
+        frame: &mut Frame<'_>,
+        tile: &LitTile,
+        sky: &Sky,
+        settings: LightSettings,
+    ) {
         let asked = AskedSky {
-            rays: knobs.sky_rays,
+            rays: settings.sky_rays,
             reach: sky.reach.map_or(f32::MAX, |reach| reach as f32),
-            filter: knobs.filter,
+            filter: settings.filter,
         };
         let Frame { commands, context, .. } = frame;
         self.programs.sky.record(commands, context, asked, &tile.texels, self.tracing(tile));

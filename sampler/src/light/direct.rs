@@ -11,7 +11,7 @@ use super::on_cpu::{LightOnCpu, OnCpu, RaysOnCpu};
 use super::path_light::PathLight;
 use super::sky::SkyIrradiance;
 use super::tracing::{LightTracing, emission_textures, emitters_at, reads_textures};
-use crate::LightKnobs;
+use crate::LightSettings;
 use crate::frame::{Frame, Neighbours};
 use crate::light_rays::{CullMode, LightRays};
 use crate::packets::PacketTracer;
@@ -32,9 +32,9 @@ pub(crate) struct DirectLight {
 
 /// Which light is found, and from which of a scene's lightings.
 #[derive(Clone, Copy)]
-pub(crate) struct LightSettings<'a> {
+pub(crate) struct LightConditions<'a> {
     pub(crate) effects: LightEffects,
-    pub(crate) knobs: LightKnobs,
+    pub(crate) settings: LightSettings,
     pub(crate) lighting: &'a Lighting,
     /// Time of the pose, seconds.
     pub(crate) time_secs: f64,
@@ -50,11 +50,11 @@ impl DirectLight {
         scene: &Scene,
         features: Features,
         tracer: &PacketTracer,
-        settings: LightSettings<'_>,
+        conditions: LightConditions<'_>,
     ) -> Result<Self, RenderError> {
         let rays = LightRays::new(tracer, CullMode::None).ok_or_else(too_large)?;
-        let device = device::chosen(gpu, features, tracer, &rays, settings.knobs.tracer)?;
-        let lit = Self::with_rays(gpu, scene, features, rays, settings);
+        let device = device::chosen(gpu, features, tracer, &rays, conditions.settings.tracer)?;
+        let lit = Self::with_rays(gpu, scene, features, rays, conditions);
         Ok(Self { device, ..lit })
     }
 
@@ -64,13 +64,13 @@ impl DirectLight {
         scene: &Scene,
         features: Features,
         rays: LightRays,
-        settings: LightSettings<'_>,
+        conditions: LightConditions<'_>,
     ) -> Self {
-        let LightSettings { effects, knobs, lighting, time_secs } = settings;
+        let LightConditions { effects, settings, lighting, time_secs } = conditions;
         let emission = emission_textures(scene, effects);
         let tracing = LightTracing {
             effects,
-            knobs,
+            settings,
             rays,
             emitters: emitters_at(scene, &emission, effects, time_secs),
             emission,
@@ -93,12 +93,12 @@ impl DirectLight {
         scene: &Scene,
         features: Features,
         tracer: &PacketTracer,
-        settings: LightSettings<'_>,
+        conditions: LightConditions<'_>,
     ) -> Self {
         let mut rays = Arc::unwrap_or_clone(self.tracing).rays;
         rays.share_textures(tracer);
         let device = self.device.map(|device| device.with_features(gpu, features));
-        let lit = Self { device, ..Self::with_rays(gpu, scene, features, rays, settings) };
+        let lit = Self { device, ..Self::with_rays(gpu, scene, features, rays, conditions) };
         // Programs that were used are compiled.
         if self.features == features { Self { add: self.add, ..lit } } else { lit }
     }
@@ -123,8 +123,8 @@ impl DirectLight {
     }
 
     /// Changes the rays.
-    pub(crate) fn set_knobs(&mut self, knobs: LightKnobs) {
-        Arc::make_mut(&mut self.tracing).knobs = knobs;
+    pub(crate) fn set_settings(&mut self, settings: LightSettings) {
+        Arc::make_mut(&mut self.tracing).settings = settings;
     }
 
     /// Changes the effects of later images, at a pose. Emission stays off if it needs textures that are not held. Returns whether
@@ -226,7 +226,7 @@ impl DirectLight {
             false => SkyFrom::Open,
         };
         if sky == SkyFrom::Rays {
-            device.trace_sky(frame, tile, &tracing.lighting.sky, tracing.knobs.divided(self.ray_divisor));
+            device.trace_sky(frame, tile, &tracing.lighting.sky, tracing.settings.divided(self.ray_divisor));
         }
         let rest = on_cpu.as_ref().map(|light| &light.arriving);
         frame.arriving = Some(device.sum(frame, tile, tracing, sky, rest));

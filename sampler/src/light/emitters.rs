@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::filter::smoothed;
 use super::pattern::{Pattern, SLOTS, square_points};
 use super::shading_points::{Effort, ShadingPoint, ShadingPoints};
-use crate::LightKnobs;
+use crate::LightSettings;
 use crate::light_rays::LightRaysAbout;
 
 /// Share of the way to an emitter that is looked at: it does not block itself.
@@ -33,14 +33,14 @@ impl Emitters {
         points: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
-        knobs: LightKnobs,
+        settings: LightSettings,
     ) -> Option<Vec<Vec3>> {
         let Self(emitters) = self;
         if emitters.all().is_empty() {
             return None;
         }
         let near = Near::new(emitters, eye);
-        let rays = points.rays(knobs.emitter_rays as usize);
+        let rays = points.rays(settings.emitter_rays as usize);
         let alone = match points.effort {
             Effort::Whole { rays } => Some(square_points(rays)),
             Effort::Shared => None,
@@ -67,7 +67,7 @@ impl Emitters {
             sum / rays as f32
         };
         let found: Vec<Vec3> = (0..points.all.len()).into_par_iter().with_min_len(256).map(at).collect();
-        Some(if knobs.filter { smoothed(found, points) } else { found })
+        Some(if settings.filter { smoothed(found, points) } else { found })
     }
 }
 

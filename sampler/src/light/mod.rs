@@ -34,7 +34,7 @@ mod sky;
 mod tracing;
 
 pub(crate) use cells::CellUse;
-pub(crate) use direct::{DirectLight, LightSettings};
+pub(crate) use direct::{DirectLight, LightConditions};
 pub(crate) use path_light::PathLight;
 pub use path_light::PathReport;
 pub(crate) use shading_points::{ShadingPoint, of_g_buffer as shading_point};

@@ -15,7 +15,7 @@ use super::shading_points::ShadingPoints;
 use super::shadows::VisibilityWords;
 use super::sky;
 use super::tracing::LightTracing;
-use crate::LightKnobs;
+use crate::LightSettings;
 use crate::frame::Frame;
 use crate::light_rays::LightRaysAbout;
 use crate::lit_tile::Arriving;
@@ -40,7 +40,7 @@ pub(crate) struct OnCpu<'a> {
     about: LightRaysAbout<'a>,
     eye: DVec3,
     points: ShadingPoints,
-    knobs: LightKnobs,
+    settings: LightSettings,
     ray_divisor: u32,
     paths: Option<&'a PathLight>,
     uses_cells: bool,
@@ -87,7 +87,7 @@ impl<'a> OnCpu<'a> {
             about,
             eye,
             points,
-            knobs: tracing.knobs.divided(ray_divisor),
+            settings: tracing.settings.divided(ray_divisor),
             ray_divisor,
             paths,
             uses_cells: frame.uses_cells(),
@@ -135,7 +135,7 @@ impl<'a> OnCpu<'a> {
         let (tracing, begin) = (self.tracing, Instant::now());
         let is_cast = !self.has_device && self.cells.is_none();
         if is_cast && tracing.effects.sky_visibility && !tracing.sky.is_black() {
-            let seen = sky::seen_share(&tracing.lighting.sky, &self.points, &self.about, self.knobs);
+            let seen = sky::seen_share(&tracing.lighting.sky, &self.points, &self.about, self.settings);
             self.sky = Some(seen);
             timing::add_since(&mut self.traced, "trace sky", begin);
         }
@@ -145,7 +145,7 @@ impl<'a> OnCpu<'a> {
     pub(crate) fn trace_emitters(&mut self) {
         let begin = Instant::now();
         self.emitted =
-            self.tracing.emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.knobs);
+            self.tracing.emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.settings);
         if self.emitted.is_some() {
             timing::add_since(&mut self.traced, "trace emitters", begin);
         }

@@ -6,7 +6,9 @@ mod preparation;
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::{CellKnobs, CellReport, LightLevel, PathKnobs, RenderError, Scene, Stage, SurfaceLight};
+use argus_scene::{
+    CellReport, CellSettings, LightLevel, PathSettings, RenderError, Scene, Stage, SurfaceLight,
+};
 use glam::{DVec3, Vec3};
 
 use super::cells::{CellLight, CellUse, Eye, LightCells, Parts};
@@ -38,11 +40,11 @@ impl PathLight {
     pub(crate) fn new(
         scene: &Arc<Scene>,
         placements: &[Placement],
-        knobs: PathKnobs,
-        cells: Option<CellKnobs>,
+        settings: PathSettings,
+        cells: Option<CellSettings>,
     ) -> Self {
         let fills = |light| cells.is_some() && light == LightLevel::Full;
-        let at = |light| LitLeaves::new(knobs.at(light).unwrap_or(knobs), fills(light));
+        let at = |light| LitLeaves::new(settings.at(light).unwrap_or(settings), fills(light));
         Self {
             surfaces: Arc::new(Surfaces::new(scene, placements)),
             coarse: at(LightLevel::Coarse),
@@ -53,12 +55,12 @@ impl PathLight {
         }
     }
 
-    /// Changes the knobs. Marks what depends on them as out of date.
-    pub(crate) fn set_knobs(&mut self, knobs: PathKnobs) {
+    /// Changes the settings. Marks what depends on them as out of date.
+    pub(crate) fn set_settings(&mut self, settings: PathSettings) {
         self.preparation = None;
         self.forget_cells();
-        self.coarse.set_knobs(knobs.at(LightLevel::Coarse).unwrap_or(knobs));
-        self.full.set_knobs(knobs);
+        self.coarse.set_settings(settings.at(LightLevel::Coarse).unwrap_or(settings));
+        self.full.set_settings(settings);
     }
 
     /// Moves instances of a posed scene. Marks all as out of date.
@@ -105,9 +107,9 @@ impl PathLight {
     ) -> Result<bool, RenderError> {
         let lighting = &tracing.lighting;
         let Some(leaves) = self.at(light).filter(|leaves| !leaves.is_lit(lighting)) else { return Ok(true) };
-        let (knobs, fills_cells) = (leaves.knobs(), leaves.fills_cells());
+        let (settings, fills_cells) = (leaves.settings(), leaves.fills_cells());
         let Some(preparation) = self.preparation.as_mut().filter(|one| one.is_of(light, lighting)) else {
-            let leaves = LitLeaves::new(knobs, fills_cells);
+            let leaves = LitLeaves::new(settings, fills_cells);
             self.preparation = Some(Preparation::begin(leaves, &self.surfaces, tracing, light)?);
             return Ok(false);
         };
@@ -134,8 +136,8 @@ impl PathLight {
     }
 
     /// The cells' settings; `None` without cells.
-    pub(crate) fn cells(&self) -> Option<CellKnobs> {
-        self.cells.as_ref().map(LightCells::knobs)
+    pub(crate) fn cells(&self) -> Option<CellSettings> {
+        self.cells.as_ref().map(LightCells::settings)
     }
 
     /// What the cells are; `None` without cells.

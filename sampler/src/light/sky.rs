@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::filter::smoothed;
 use super::pattern::{Pattern, above, disc_points};
 use super::shading_points::{Effort, ShadingPoints};
-use crate::LightKnobs;
+use crate::LightSettings;
 use crate::light_rays::LightRaysAbout;
 use crate::passes::SkyTable;
 
@@ -134,13 +134,13 @@ pub(super) fn seen_share(
     sky: &Sky,
     points: &ShadingPoints,
     about: &LightRaysAbout<'_>,
-    knobs: LightKnobs,
+    settings: LightSettings,
 ) -> Vec<Vec3> {
     let alone = match points.effort {
         Effort::Whole { rays } => Some(disc_points(rays)),
         Effort::Shared => None,
     };
-    let pattern = Pattern::of_disc(knobs.sky_rays as usize);
+    let pattern = Pattern::of_disc(settings.sky_rays as usize);
     let reach = sky.reach.map_or(f32::MAX, |reach| reach as f32);
     let cast = |index: usize| {
         let point = &points.all[index];
@@ -162,7 +162,7 @@ pub(super) fn seen_share(
     };
     let sums: Vec<SkySums> = (0..points.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
     // Each sum by itself: the mean of ratios of a few rays would favour directions in which the sky is dark.
-    let sums = if knobs.filter { smoothed(sums, points) } else { sums };
+    let sums = if settings.filter { smoothed(sums, points) } else { sums };
     let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
     let share = |SkySums { seen, whole }: SkySums| {
         Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z))

@@ -9,14 +9,14 @@ use super::emitters::Emitters;
 use super::shading_points::ShadingPoints;
 use super::shadows;
 use super::sky::SkyIrradiance;
-use crate::LightKnobs;
+use crate::LightSettings;
 use crate::light_rays::{LightRays, LightRaysAbout};
 
 /// All that rays to lights, sky and emitters need. A thread that prepares indirect light shares it.
 #[derive(Clone)]
 pub(crate) struct LightTracing {
     pub(super) effects: LightEffects,
-    pub(super) knobs: LightKnobs,
+    pub(super) settings: LightSettings,
     pub(super) rays: LightRays,
     pub(super) emitters: Emitters,
     /// The scene's textures, if any is of emission.

@@ -8,7 +8,7 @@ use argus_shaders::layout::sampler::ResolveSample as Parameters;
 use argus_shaders::sampler::RESOLVE_SAMPLE;
 
 use super::TileContext;
-use crate::{RadianceFormat, SamplerKnobs};
+use crate::{RadianceFormat, SamplerSettings};
 
 /// Alignment of the rows of device planes, in texels: 256 bytes of the smallest texel.
 const ROW_TEXELS: u32 = 64;
@@ -54,10 +54,16 @@ impl ResolveSample {
     }
 
     /// Buffers for a sample of `size` texels. Rows are padded unless they are read back.
-    pub fn planes(&self, gpu: &Gpu, knobs: &SamplerKnobs, size: [u32; 2], to_host: bool) -> PlaneBuffers {
+    pub fn planes(
+        &self,
+        gpu: &Gpu,
+        settings: &SamplerSettings,
+        size: [u32; 2],
+        to_host: bool,
+    ) -> PlaneBuffers {
         let stride = if to_host { size[0] } else { size[0].next_multiple_of(ROW_TEXELS) };
         let mut kinds = vec![
-            (PlaneKind::Radiance, knobs.radiance.plane()),
+            (PlaneKind::Radiance, settings.radiance.plane()),
             (PlaneKind::InverseRange, PlaneFormat::R32Float),
         ];
         if self.glossy {
@@ -87,7 +93,7 @@ impl ResolveSample {
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
-        knobs: &SamplerKnobs,
+        settings: &SamplerSettings,
         planes: &PlaneBuffers,
         arriving: Option<&wgpu::Buffer>,
     ) {
@@ -96,8 +102,8 @@ impl ResolveSample {
             size: tile.size,
             offset: tile.offset(),
             stride: planes.stride,
-            range_bits: knobs.range_bits,
-            half_float: u32::from(knobs.radiance == RadianceFormat::HalfFloat),
+            range_bits: settings.range_bits,
+            half_float: u32::from(settings.radiance == RadianceFormat::HalfFloat),
             shaded_stride: tile.sub_samples()[0],
         };
         let parameters = gpu.upload("resolve sample", &[parameters], wgpu::BufferUsages::UNIFORM);

@@ -6,8 +6,8 @@ use argus_scene::{ProbeSource, RenderError, Scene};
 
 use super::point_method::{NewPoints, PointMethod};
 use super::rays::ReflectionRays;
-use crate::knobs::missing;
 use crate::packets::PacketTracer;
+use crate::settings::missing;
 
 /// A scene, and whether it is at the sampler's present pose.
 pub(crate) struct ReflectedScene {

@@ -6,7 +6,7 @@ mod texels;
 
 use std::sync::Arc;
 
-use crate::{Indirect, SamplerKnobs};
+use crate::{Indirect, SamplerSettings};
 use argus_gpu::{EnvironmentTexture, Gpu, wgpu};
 use argus_scene::{Bounds, Effect, Instance, Mesh, RenderError, Scene};
 use argus_shaders::layout::sampler::{reads, role};
@@ -121,9 +121,9 @@ pub enum GBufferUse {
 }
 
 impl GBufferUse {
-    /// The use of a sampler with these knobs.
-    pub fn of(knobs: &SamplerKnobs) -> Self {
-        match (knobs.effects.any(), knobs.indirect) {
+    /// The use of a sampler with these settings.
+    pub fn of(settings: &SamplerSettings) -> Self {
+        match (settings.effects.any(), settings.indirect) {
             (true, _) => Self::AllLight,
             (false, Indirect::Off) => Self::None,
             (false, _) => Self::IndirectLight,

@@ -9,7 +9,7 @@ use glam::DVec3;
 use tracing::warn;
 
 use super::surface_programs::SurfacePrograms;
-use crate::SamplerKnobs;
+use crate::SamplerSettings;
 use crate::eye::Eye;
 use crate::indirect::Lights;
 use crate::pass_plan::{PassPlan, pass_plan};
@@ -28,7 +28,7 @@ pub struct GpuSampler {
     pub(super) gpu: Arc<Gpu>,
     /// With its meshes in their shapes at `posed_secs`.
     pub(super) scene: Arc<Scene>,
-    pub(super) knobs: SamplerKnobs,
+    pub(super) settings: SamplerSettings,
     pub(super) glossy: bool,
     pub(super) animated: bool,
     /// Lighting at `posed_secs`.
@@ -57,29 +57,33 @@ impl GpuSampler {
     /// [`RenderError::OutOfMemory`] if a part of the scene is larger than the device can bind,
     /// [`RenderError::Internal`] if fragment programs of the device cannot read the primitive index.
     pub fn new(gpu: Arc<Gpu>, scene: Arc<Scene>) -> Result<Self, RenderError> {
-        Self::with_knobs(gpu, scene, SamplerKnobs::default())
+        Self::with_settings(gpu, scene, SamplerSettings::default())
     }
 
-    /// Makes a sampler with these knobs.
+    /// Makes a sampler with these settings.
     ///
     /// # Errors
     /// The errors of [`Self::with_methods`].
-    pub fn with_knobs(gpu: Arc<Gpu>, scene: Arc<Scene>, knobs: SamplerKnobs) -> Result<Self, RenderError> {
-        Self::with_methods(gpu, scene, knobs, Methods::default())
+    pub fn with_settings(
+        gpu: Arc<Gpu>,
+        scene: Arc<Scene>,
+        settings: SamplerSettings,
+    ) -> Result<Self, RenderError> {
+        Self::with_methods(gpu, scene, settings, Methods::default())
     }
 
-    /// Makes a sampler with these knobs that has these methods beside its own.
+    /// Makes a sampler with these settings that has these methods beside its own.
     ///
     /// # Errors
-    /// The errors of [`Self::new`], and [`RenderError::Invalid`] for a knob out of range, or that asks for another method.
+    /// The errors of [`Self::new`], and [`RenderError::Invalid`] for a setting out of range, or that asks for another method.
     pub fn with_methods(
         gpu: Arc<Gpu>,
         scene: Arc<Scene>,
-        knobs: SamplerKnobs,
+        settings: SamplerSettings,
         methods: Methods,
     ) -> Result<Self, RenderError> {
-        knobs.validate()?;
-        methods.check_indirect(knobs.indirect)?;
+        settings.validate()?;
+        methods.check_indirect(settings.indirect)?;
         if !gpu.device.features().contains(wgpu::Features::PRIMITIVE_INDEX) {
             let message = format!("{} does not number triangles in fragments", gpu.kind());
             return Err(RenderError::Internal(message));
@@ -88,9 +92,9 @@ impl GpuSampler {
         let glossy = resident.features.specular;
         let visibility = VisibilityBackends::new(&gpu, &scene, &resident);
         Ok(Self {
-            blend: visibility.has_layers().then(|| Blend::new(&gpu, glossy && knobs.effects.any())),
+            blend: visibility.has_layers().then(|| Blend::new(&gpu, glossy && settings.effects.any())),
             visibility,
-            surface_programs: SurfacePrograms::new(&gpu, &resident, &knobs),
+            surface_programs: SurfacePrograms::new(&gpu, &resident, &settings),
             lights: Lights::default(),
             methods,
             samples: None,
@@ -99,19 +103,19 @@ impl GpuSampler {
             layer_scratch: Scratch::default(),
             point_scratch: Scratch::default(),
             animated: scene.is_animated(),
-            lighting: exposed(scene.at(0.0).lighting, &knobs),
+            lighting: exposed(scene.at(0.0).lighting, &settings),
             posed_secs: 0.0,
             gpu,
             scene,
-            knobs,
+            settings,
             glossy,
             resident,
         })
     }
 
-    /// The knobs that the sampler was made with.
-    pub fn knobs(&self) -> &SamplerKnobs {
-        &self.knobs
+    /// The settings that the sampler was made with.
+    pub fn settings(&self) -> &SamplerSettings {
+        &self.settings
     }
 
     /// The device that it renders on.
@@ -121,7 +125,7 @@ impl GpuSampler {
 
     /// The passes of this scene, and why each is on or off.
     pub fn plan(&self) -> Vec<PassPlan> {
-        pass_plan(&self.scene, &self.resident, &self.knobs, self.visibility.has_layers())
+        pass_plan(&self.scene, &self.resident, &self.settings, self.visibility.has_layers())
     }
 
     /// Poses the scene at a time. Returns the cost, if it was posed at another time. A static scene is never posed again.
@@ -163,7 +167,7 @@ impl GpuSampler {
         if let Some(reflected) = &mut self.surface_programs.reflected {
             reflected.forget_pose();
         }
-        self.lighting = exposed(pose.lighting, &self.knobs);
+        self.lighting = exposed(pose.lighting, &self.settings);
         self.posed_secs = time_secs;
         Ok(vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)])
     }
@@ -189,6 +193,6 @@ impl GpuSampler {
 }
 
 /// Lights and sky with the exposure that the sampler was made with.
-pub(super) fn exposed(lighting: Lighting, knobs: &SamplerKnobs) -> Lighting {
-    Lighting { exposure: knobs.exposure.unwrap_or(lighting.exposure), ..lighting }
+pub(super) fn exposed(lighting: Lighting, settings: &SamplerSettings) -> Lighting {
+    Lighting { exposure: settings.exposure.unwrap_or(lighting.exposure), ..lighting }
 }

@@ -9,12 +9,12 @@ use argus_scene::{
 
 use super::gpu_sampler::GpuSampler;
 use crate::indirect::{IndirectLight, IndirectMethod, LightInputs};
-use crate::light::{DirectLight, LightSettings, PathLight, PathReport};
+use crate::light::{DirectLight, LightConditions, PathLight, PathReport};
 use crate::resident::GBufferUse;
-use crate::{LightKnobs, SamplerKnobs, timing};
+use crate::{LightSettings, SamplerSettings, timing};
 
 impl GpuSampler {
-    /// Prepares direct light by rays and indirect light, as far as the knobs ask for them. Returns the cost.
+    /// Prepares direct light by rays and indirect light, as far as the settings ask for them. Returns the cost.
     pub(super) fn light(
         &mut self,
         lighting: &Lighting,
@@ -22,15 +22,16 @@ impl GpuSampler {
         time_secs: f64,
     ) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
-        let effects = self.knobs.effects;
+        let effects = self.settings.effects;
         let mut stages = Vec::new();
         match &mut self.lights.direct {
             Some(direct) => direct.relight(lighting),
             None if effects.any() => {
                 let begin = Instant::now();
                 let tracer = self.visibility.prepare_packets(resident);
-                let settings = LightSettings { effects, knobs: self.knobs.light, lighting, time_secs };
-                let direct = DirectLight::new(gpu, scene, resident.features, tracer, settings)?;
+                let conditions =
+                    LightConditions { effects, settings: self.settings.light, lighting, time_secs };
+                let direct = DirectLight::new(gpu, scene, resident.features, tracer, conditions)?;
                 self.lights.direct = Some(direct);
                 timing::add_since(&mut stages, "build trees for light", begin);
             }
@@ -38,7 +39,7 @@ impl GpuSampler {
         }
         if self.lights.indirect.is_none() {
             let new = self.methods.indirect.as_ref();
-            self.lights.indirect = IndirectLight::new(gpu, scene, resident, self.knobs.indirect, new);
+            self.lights.indirect = IndirectLight::new(gpu, scene, resident, self.settings.indirect, new);
         }
         let Some(indirect) = &mut self.lights.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
@@ -69,26 +70,26 @@ impl GpuSampler {
         self.lights.indirect.as_ref().and_then(IndirectLight::paths).and_then(PathLight::report)
     }
 
-    /// Changes the knobs of indirect light.
+    /// Changes the settings of indirect light.
     ///
     /// # Errors
-    /// A knob is out of range, the sampler was made without indirect light, or it was made without direct light by rays,
+    /// A setting is out of range, the sampler was made without indirect light, or it was made without direct light by rays,
     /// which paths need.
-    pub fn set_indirect(&mut self, knobs: Indirect) -> Result<(), RenderError> {
-        let knobs = SamplerKnobs { indirect: knobs, ..self.knobs };
-        knobs.validate()?;
-        self.methods.check_indirect(knobs.indirect)?;
-        if [self.knobs.indirect, knobs.indirect].contains(&Indirect::Off) {
+    pub fn set_indirect(&mut self, settings: Indirect) -> Result<(), RenderError> {
+        let settings = SamplerSettings { indirect: settings, ..self.settings };
+        settings.validate()?;
+        self.methods.check_indirect(settings.indirect)?;
+        if [self.settings.indirect, settings.indirect].contains(&Indirect::Off) {
             return Err(
                 InvalidField::new("indirect", "a sampler is made with indirect light or without").into()
             );
         }
-        if GBufferUse::of(&self.knobs) != GBufferUse::of(&knobs) {
+        if GBufferUse::of(&self.settings) != GBufferUse::of(&settings) {
             let reason = "a sampler is made with direct light by rays, which paths need, or without";
             return Err(InvalidField::new("indirect", reason).into());
         }
-        self.knobs = knobs;
-        if !self.lights.indirect.as_mut().is_some_and(|light| light.set_knobs(knobs.indirect)) {
+        self.settings = settings;
+        if !self.lights.indirect.as_mut().is_some_and(|light| light.set_settings(settings.indirect)) {
             self.lights.indirect = None;
         }
         if let Some(samples) = &mut self.samples {
@@ -103,16 +104,16 @@ impl GpuSampler {
     /// Changes the rays of direct light.
     ///
     /// # Errors
-    /// A knob is out of range.
-    pub fn set_light(&mut self, light: LightKnobs) -> Result<(), RenderError> {
-        let knobs = SamplerKnobs { light, ..self.knobs };
-        knobs.validate()?;
-        let tracer = self.knobs.light.tracer;
-        self.knobs = knobs;
+    /// A setting is out of range.
+    pub fn set_light(&mut self, light: LightSettings) -> Result<(), RenderError> {
+        let settings = SamplerSettings { light, ..self.settings };
+        settings.validate()?;
+        let tracer = self.settings.light.tracer;
+        self.settings = settings;
         // Another tracer's trees are built for the next job.
         self.lights.direct.take_if(|_| light.tracer != tracer);
         if let Some(direct) = &mut self.lights.direct {
-            direct.set_knobs(light);
+            direct.set_settings(light);
         }
         Ok(())
     }
@@ -130,7 +131,7 @@ impl GpuSampler {
         }
         let view = ViewJob { time_secs: self.posed_secs, ..view.clone() };
         let frame = self.render_view(&view, &Cancel::default());
-        let (scene, own, time_secs) = (&self.scene, self.knobs.effects, self.posed_secs);
+        let (scene, own, time_secs) = (&self.scene, self.settings.effects, self.posed_secs);
         // Light that cannot be restored is made anew for the next job.
         self.lights.direct.take_if(|direct| !direct.set_effects(scene, own, time_secs));
         Some(frame)

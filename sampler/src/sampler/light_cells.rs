@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use argus_scene::{CellKnobs, CellReport, Indirect, InvalidField, LightLevel, SurfaceLight, ViewJob};
+use argus_scene::{CellReport, CellSettings, Indirect, InvalidField, LightLevel, SurfaceLight, ViewJob};
 
 use super::gpu_sampler::GpuSampler;
 use crate::light::{CellUse, PathLight};
@@ -23,7 +23,7 @@ impl GpuSampler {
     /// What samples and lists of pixels ask of light cells: the same tier everywhere, so that their bytes do not depend on what is
     /// filled.
     pub(super) fn cells_of_samples(&self) -> CellUse {
-        CellUse::Whole { rays: CellKnobs::FIRST_RAYS }
+        CellUse::Whole { rays: CellSettings::FIRST_RAYS }
     }
 
     /// What a view asks of light cells.
@@ -33,7 +33,7 @@ impl GpuSampler {
     pub(super) fn cells_of_view(&self, view: &ViewJob) -> Result<CellUse, InvalidField> {
         let light = view.plan.light();
         if let (Some(light @ SurfaceLight::Cells { .. }), false) = (light, self.has_cells(view)) {
-            let reason = format!("there is no light from {light} in a set with {}", self.knobs.indirect);
+            let reason = format!("there is no light from {light} in a set with {}", self.settings.indirect);
             return Err(InvalidField::new("plan.light", reason));
         }
         Ok(light.into())
@@ -46,7 +46,7 @@ impl GpuSampler {
     }
 
     fn has_cells(&self, view: &ViewJob) -> bool {
-        matches!(self.knobs.indirect, Indirect::Cells(_)) && view.state.light == LightLevel::Full
+        matches!(self.settings.indirect, Indirect::Cells(_)) && view.state.light == LightLevel::Full
     }
 
     /// Fills light cells that views lacked for about so long, and with `refines` refines others. Returns whether there is more to

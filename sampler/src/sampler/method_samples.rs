@@ -3,9 +3,9 @@
 use argus_scene::{Cancel, MegaViews, RenderError, Sample, SampleJob, Stage};
 
 use super::gpu_sampler::GpuSampler;
-use crate::knobs::missing;
 use crate::lit_scene::LitScene;
 use crate::plug::SampleResults;
+use crate::settings::missing;
 use crate::timing;
 
 impl GpuSampler {
@@ -13,10 +13,10 @@ impl GpuSampler {
     pub(super) fn render_by_method(
         &mut self,
         job: &SampleJob,
-        knobs: MegaViews,
+        settings: MegaViews,
         cancel: &Cancel,
     ) -> Vec<Result<Sample, RenderError>> {
-        match self.try_by_method(job, knobs, cancel) {
+        match self.try_by_method(job, settings, cancel) {
             Ok(Some(samples)) => samples,
             // A scene without surfaces is all sky; the triangle path renders it.
             Ok(None) => job.ids.iter().map(|&id| self.render_sample(job, id, cancel, None)).collect(),
@@ -27,7 +27,7 @@ impl GpuSampler {
     fn try_by_method(
         &mut self,
         job: &SampleJob,
-        knobs: MegaViews,
+        settings: MegaViews,
         cancel: &Cancel,
     ) -> Result<Option<SampleResults>, RenderError> {
         let stages = self.ready_for_method(job)?;
@@ -35,11 +35,11 @@ impl GpuSampler {
             (Some(samples), _) => samples,
             (None, Some(new)) => {
                 let new = new.clone();
-                new(&self.lit_scene(cancel), knobs)
+                new(&self.lit_scene(cancel), settings)
             }
             (None, None) => return Err(missing("sampling", job.info.sampling.name()).into()),
         };
-        let rendered = samples.render(&mut self.lit_scene(cancel), job, knobs, stages);
+        let rendered = samples.render(&mut self.lit_scene(cancel), job, settings, stages);
         self.samples = Some(samples);
         rendered
     }
@@ -50,7 +50,7 @@ impl GpuSampler {
             gpu: &self.gpu,
             scene: &self.scene,
             resident: &self.resident,
-            knobs: &self.knobs,
+            settings: &self.settings,
             lights: &mut self.lights,
             scratch: &mut self.scratch,
             cancel,
@@ -59,7 +59,7 @@ impl GpuSampler {
 
     /// Whether light changes with time in a static scene.
     pub(super) fn drifts(&self) -> bool {
-        self.knobs.indirect.drifts()
+        self.settings.indirect.drifts()
     }
 
     /// Poses and lights the scene of a set. Returns the cost.

@@ -14,8 +14,8 @@ use argus_scene::{
 
 use super::gpu_sampler::{GpuSampler, exposed};
 use super::surface_programs::SurfacePrograms;
-use crate::SamplerKnobs;
-use crate::light::LightSettings;
+use crate::SamplerSettings;
+use crate::light::LightConditions;
 use crate::passes::Blend;
 use crate::plug::Methods;
 
@@ -37,8 +37,8 @@ impl PreparedSampler {
     /// # Errors
     /// The errors of making a sampler and of rendering a view.
     pub fn new(gpu: Arc<Gpu>, scene: &Arc<Scene>, methods: Methods) -> Result<Self, RenderError> {
-        let knobs = SamplerKnobs { effects: LightEffects::ALL, ..SamplerKnobs::default() };
-        let mut sampler = GpuSampler::with_methods(gpu, scene.clone(), knobs, methods)?;
+        let settings = SamplerSettings { effects: LightEffects::ALL, ..SamplerSettings::default() };
+        let mut sampler = GpuSampler::with_methods(gpu, scene.clone(), settings, methods)?;
         let [width, height] = COMPILED_BY;
         let view = ViewJob {
             camera: scene.default_camera(),
@@ -68,38 +68,38 @@ impl PreparedSampler {
         Arc::ptr_eq(gpu, &self.sampler.gpu) && self.opened.choice_of(scene.hash).is_some()
     }
 
-    /// The sampler of the prepared scene in a light. It renders the same bytes as one that is made with these knobs at once.
+    /// The sampler of the prepared scene in a light. It renders the same bytes as one that is made with these settings at once.
     ///
     /// # Errors
     /// The errors of [`GpuSampler::with_methods`].
-    pub fn in_light(self, scene: Arc<Scene>, knobs: SamplerKnobs) -> Result<GpuSampler, RenderError> {
-        knobs.validate()?;
-        self.sampler.methods.check_indirect(knobs.indirect)?;
+    pub fn in_light(self, scene: Arc<Scene>, settings: SamplerSettings) -> Result<GpuSampler, RenderError> {
+        settings.validate()?;
+        self.sampler.methods.check_indirect(settings.indirect)?;
         let mut sampler = self.sampler;
-        let before = (sampler.knobs, sampler.resident.features);
+        let before = (sampler.settings, sampler.resident.features);
         sampler.resident.relight(&sampler.gpu, &scene)?;
         sampler.visibility.set_scene(&scene);
         let features = sampler.resident.features;
         sampler.glossy = features.specular;
-        if SurfacePrograms::are_of([&before.0, &knobs], [before.1, features]) {
+        if SurfacePrograms::are_of([&before.0, &settings], [before.1, features]) {
             sampler.surface_programs.forget_reflections();
         } else {
-            sampler.surface_programs = SurfacePrograms::new(&sampler.gpu, &sampler.resident, &knobs);
-            let defers = sampler.glossy && knobs.effects.any();
+            sampler.surface_programs = SurfacePrograms::new(&sampler.gpu, &sampler.resident, &settings);
+            let defers = sampler.glossy && settings.effects.any();
             sampler.blend = sampler.visibility.has_layers().then(|| Blend::new(&sampler.gpu, defers));
         }
-        sampler.lighting = exposed(scene.at(0.0).lighting, &knobs);
-        let direct = sampler.lights.direct.take().filter(|_| knobs.effects.any());
+        sampler.lighting = exposed(scene.at(0.0).lighting, &settings);
+        let direct = sampler.lights.direct.take().filter(|_| settings.effects.any());
         sampler.lights.direct = direct.map(|direct| {
             let tracer = sampler.visibility.prepare_packets(&sampler.resident);
-            let SamplerKnobs { effects, light, .. } = knobs;
+            let SamplerSettings { effects, light, .. } = settings;
             let lighting = &sampler.lighting;
-            let settings = LightSettings { effects, knobs: light, lighting, time_secs: 0.0 };
-            direct.of_scene(&sampler.gpu, &scene, features, tracer, settings)
+            let conditions = LightConditions { effects, settings: light, lighting, time_secs: 0.0 };
+            direct.of_scene(&sampler.gpu, &scene, features, tracer, conditions)
         });
         sampler.lights.indirect = None;
         sampler.samples = None;
-        (sampler.knobs, sampler.scene) = (knobs, scene);
+        (sampler.settings, sampler.scene) = (settings, scene);
         Ok(sampler)
     }
 }

@@ -33,10 +33,12 @@ impl GpuSampler {
         self.methods.check_reflections(Some(&set))?;
         let of_views = match self.surface_programs.of_views.take().filter(|views| views.set == set) {
             Some(of_views) => of_views,
-            None => Box::new(ViewReflections::new(&self.gpu, &self.scene, &self.resident, &self.knobs, set)?),
+            None => {
+                Box::new(ViewReflections::new(&self.gpu, &self.scene, &self.resident, &self.settings, set)?)
+            }
         };
         self.surface_programs.of_views = Some(of_views);
-        self.ready_reflected(set.knobs.source, lit.time_secs)
+        self.ready_reflected(set.settings.source, lit.time_secs)
     }
 
     /// Prepares the scene for reflections by rays or points, at its present pose. Returns the cost.
@@ -110,7 +112,7 @@ impl GpuSampler {
             Some(probes) => probes,
             None => {
                 let (gpu, resident, new) = (&self.gpu, &self.resident, self.methods.probes.as_ref());
-                Box::new(ProbeRenderer::new(gpu, &self.scene, resident, &self.knobs, set, new)?)
+                Box::new(ProbeRenderer::new(gpu, &self.scene, resident, &self.settings, set, new)?)
             }
         };
         // Keeps the programs if the job was cancelled.
@@ -131,7 +133,7 @@ impl GpuSampler {
         check_wanted(cancel)?;
         let (gpu, LitAt { lighting, time_secs, .. }) = (self.gpu.clone(), lit);
         let places = probes.places(&gpu, &self.scene, time_secs)?;
-        let (side, mut stages) = (probes.set.knobs.side, Vec::new());
+        let (side, mut stages) = (probes.set.settings.side, Vec::new());
         let (begin, bytes) = match &mut probes.source {
             ProbePrograms::Method(method) => {
                 let mut scene = self.lit_scene(cancel);

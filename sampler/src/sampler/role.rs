@@ -30,7 +30,7 @@ impl Sampler for GpuSampler {
             return Ok(vec![(self.usual_visibility(), 0.0)]);
         }
         let camera = info.rig.camera(0)?;
-        let tiles = sample_tiles(&camera, self.knobs.side())?;
+        let tiles = sample_tiles(&camera, self.settings.side())?;
         let Some(tile) = tiles.first() else { return Ok(vec![(Visibility::Raster, 0.0)]) };
         let eye = self.eye(camera.center(), &info.lighting)?;
         let (gpu, resident) = (&self.gpu, &self.resident);

@@ -41,7 +41,7 @@ impl GpuSampler {
                 }
                 rendered
             }
-            Sampling::MegaViews(knobs) => self.render_by_method(&job_of_rig, knobs, cancel),
+            Sampling::MegaViews(settings) => self.render_by_method(&job_of_rig, settings, cancel),
         };
         let of_probes: Vec<_> =
             of_probes.into_iter().map(|id| self.render_probe_sample(job, id, cancel)).collect();
@@ -66,7 +66,7 @@ impl GpuSampler {
         let faces = job.faces_of(id).of_camera(&camera);
         let before = job.extended(id);
         let missing = faces.without(before.map_or(FaceMask::NONE, |sample| sample.faces));
-        let mut tiles = tiles_of_faces(&camera, missing, self.knobs.side())?;
+        let mut tiles = tiles_of_faces(&camera, missing, self.settings.side())?;
         let job_scene = JobScene {
             position: camera.center(),
             time_secs: job.info.time_secs(),
@@ -86,7 +86,7 @@ impl GpuSampler {
         }
         let planes = self.surface_programs.of(ReflectionLookup::probes(reflections)).resolve.planes(
             &self.gpu,
-            &self.knobs,
+            &self.settings,
             camera.size(),
             job.to_host,
         );
@@ -117,7 +117,7 @@ impl GpuSampler {
             let reason = format!("this process holds scene {}, not {}", self.scene.hash, job.info.scene);
             return Err(InvalidField::new("sample.scene", reason).into());
         }
-        self.knobs.check_set(&job.info)?;
+        self.settings.check_set(&job.info)?;
         self.methods.check_sampling(job.info.sampling)?;
         self.methods.check_reflections(job.info.reflections.as_ref())?;
         Ok(job.info.sampling.validate(&job.info.rig)?)

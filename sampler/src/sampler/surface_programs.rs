@@ -3,7 +3,7 @@
 use argus_gpu::Gpu;
 use argus_scene::ReflectionProbeSet;
 
-use crate::SamplerKnobs;
+use crate::SamplerSettings;
 use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};
 use crate::probe_renderer::ProbeRenderer;
 use crate::reflected_light::ReflectedScene;
@@ -46,7 +46,7 @@ impl ReflectionLookup {
     /// What direct views reflect.
     pub(super) fn of_view(set: Option<ReflectionProbeSet>) -> Self {
         match set {
-            Some(set) if !set.knobs.source.serves_direct_views() => Self::View(set),
+            Some(set) if !set.settings.source.serves_direct_views() => Self::View(set),
             set => Self::probes(set),
         }
     }
@@ -54,12 +54,12 @@ impl ReflectionLookup {
 
 impl SurfacePrograms {
     /// Programs without reflection probes.
-    pub(super) fn new(gpu: &Gpu, resident: &Resident, knobs: &SamplerKnobs) -> Self {
-        let (features, g_buffer) = (resident.features, GBufferUse::of(knobs));
+    pub(super) fn new(gpu: &Gpu, resident: &Resident, settings: &SamplerSettings) -> Self {
+        let (features, g_buffer) = (resident.features, GBufferUse::of(settings));
         Self {
             shade: Shade::new(gpu, features, g_buffer, false),
-            shade_sample: ShadeSample::new(gpu, features, g_buffer, false, knobs.side()),
-            resolve: ResolveSample::new(gpu, features.specular, 1, false, knobs.effects.any()),
+            shade_sample: ShadeSample::new(gpu, features, g_buffer, false, settings.side()),
+            resolve: ResolveSample::new(gpu, features.specular, 1, false, settings.effects.any()),
             nothing: ProbeBindings::none(gpu),
             probes: None,
             of_views: None,
@@ -67,10 +67,11 @@ impl SurfacePrograms {
         }
     }
 
-    /// Whether programs of these knobs and features are the same.
-    pub(super) fn are_of(knobs: [&SamplerKnobs; 2], features: [Features; 2]) -> bool {
-        let of = |knobs: &SamplerKnobs| (GBufferUse::of(knobs), knobs.side(), knobs.effects.any());
-        of(knobs[0]) == of(knobs[1]) && features[0] == features[1]
+    /// Whether programs of these settings and features are the same.
+    pub(super) fn are_of(settings: [&SamplerSettings; 2], features: [Features; 2]) -> bool {
+        let of =
+            |settings: &SamplerSettings| (GBufferUse::of(settings), settings.side(), settings.effects.any());
+        of(settings[0]) == of(settings[1]) && features[0] == features[1]
     }
 
     /// Forgets reflections, which show the light of a scene.

@@ -114,7 +114,7 @@ impl GpuSampler {
             exposure: lighting.exposure,
             blend: self.blend.as_ref(),
             resolve_view: &self.resolve_view,
-            knobs: &self.knobs,
+            settings: &self.settings,
             cancel,
         };
         stages::part(frame, &mut job)

@@ -102,9 +102,9 @@ impl GpuSampler {
         Specification {
             visibility,
             sampling: Sampling::Triangles,
-            sub_samples: self.knobs.sub_samples,
-            effects: self.knobs.effects,
-            indirect: self.knobs.indirect,
+            sub_samples: self.settings.sub_samples,
+            effects: self.settings.effects,
+            indirect: self.settings.indirect,
             reflections: view.reflections,
             exposure: self.lighting.exposure,
         }

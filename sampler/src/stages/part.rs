@@ -8,7 +8,7 @@ use argus_shaders::layout::sampler::Rays;
 
 use super::reflections::ViewReflecting;
 use super::shade::SurfaceProgram;
-use crate::SamplerKnobs;
+use crate::SamplerSettings;
 use crate::eye::Eye;
 use crate::frame::LightSharing;
 use crate::indirect::Lights;
@@ -116,6 +116,6 @@ pub(crate) struct PartJob<'a> {
     pub(crate) exposure: f32,
     pub(crate) blend: Option<&'a Blend>,
     pub(crate) resolve_view: &'a ResolveView,
-    pub(crate) knobs: &'a SamplerKnobs,
+    pub(crate) settings: &'a SamplerSettings,
     pub(crate) cancel: &'a Cancel,
 }

@@ -8,7 +8,7 @@ pub(super) fn image(mut frame: Frame<'_>, job: &PartJob<'_>) -> RenderedPart {
     let Frame { commands, context, arriving, .. } = &mut frame;
     let (mut color, mut range) = (None, None);
     if let Output::Texels(planes) = job.output {
-        job.programs.resolve.record(commands, context, job.knobs, planes, arriving.as_ref());
+        job.programs.resolve.record(commands, context, job.settings, planes, arriving.as_ref());
     }
     if let Output::Color | Output::ColorAndRange = job.output {
         color = Some(job.resolve_view.record_color(commands, context, job.exposure));

@@ -22,7 +22,7 @@ mod taps;
 use argus_gpu::{Gpu, wgpu};
 use argus_scene::{ProbeSource, ReflectionProbeSet, RenderError, Scene, ViewJob};
 
-use crate::SamplerKnobs;
+use crate::SamplerSettings;
 use crate::passes::{AddReflections, ProbeBindings, Shade, ShadePoints};
 use crate::reflected_light::{ReflectedScene, ReflectionSource, Reflectors, ViewMaps};
 use crate::resident::{GBufferUse, Resident, upload};
@@ -51,12 +51,12 @@ impl ViewReflections {
         gpu: &Gpu,
         scene: &Scene,
         resident: &Resident,
-        knobs: &SamplerKnobs,
+        settings: &SamplerSettings,
         set: ReflectionProbeSet,
     ) -> Result<Self, RenderError> {
-        let reflectors = Reflectors::new(scene, set.knobs.most);
+        let reflectors = Reflectors::new(scene, set.settings.most);
         let numbers = upload(gpu, "numbers of reflectors", &reflectors.numbers, wgpu::BufferUsages::STORAGE)?;
-        let g_buffer = GBufferUse::of(knobs).at_least_kept();
+        let g_buffer = GBufferUse::of(settings).at_least_kept();
         Ok(Self {
             set,
             reflectors,
@@ -77,7 +77,7 @@ impl ViewReflections {
         ids: impl FnOnce() -> Vec<[u32; 2]>,
     ) -> Option<Box<dyn ViewMaps>> {
         let (ProbeSource::Points { budget }, ReflectionSource::Points(points)) =
-            (self.set.knobs.source, &reflected.found_by)
+            (self.set.settings.source, &reflected.found_by)
         else {
             return None;
         };

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_sampler::{CellKnobs, GpuSampler, Indirect, PathKnobs, SamplerKnobs};
+use argus_sampler::{CellSettings, GpuSampler, Indirect, PathSettings, SamplerSettings};
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
 use argus_scene::{Camera, LightEffects, Lighting, Plan, Sampler as _, Scene, Sky, SurfaceLight, ViewJob};
 use glam::{DAffine3, DVec3, Vec3};
@@ -12,17 +12,17 @@ use crate::common::*;
 use crate::rooms::*;
 
 /// Leaves of six centimetres in a room of four metres.
-fn knobs() -> CellKnobs {
-    CellKnobs { paths: PathKnobs { level: 6, ..PathKnobs::default() }, ..CellKnobs::default() }
+fn settings() -> CellSettings {
+    CellSettings { paths: PathSettings { level: 6, ..PathSettings::default() }, ..CellSettings::default() }
 }
 
 fn lit(scene: &Arc<Scene>, indirect: Indirect) -> GpuSampler {
     let effects = indirect.effects_with(LightEffects::NONE);
-    sampler_with(scene, SamplerKnobs { sub_samples: 1, effects, indirect, ..SamplerKnobs::default() })
+    sampler_with(scene, SamplerSettings { sub_samples: 1, effects, indirect, ..SamplerSettings::default() })
 }
 
 fn with_cells(scene: &Arc<Scene>) -> GpuSampler {
-    lit(scene, Indirect::Cells(knobs()))
+    lit(scene, Indirect::Cells(settings()))
 }
 
 fn cells(rays: u32) -> Option<SurfaceLight> {
@@ -103,7 +103,7 @@ fn an_open_view_waits_for_nothing_and_says_what_lit_it() {
     let rays = job(view_of_room(DVec3::ZERO), [320, 240], Some(SurfaceLight::Rays));
     assert_eq!(direct(&mut sampler, &rays).provenance.plan.light(), Some(SurfaceLight::Rays));
     // Sets without cells have no such light.
-    let mut paths = lit(&scene, Indirect::Paths(knobs().paths));
+    let mut paths = lit(&scene, Indirect::Paths(settings().paths));
     assert_eq!(direct(&mut paths, &open).provenance.plan.light(), None);
     let refused = paths.render_views(&[pin], &argus_scene::Cancel::new()).remove(0);
     assert!(refused.is_err());
@@ -114,7 +114,7 @@ fn a_room_looks_like_the_path_traced_one_wherever_it_stands() {
     for (offset, name) in [(DVec3::ZERO, "near"), (DVec3::new(1e6, -2e6, 3e6), "far")] {
         let scene = box_of_cornell(offset);
         let (camera, size) = (view_of_room(offset), [96, 96]);
-        let effects = Indirect::Cells(knobs()).effects_with(LightEffects::NONE);
+        let effects = Indirect::Cells(settings()).effects_with(LightEffects::NONE);
         let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 16 });
         let paths = Some(Paths { paths: 256, bounces: 5 });
         let truth = tracer.render_with(&camera, size, 1, paths, |_| {}).display(1.0);
@@ -156,8 +156,8 @@ fn no_sky_comes_through_a_wall_of_two_centimetres() {
     for offset in [DVec3::ZERO, DVec3::new(1e6, 0.0, -1e6)] {
         let scene = closed_box(offset);
         // Fine leaves, so that little leaks through leaf sides of the octree, by which both are lit.
-        let paths = PathKnobs { level: 8, ..PathKnobs::default() };
-        let mut sampler = lit(&scene, Indirect::Cells(CellKnobs { paths, ..CellKnobs::default() }));
+        let paths = PathSettings { level: 8, ..PathSettings::default() };
+        let mut sampler = lit(&scene, Indirect::Cells(CellSettings { paths, ..CellSettings::default() }));
         let inside = |at: DVec3, target: DVec3| Camera {
             fov_deg: 90.0,
             ..Camera::look_at(offset + at, offset + target)

@@ -3,17 +3,20 @@
 
 use std::sync::Arc;
 
-use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::metrics;
 use argus_scene::procedural::terrain;
-use argus_scene::{Camera, Detail, Frame, Indirect, LightEffects, PathKnobs, Plan, Scene, ViewJob};
+use argus_scene::{Camera, Detail, Frame, Indirect, LightEffects, PathSettings, Plan, Scene, ViewJob};
 use glam::DVec3;
 
 use crate::common::{direct, image_of, sampler_with, view_job};
 
 fn lit(scene: &Arc<Scene>) -> GpuSampler {
-    let indirect = Indirect::Paths(PathKnobs { level: 5, ..PathKnobs::default() });
-    sampler_with(scene, SamplerKnobs { effects: LightEffects::ALL, indirect, ..SamplerKnobs::default() })
+    let indirect = Indirect::Paths(PathSettings { level: 5, ..PathSettings::default() });
+    sampler_with(
+        scene,
+        SamplerSettings { effects: LightEffects::ALL, indirect, ..SamplerSettings::default() },
+    )
 }
 
 fn view(sampler: &mut GpuSampler, camera: Camera, size: [u32; 2], detail: Detail) -> Frame {

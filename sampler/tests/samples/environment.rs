@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{Camera, Environment, LightEffects, Scene};
 use glam::{DVec3, Vec3};
@@ -60,7 +60,7 @@ fn direct_views_have_the_references_light_in_an_environment() {
         ("sky", LightEffects { sky_visibility: true, ..none }, 0.03),
         ("all", LightEffects::ALL, 0.1),
     ] {
-        let mut sampler = sampler_with(&scene, SamplerKnobs { effects, ..SamplerKnobs::default() });
+        let mut sampler = sampler_with(&scene, SamplerSettings { effects, ..SamplerSettings::default() });
         let ours = image_of(&direct(&mut sampler, &view_job(camera, size, 4)));
         let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 64 });
         let truth = tracer.render(&camera, size[0], size[1], 4, |_| {}).display(scene.lighting.exposure);
@@ -84,7 +84,7 @@ fn a_sample_of_an_open_surface_is_as_bright_under_a_map_of_one_colour_as_under_t
         let [mapped, even] = [&mapped, &even].map(|scene| {
             let scene = Arc::new(scene.clone());
             let job = sample_job(&scene, rig, rig.nearest(&here, 1)[0], true);
-            let mut sampler = sampler_with(&scene, SamplerKnobs { effects, ..SamplerKnobs::default() });
+            let mut sampler = sampler_with(&scene, SamplerSettings { effects, ..SamplerSettings::default() });
             mean_radiance(&mut sampler, &job)
         });
         assert!((mapped / even - Vec3::ONE).abs().max_element() < 2e-3, "{effects}: {mapped} {even}");

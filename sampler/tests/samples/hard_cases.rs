@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::shading::sky_radiance;
 use argus_scene::tone::display_from_radiance;
@@ -168,7 +168,7 @@ fn faces_of_an_omni_sample_show_what_direct_views_in_their_directions_show() {
         radius: 0.0,
     });
     let scene = Arc::new(scene);
-    let mut sampler = sampler_with(&scene, SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() });
+    let mut sampler = sampler_with(&scene, SamplerSettings { sub_samples: 1, ..SamplerSettings::default() });
     const FACE: u32 = 48;
     let rig = omni_rig(DVec3::new(0.1, -0.2, 0.3), FACE);
     let here = look(DVec3::new(0.1, -0.2, 0.3), DVec3::X);
@@ -294,11 +294,11 @@ fn orders_that_cannot_be_honoured_say_which_field_is_at_fault() {
     assert!(matches!(sampler.render_samples(&order, &nobody)[..], [Err(RenderError::Cancelled)]));
     let views = [view_job(camera, SIZE, 1), view_job(camera, SIZE, 1)];
     assert!(sampler.render_views(&views, &nobody).iter().all(|r| matches!(r, Err(RenderError::Cancelled))));
-    for (knobs, field) in [
-        (SamplerKnobs { sub_samples: 3, ..SamplerKnobs::default() }, "sub_samples"),
-        (SamplerKnobs { range_bits: 7, ..SamplerKnobs::default() }, "sampler.range_bits"),
+    for (settings, field) in [
+        (SamplerSettings { sub_samples: 3, ..SamplerSettings::default() }, "sub_samples"),
+        (SamplerSettings { range_bits: 7, ..SamplerSettings::default() }, "sampler.range_bits"),
     ] {
-        match argus_sampler::GpuSampler::with_knobs(gpu(), Arc::clone(&scene), knobs) {
+        match argus_sampler::GpuSampler::with_settings(gpu(), Arc::clone(&scene), settings) {
             Err(RenderError::Invalid(invalid)) => assert_eq!(invalid.field, field),
             other => panic!("{:?}", other.err()),
         }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::{Indirect, LightKnobs, LightTracer, PathKnobs, PreparedSampler, SamplerKnobs};
+use argus_sampler::{Indirect, LightSettings, LightTracer, PathSettings, PreparedSampler, SamplerSettings};
 use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
@@ -37,7 +37,7 @@ fn scene_with_lights() -> Scene {
 }
 
 fn with(scene: &Arc<Scene>, effects: LightEffects) -> argus_sampler::GpuSampler {
-    sampler_with(scene, SamplerKnobs { effects, ..SamplerKnobs::default() })
+    sampler_with(scene, SamplerSettings { effects, ..SamplerSettings::default() })
 }
 
 fn truth(scene: &Arc<Scene>, effects: LightEffects, camera: &Camera, size: [u32; 2]) -> RgbImage {
@@ -77,7 +77,7 @@ fn light_that_the_device_traces_is_that_of_the_cpu() {
     let camera = Camera::look_at(CAMERA.0, CAMERA.1);
     let size = [160, 120];
     let none = LightEffects::NONE;
-    let paths = Indirect::Paths(PathKnobs { level: 5, ..PathKnobs::default() });
+    let paths = Indirect::Paths(PathSettings { level: 5, ..PathSettings::default() });
     for (name, effects, indirect) in [
         ("hard-shadows", LightEffects { shadows: true, ..none }, Indirect::Off),
         ("soft-shadows", LightEffects { shadows: true, soft_shadows: true, ..none }, Indirect::Off),
@@ -87,9 +87,9 @@ fn light_that_the_device_traces_is_that_of_the_cpu() {
         ("paths", LightEffects::ALL, paths),
     ] {
         let render = |tracer: LightTracer| {
-            let light = LightKnobs { tracer, ..LightKnobs::default() };
-            let knobs = SamplerKnobs { effects, light, indirect, ..SamplerKnobs::default() };
-            let frame = direct(&mut sampler_with(&scene, knobs), &view_job(camera, size, 4));
+            let light = LightSettings { tracer, ..LightSettings::default() };
+            let settings = SamplerSettings { effects, light, indirect, ..SamplerSettings::default() };
+            let frame = direct(&mut sampler_with(&scene, settings), &view_job(camera, size, 4));
             println!("{name}, {tracer:?}: {:?}", frame.stages);
             image_of(&frame)
         };
@@ -108,9 +108,9 @@ fn samples_have_the_same_light_from_the_device_as_from_the_cpu() {
     let rig = omni_rig(CAMERA.0, 24);
     let job = sample_job(&scene, rig, rig.nearest(&camera, 1)[0], true);
     let render = |tracer: LightTracer| {
-        let light = LightKnobs { tracer, ..LightKnobs::default() };
-        let knobs = SamplerKnobs { effects: LightEffects::ALL, light, ..SamplerKnobs::default() };
-        sample(&mut sampler_with(&scene, knobs), &job)
+        let light = LightSettings { tracer, ..LightSettings::default() };
+        let settings = SamplerSettings { effects: LightEffects::ALL, light, ..SamplerSettings::default() };
+        sample(&mut sampler_with(&scene, settings), &job)
     };
     let (by_cpu, on_device) = (render(LightTracer::Cpu), render(LightTracer::Device));
     let [a, b] = [&by_cpu, &on_device].map(|sample| host_bytes(sample, PlaneKind::LightVisibility));
@@ -359,12 +359,12 @@ fn a_sampler_that_was_prepared_before_the_light_was_known_renders_the_same_bytes
         for effects in
             [LightEffects::ALL, LightEffects { shadows: true, ..LightEffects::NONE }, LightEffects::NONE]
         {
-            let knobs = SamplerKnobs { effects, exposure: Some(1.5), ..SamplerKnobs::default() };
+            let settings = SamplerSettings { effects, exposure: Some(1.5), ..SamplerSettings::default() };
             let prepared = PreparedSampler::new(gpu(), &opened, crate::methods()).unwrap();
             assert!(prepared.is_of(&gpu(), &scene));
             assert_eq!(Arc::strong_count(&opened), 1, "who opened the scene may change it");
-            let found = direct(&mut prepared.in_light(scene.clone(), knobs).unwrap(), &job);
-            let expected = direct(&mut sampler_with(&scene, knobs), &job);
+            let found = direct(&mut prepared.in_light(scene.clone(), settings).unwrap(), &job);
+            let expected = direct(&mut sampler_with(&scene, settings), &job);
             assert_eq!(found.color, expected.color, "{choice}, {effects}");
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_sampler::{GpuSampler, Indirect, PathKnobs, SamplerKnobs};
+use argus_sampler::{GpuSampler, Indirect, PathSettings, SamplerSettings};
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
 use argus_scene::{
     Camera, Light, LightEffects, LightLevel, Lighting, PlaneKind, SampleJob, Sampler as _, Scene,
@@ -15,18 +15,18 @@ use crate::common::*;
 use crate::rooms::*;
 
 /// Cells of six centimetres in a room of four metres.
-fn coarse() -> PathKnobs {
-    PathKnobs { level: 6, ..PathKnobs::default() }
+fn coarse() -> PathSettings {
+    PathSettings { level: 6, ..PathSettings::default() }
 }
 
-fn knobs(paths: PathKnobs) -> SamplerKnobs {
+fn settings(paths: PathSettings) -> SamplerSettings {
     let indirect = Indirect::Paths(paths);
     let effects = indirect.effects_with(LightEffects::NONE);
-    SamplerKnobs { sub_samples: 1, effects, indirect, ..SamplerKnobs::default() }
+    SamplerSettings { sub_samples: 1, effects, indirect, ..SamplerSettings::default() }
 }
 
-fn lit(scene: &Arc<Scene>, paths: PathKnobs) -> GpuSampler {
-    sampler_with(scene, knobs(paths))
+fn lit(scene: &Arc<Scene>, paths: PathSettings) -> GpuSampler {
+    sampler_with(scene, settings(paths))
 }
 
 fn mean_of(image: &RgbImage) -> f64 {
@@ -93,7 +93,7 @@ fn rooms_with_a_thin_wall() -> Arc<Scene> {
 fn a_wall_of_two_centimetres_keeps_light_out_of_the_next_room() {
     let scene = rooms_with_a_thin_wall();
     for (level, most) in [(6, 0.02), (7, 0.01)] {
-        let mut sampler = lit(&scene, PathKnobs { level, ..PathKnobs::default() });
+        let mut sampler = lit(&scene, PathSettings { level, ..PathSettings::default() });
         let mut mean_at = |x: f64| {
             let at = DVec3::new(x, 0.1, 0.2);
             let rig = omni_rig(at, 32);
@@ -120,12 +120,12 @@ fn two_samplers_give_the_same_bytes_and_a_change_of_lights_leaves_no_trace() {
     assert_eq!(mean_radiance(&mut sampler, &dark), Vec3::ZERO);
     assert!(first == host_bytes(&sample(&mut sampler, &job), PlaneKind::Radiance));
 
-    let other = PathKnobs { level: 4, rays: 8, bounces: 2, gather: 2 };
+    let other = PathSettings { level: 4, rays: 8, bounces: 2, gather: 2 };
     sampler.set_indirect(Indirect::Paths(other)).unwrap();
     assert!(first != host_bytes(&sample(&mut sampler, &job), PlaneKind::Radiance));
     sampler.set_indirect(Indirect::Paths(coarse())).unwrap();
     assert!(first == host_bytes(&sample(&mut sampler, &job), PlaneKind::Radiance));
-    assert!(sampler.set_indirect(Indirect::Vpl(argus_sampler::VplKnobs::default())).is_err());
+    assert!(sampler.set_indirect(Indirect::Vpl(argus_sampler::VplSettings::default())).is_err());
 }
 
 #[test]

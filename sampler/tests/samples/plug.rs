@@ -1,6 +1,6 @@
 //! A sampler without the methods of papers.
 
-use argus_sampler::{Indirect, PointKnobs, SamplerKnobs, VplKnobs};
+use argus_sampler::{Indirect, PointSettings, SamplerSettings, VplSettings};
 use argus_scene::procedural::mirrors;
 use argus_scene::{
     Cancel, MegaViews, ProbeSource, RenderError, SampleJob, SampleSetInfo, Sampler as _, Sampling, ViewJob,
@@ -23,9 +23,12 @@ fn refused<T>(result: Result<T, RenderError>) -> &'static str {
 #[test]
 fn what_only_a_papers_method_renders_is_refused_by_field_where_it_is_not_plugged_in() {
     let scene = Arc::new(mirrors(3));
-    for indirect in [Indirect::Vpl(VplKnobs::default()), Indirect::Points(PointKnobs::default())] {
-        let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
-        assert_eq!(refused(argus_sampler::GpuSampler::with_knobs(gpu(), scene.clone(), knobs)), "indirect");
+    for indirect in [Indirect::Vpl(VplSettings::default()), Indirect::Points(PointSettings::default())] {
+        let settings = SamplerSettings { indirect, ..SamplerSettings::default() };
+        assert_eq!(
+            refused(argus_sampler::GpuSampler::with_settings(gpu(), scene.clone(), settings)),
+            "indirect"
+        );
     }
     let mut sampler = sampler(&scene);
     let job = job_around_origin(&scene, 16);

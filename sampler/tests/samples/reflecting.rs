@@ -19,7 +19,7 @@ pub(crate) const SIZE: [u32; 2] = [160, 120];
 pub(crate) fn probes_from(scene: &Scene, source: ProbeSource) -> Option<ReflectionProbeSet> {
     let rig = omni_rig(scene.bounds().center(), 384);
     ReflectionProbeSet::of(scene, &rig, Reflections { source, ..Reflections::default() })
-        .expect("the knobs are in range")
+        .expect("the settings are in range")
 }
 
 pub(crate) fn traced(scene: &Arc<Scene>, time_secs: f64) -> Tracer {

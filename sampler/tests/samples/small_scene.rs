@@ -3,7 +3,7 @@
 use std::f32::consts::FRAC_PI_3;
 use std::sync::Arc;
 
-use argus_sampler::{RadianceFormat, SamplerKnobs};
+use argus_sampler::{RadianceFormat, SamplerSettings};
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::{
     AlphaMode, Camera, Light, Material, PlaneFormat, PlaneKind, SampleCamera, Scene, Texture, TextureRef,
@@ -233,8 +233,8 @@ fn a_sample_holds_what_a_direct_view_from_its_camera_shows() {
     let scene = Arc::new(matt_scene());
     let rig = corner_rig(scene.bounds(), [120, 90]);
     for spp in [1, 4, 16] {
-        let knobs = SamplerKnobs { sub_samples: spp, ..SamplerKnobs::default() };
-        let mut sampler = sampler_with(&scene, knobs);
+        let settings = SamplerSettings { sub_samples: spp, ..SamplerSettings::default() };
+        let mut sampler = sampler_with(&scene, settings);
         let sample = sample(&mut sampler, &sample_job(&scene, rig, 2, true));
         let SampleCamera::Perspective { camera, .. } = sample.camera else { panic!("corners look one way") };
         let frame = direct(&mut sampler, &view_job(camera, [120, 90], spp));
@@ -271,12 +271,12 @@ fn a_sample_holds_what_a_direct_view_from_its_camera_shows() {
 }
 
 #[test]
-fn what_quantisation_costs_is_what_the_knobs_say() {
+fn what_quantisation_costs_is_what_the_settings_say() {
     let scene = Arc::new(matt_scene());
     let rig = corner_rig(scene.bounds(), [160, 120]);
     let order = sample_job(&scene, rig, 0, true);
     let exact =
-        SamplerKnobs { radiance: RadianceFormat::HalfFloat, range_bits: 23, ..SamplerKnobs::default() };
+        SamplerSettings { radiance: RadianceFormat::HalfFloat, range_bits: 23, ..SamplerSettings::default() };
     let exact = sample(&mut sampler_with(&scene, exact), &order);
     let stored = sample(&mut sampler(&scene), &order);
     assert_eq!(stored.plane(PlaneKind::Radiance).unwrap().format, PlaneFormat::Rgb9e5Ufloat);

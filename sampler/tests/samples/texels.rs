@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::{
     Light, Material, PlaneKind, Sample, SampleJob, SampleSetInfo, Scene, Sky, Texture, TextureRef, Visibility,
 };
@@ -11,8 +11,8 @@ use glam::{DAffine3, DVec3, Vec2, Vec3, Vec4};
 use crate::common::*;
 
 /// Exact ranges, so that bytes may be compared with a truth.
-fn knobs(sub_samples: u32) -> SamplerKnobs {
-    SamplerKnobs { sub_samples, range_bits: 23, ..SamplerKnobs::default() }
+fn settings(sub_samples: u32) -> SamplerSettings {
+    SamplerSettings { sub_samples, range_bits: 23, ..SamplerSettings::default() }
 }
 
 /// What shows the same colour from everywhere.
@@ -29,7 +29,7 @@ fn dark(materials: Vec<Material>) -> Scene {
 }
 
 fn taken(scene: &Arc<Scene>, sub_samples: u32, job: &SampleJob) -> Sample {
-    sample(&mut sampler_with(scene, knobs(sub_samples)), job)
+    sample(&mut sampler_with(scene, settings(sub_samples)), job)
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
@@ -101,7 +101,7 @@ fn every_visibility_backend_tests_alpha_by_the_second_texture_coordinates() {
         let scene = Arc::new(scene_of(material.clone(), filter));
         let truth = reference(&scene, &camera(), SIZE, 4).display(scene.lighting.exposure);
         for visibility in [Visibility::Raster, Visibility::Trace, Visibility::Cpu] {
-            let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+            let mut sampler = sampler_with(&scene, SamplerSettings::default());
             let frame = direct(&mut sampler, &ViewJob { visibility, ..view_job(camera(), SIZE, 4) });
             let flip = flip(&format!("{visibility:?}-{filter:?}"), &image_of(&frame), &truth);
             assert!(flip <= 0.01, "{visibility:?}, {filter:?}: FLIP {flip}");
@@ -135,7 +135,7 @@ fn light_falls_through_the_clear_parts_of_a_pane() {
     scene.instances[0].world_from_mesh = DAffine3::from_translation(DVec3::Z * 4.0);
     let scene = Arc::new(scene);
     let effects = LightEffects { shadows: true, ..LightEffects::NONE };
-    let mut sampler = sampler_with(&scene, SamplerKnobs { effects, ..SamplerKnobs::default() });
+    let mut sampler = sampler_with(&scene, SamplerSettings { effects, ..SamplerSettings::default() });
     let image = image_of(&direct(&mut sampler, &view_job(camera(), SIZE, 4)));
     let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 1 });
     let truth = tracer.render(&camera(), SIZE[0], SIZE[1], 4, |_| {}).display(1.0);

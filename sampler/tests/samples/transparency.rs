@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::transparency::MOST_LAYERS;
 use argus_scene::{
@@ -290,7 +290,7 @@ fn a_half_transparent_pane_casts_half_a_shadow() {
         }
         let scene = Arc::new(scene);
         let effects = LightEffects { shadows: true, sky_visibility: true, ..LightEffects::NONE };
-        let mut sampler = sampler_with(&scene, SamplerKnobs { effects, ..SamplerKnobs::default() });
+        let mut sampler = sampler_with(&scene, SamplerSettings { effects, ..SamplerSettings::default() });
         let camera = Camera { fov_deg: 30.0, ..Camera::look_at(DVec3::ZERO, DVec3::new(0.0, -1.0, -4.0)) };
         let frame = direct(&mut sampler, &view_job(camera, [32, 32], 1));
         let byte = image_of(&frame).get_pixel(16, 16).0[0];

@@ -5,11 +5,11 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::material::{AlphaMode, Filter, Wrap};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, Rig, RigKnobs, SampleJob, SampleSetInfo, Sampler, Scene, SceneState,
-    Texture, TextureRef, ViewJob, Visibility, procedural,
+    Camera, Cancel, Material, PixelJob, Rig, RigSettings, SampleJob, SampleSetInfo, Sampler, Scene,
+    SceneState, Texture, TextureRef, ViewJob, Visibility, procedural,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
@@ -54,9 +54,9 @@ fn cameras(scene: &Scene) -> Vec<Camera> {
 #[test]
 fn a_sample_rendered_in_slices_has_the_same_bytes() {
     let scene = Arc::new(procedural::terrain(5000));
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
-    let mut other = sampler_with(&scene, SamplerKnobs::default());
-    let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
+    let mut other = sampler_with(&scene, SamplerSettings::default());
+    let rig = Rig::for_scene(&scene, &RigSettings::default()).unwrap();
     for (way, parts) in [(Visibility::Cpu, 5..20), (Visibility::Raster, 1..2)] {
         let whole = common::sample_job(&scene, rig, 1, true);
         let info = SampleSetInfo { visibility: way, ..(*whole.info).clone() };
@@ -82,7 +82,7 @@ fn a_sample_rendered_in_slices_has_the_same_bytes() {
 #[test]
 fn packets_see_terrain_as_the_rasteriser_does() {
     let scene = Arc::new(procedural::terrain(100_000));
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     for camera in cameras(&scene) {
         let share = differing(&mut sampler, &camera, 1);
         println!("terrain: {share:.5}");
@@ -93,7 +93,7 @@ fn packets_see_terrain_as_the_rasteriser_does() {
 #[test]
 fn packets_see_sponza_as_the_rasteriser_does() {
     let Some(scene) = real_scene("sponza/sponza.glb") else { return };
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     let inside =
         Camera { fov_deg: 70.0, ..Camera::look_at(DVec3::new(-11.0, 3.0, 0.0), DVec3::new(0.0, 4.0, 0.0)) };
     for camera in cameras(&scene).into_iter().chain([inside]) {
@@ -151,7 +151,7 @@ fn odd_scene(at: DVec3) -> Arc<Scene> {
 fn cut_outs_mirrored_copies_and_a_million_metres_make_no_difference() {
     for at in [DVec3::ZERO, DVec3::splat(1e6)] {
         let scene = odd_scene(at);
-        let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+        let mut sampler = sampler_with(&scene, SamplerSettings::default());
         let camera = Camera::look_at(at, at + DVec3::NEG_Z);
         let share = differing(&mut sampler, &camera, 2);
         println!("odd scene at {at}: {share:.5}");
@@ -171,7 +171,7 @@ fn equal_ids_give_equal_bytes_and_differing_ones_are_rare() {
 
 fn equal_ids_give_equal_bytes(scene: &Arc<Scene>, camera: &Camera, job: &ViewJob, other: Visibility) {
     let [a, b] = [Visibility::Raster, other].map(|way| {
-        let mut sampler = sampler_with(scene, SamplerKnobs::default());
+        let mut sampler = sampler_with(scene, SamplerSettings::default());
         let ids = sampler.identify(camera, SIZE, 1, way).unwrap().0;
         (ids, direct(&mut sampler, &ViewJob { visibility: way, ..job.clone() }))
     });
@@ -195,7 +195,7 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
     for (scene, camera) in
         [(&terrain, terrain.default_camera()), (&odd, Camera::look_at(DVec3::ZERO, DVec3::NEG_Z))]
     {
-        let mut sampler = sampler_with(scene, SamplerKnobs::default());
+        let mut sampler = sampler_with(scene, SamplerSettings::default());
         for samples in [1, 4] {
             let view = ViewJob { visibility: Visibility::Cpu, ..view_job(camera, SIZE, samples) };
             let frame = direct(&mut sampler, &view);
@@ -227,7 +227,7 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
 #[test]
 fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
     let scene = odd_scene(DVec3::ZERO);
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
     let job = |pixels: Vec<u32>| PixelJob {
         camera,
@@ -249,8 +249,8 @@ fn no_pixels_cost_nothing_and_a_pixel_beyond_the_view_is_refused() {
 #[test]
 fn backends_are_measured_where_there_is_a_choice_and_frames_name_theirs() {
     let scene = Arc::new(procedural::terrain(20_000));
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
-    let rig = Rig::for_scene(&scene, &RigKnobs::default()).unwrap();
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
+    let rig = Rig::for_scene(&scene, &RigSettings::default()).unwrap();
     let info = &common::sample_job(&scene, rig, 0, true).info;
     let costs = sampler.measure_backends(info).unwrap();
     assert!(costs.iter().any(|(way, _)| *way == Visibility::Cpu));
@@ -278,7 +278,7 @@ fn a_triangle_without_area_or_with_a_corner_nowhere_is_never_hit() {
         world_from_mesh: DAffine3::from_translation(DVec3::new(0.0, 0.0, -3.0)),
     });
     let scene = Arc::new(scene);
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
     for way in [Visibility::Cpu, Visibility::Trace] {
         let (ids, _) = sampler.identify(&camera, SIZE, 1, way).unwrap();
@@ -292,7 +292,7 @@ fn tracers_agree_and_no_ray_slips_between_triangles_smaller_than_a_pixel() {
     // Forty triangles to a pixel and more, where a packet that meets too many would be ended by the software driver;
     // along edges the rasteriser that steps in then may differ from the packets on the CPU.
     let scene = Arc::new(procedural::terrain(300_000));
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     let camera = scene.default_camera();
     for size in [[97, 71], [320, 240]] {
         let [cpu, trace] = [Visibility::Cpu, Visibility::Trace]
@@ -308,7 +308,7 @@ fn tracers_agree_and_no_ray_slips_between_triangles_smaller_than_a_pixel() {
 #[test]
 fn a_scene_of_nothing_is_traced_as_sky() {
     let scene = Arc::new(empty_scene());
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     let camera = Camera::look_at(DVec3::ZERO, DVec3::NEG_Z);
     let (ids, _) = sampler.identify(&camera, [33, 17], 2, Visibility::Trace).unwrap();
     assert!(ids.len() == 66 * 34 && ids.iter().all(|ids| ids[0] == 0));
@@ -326,7 +326,7 @@ fn a_thousand_copies_are_traced_as_they_are_drawn() {
         scene.instances.push(argus_scene::Instance { mesh: 0, node: None, world_from_mesh });
     }
     let scene = Arc::new(scene);
-    let mut sampler = sampler_with(&scene, SamplerKnobs::default());
+    let mut sampler = sampler_with(&scene, SamplerSettings::default());
     let camera = Camera::look_at(DVec3::new(11.0, 11.0, 12.0), DVec3::new(11.0, 11.0, -10.0));
     let share = differing(&mut sampler, &camera, 1);
     println!("copies: {share:.5}");

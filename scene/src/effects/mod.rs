@@ -44,7 +44,7 @@ pub use costs::{COST_PIXELS, EffectCost, SHARED_STAGE, STAGES};
 pub use request::{EffectCosts, EffectRequest, Effects, ReflectionRequest};
 pub use row::{Causes, EffectKind, EffectRow, Paid};
 
-use crate::{Indirect, LightEffects, PathKnobs, Reflections, Scene};
+use crate::{Indirect, LightEffects, PathSettings, Reflections, Scene};
 
 /// The effects of a sample set, one row for each kind.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -83,7 +83,7 @@ impl EffectPlan {
     pub fn indirect(&self, request: &EffectRequest) -> Indirect {
         match request.indirect {
             Some(indirect) => indirect,
-            None if self.is_on(EffectKind::Indirect) => Indirect::Paths(PathKnobs::default()),
+            None if self.is_on(EffectKind::Indirect) => Indirect::Paths(PathSettings::default()),
             None => Indirect::Off,
         }
     }
@@ -91,7 +91,7 @@ impl EffectPlan {
     /// How the sample set's reflections are found, where `request` was made of this plan; `None` if they are off.
     pub fn reflections(&self, scene: &Scene, request: &EffectRequest) -> Option<Reflections> {
         let is_on = self.is_on(EffectKind::Reflection) || self.is_on(EffectKind::Transmission);
-        request.reflections.settled(scene).filter(|_| is_on).map(|(knobs, _)| knobs)
+        request.reflections.settled(scene).filter(|_| is_on).map(|(settings, _)| settings)
     }
 
     /// Keeps the milliseconds that an effect was measured to cost: what it costs where it is on, and what it would cost,

@@ -85,9 +85,9 @@ impl ReflectionRequest {
     pub(super) fn settled(&self, scene: &Scene) -> Option<(Reflections, ReflectionCost)> {
         match *self {
             Self::Off => None,
-            Self::By(knobs) => {
-                let [cost] = ReflectionCost::of(scene, [knobs]);
-                Some((knobs, cost))
+            Self::By(settings) => {
+                let [cost] = ReflectionCost::of(scene, [settings]);
+                Some((settings, cost))
             }
             Self::Auto(all) => {
                 let costs = all.into_iter().zip(ReflectionCost::of(scene, all));

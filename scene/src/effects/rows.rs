@@ -12,7 +12,7 @@ use super::row::{Causes, EffectKind, EffectRow, Paid, bytes};
 use super::surfaces::{Body, bodies};
 use crate::transparency::transparent_meshes;
 use crate::{
-    AlphaMode, Indirect, Light, LightEffects, Material, PathKnobs, ReflectionCost, Reflections, Scene,
+    AlphaMode, Indirect, Light, LightEffects, Material, PathSettings, ReflectionCost, Reflections, Scene,
 };
 
 /// Bytes below which `auto` leaves an effect out.
@@ -120,7 +120,7 @@ impl<'a> Facts<'a> {
 
     /// The method of indirect light. Moving scenes have none unless it is asked for: every pose would trace its links anew.
     fn method(&self, request: &EffectRequest, exposure: f32) -> Indirect {
-        let paths = Indirect::Paths(PathKnobs::default());
+        let paths = Indirect::Paths(PathSettings::default());
         let found = self.indirect();
         match (request.indirect, request.effects) {
             (Some(indirect), _) => indirect,
@@ -297,7 +297,7 @@ impl<'a> Facts<'a> {
     }
 
     fn reflection(&self, request: &Settled) -> Found {
-        let most = request.reflections.map_or(Reflections::default(), |(knobs, _)| knobs).most;
+        let most = request.reflections.map_or(Reflections::default(), |(settings, _)| settings).most;
         let reflectors = self.scene.reflectors(most);
         let peak =
             self.bodies.iter().filter_map(|body| body.gloss).map(|gloss| gloss.most).fold(0.0, f32::max);
@@ -346,7 +346,7 @@ impl<'a> Facts<'a> {
     fn particles(&self, request: &Settled) -> Found {
         // Their power is the square of the diagonal, and 1.7 times that in a channel: see `particles::glowing`.
         let (count, clamp) = match request.indirect {
-            Indirect::Vpl(knobs) => (knobs.particles, knobs.clamp as f32),
+            Indirect::Vpl(settings) => (settings.particles, settings.clamp as f32),
             _ => (0, 0.0),
         };
         let bound = match count {
@@ -441,15 +441,15 @@ fn decision(effect: EffectKind, request: &Settled, found: &Found, bound: f64) ->
             match (found.causes.is_empty(), request.reflections) {
                 (true, _) => (false, because.clone()),
                 (false, None) => (false, format!("{because}, but reflections are off")),
-                (false, Some((knobs, cost))) => {
-                    (true, format!("{because}, by {}: {cost}", knobs.source.name()))
+                (false, Some((settings, cost))) => {
+                    (true, format!("{because}, by {}: {cost}", settings.source.name()))
                 }
             }
         }
         EffectKind::Indirect => {
             let is_on = match request.indirect {
                 Indirect::Off => false,
-                Indirect::Vpl(knobs) => knobs.vpls > 0,
+                Indirect::Vpl(settings) => settings.vpls > 0,
                 Indirect::Points(_) | Indirect::Paths(_) | Indirect::Cells(_) => true,
             };
             match (found.causes.is_empty(), is_on) {

@@ -1,7 +1,7 @@
 use glam::{DAffine3, Vec3};
 
 use super::*;
-use crate::{Camera, Mesh, Rig, RigKnobs, scene::NamedCamera};
+use crate::{Camera, Mesh, Rig, RigSettings, scene::NamedCamera};
 
 /// A scene of meshes, each of triangles.
 fn scene(meshes: &[Vec<[DVec3; 3]>]) -> Scene {
@@ -137,7 +137,7 @@ fn a_stray_triangle_or_a_sky_dome_changes_no_extent() {
             let stray = with(meshes.clone(), [speck(DVec3::Z * far)]);
             assert_eq!(scene(&stray).extent(), extent, "{name}, {far} m");
             assert_eq!(scene(&stray).default_camera(), scene(&meshes).default_camera(), "{name}, {far} m");
-            let rig = |meshes: &[_]| Rig::for_scene(&scene(meshes), &RigKnobs::default()).unwrap();
+            let rig = |meshes: &[_]| Rig::for_scene(&scene(meshes), &RigSettings::default()).unwrap();
             assert_eq!(rig(&stray), rig(&meshes), "{name}, {far} m");
             assert_eq!(scene(&merged(stray)).extent(), extent, "{name}, {far} m, one mesh");
         }

@@ -4,14 +4,14 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::PathKnobs;
+use super::PathSettings;
 use crate::InvalidField;
 
 /// Settings of light cells: sky and indirect light are kept on surfaces, and looked up by all views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct CellKnobs {
+pub struct CellSettings {
     /// What the rays of cells find on surfaces, and the light of views whose cells are not filled yet.
-    pub paths: PathKnobs,
+    pub paths: PathSettings,
     /// Edge of a cell in pixels of the view that looks it up, 1 to 64. Twice as much takes a quarter of the time to fill, and
     /// blurs light over twice the distance.
     pub pixels: u32,
@@ -20,13 +20,13 @@ pub struct CellKnobs {
     pub rays: u32,
 }
 
-impl Default for CellKnobs {
+impl Default for CellSettings {
     fn default() -> Self {
-        Self { paths: PathKnobs::default(), pixels: 4, rays: 64 }
+        Self { paths: PathSettings::default(), pixels: 4, rays: 64 }
     }
 }
 
-impl fmt::Display for CellKnobs {
+impl fmt::Display for CellSettings {
     /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { paths, pixels, rays } = self;
@@ -34,7 +34,7 @@ impl fmt::Display for CellKnobs {
     }
 }
 
-impl CellKnobs {
+impl CellSettings {
     /// Rays of a side that a cell may have.
     pub const RAYS: [u32; 3] = [16, 64, 256];
 
@@ -61,17 +61,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_knob_out_of_range_is_named() {
-        let default = CellKnobs::default();
+    fn every_setting_out_of_range_is_named() {
+        let default = CellSettings::default();
         assert_eq!(default.validate(), Ok(()));
-        let paths = PathKnobs { level: 0, ..default.paths };
+        let paths = PathSettings { level: 0, ..default.paths };
         let cases = [
-            (CellKnobs { paths, ..default }, "indirect.level"),
-            (CellKnobs { pixels: 0, ..default }, "indirect.pixels"),
-            (CellKnobs { rays: 32, ..default }, "indirect.cell_rays"),
+            (CellSettings { paths, ..default }, "indirect.level"),
+            (CellSettings { pixels: 0, ..default }, "indirect.pixels"),
+            (CellSettings { rays: 32, ..default }, "indirect.cell_rays"),
         ];
-        for (knobs, field) in cases {
-            assert_eq!(knobs.validate().unwrap_err().field, field);
+        for (settings, field) in cases {
+            assert_eq!(settings.validate().unwrap_err().field, field);
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::{InvalidField, LightLevel};
 /// leaf sides that they hit. Light then goes from side to side along these links, and visible surfaces gather it by rays
 /// of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PathKnobs {
+pub struct PathSettings {
     /// The grid has 2^level cells on a side, 1 to 10. One level more takes about four times the time and memory.
     pub level: u32,
     /// Rays of a leaf side, 1 to 256. Time and memory are proportional; noise falls with the root.
@@ -23,13 +23,13 @@ pub struct PathKnobs {
     pub gather: u32,
 }
 
-impl Default for PathKnobs {
+impl Default for PathSettings {
     fn default() -> Self {
         Self { level: 7, rays: 4, bounces: 5, gather: 4 }
     }
 }
 
-impl fmt::Display for PathKnobs {
+impl fmt::Display for PathSettings {
     /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { level, rays, bounces, gather } = self;
@@ -37,8 +37,8 @@ impl fmt::Display for PathKnobs {
     }
 }
 
-impl PathKnobs {
-    /// The knobs at a level of light; `None` where there is no indirect light yet. Coarse leaf sides take a quarter of the
+impl PathSettings {
+    /// The settings at a level of light; `None` where there is no indirect light yet. Coarse leaf sides take a quarter of the
     /// time.
     pub fn at(&self, light: LightLevel) -> Option<Self> {
         match light {
@@ -65,19 +65,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_knob_out_of_range_is_named() {
-        let default = PathKnobs::default();
+    fn every_setting_out_of_range_is_named() {
+        let default = PathSettings::default();
         assert_eq!(default.validate(), Ok(()));
         let cases = [
-            (PathKnobs { level: 0, ..default }, "indirect.level"),
-            (PathKnobs { level: 11, ..default }, "indirect.level"),
-            (PathKnobs { rays: 0, ..default }, "indirect.rays"),
-            (PathKnobs { bounces: 17, ..default }, "indirect.bounces"),
-            (PathKnobs { gather: 257, ..default }, "indirect.gather"),
+            (PathSettings { level: 0, ..default }, "indirect.level"),
+            (PathSettings { level: 11, ..default }, "indirect.level"),
+            (PathSettings { rays: 0, ..default }, "indirect.rays"),
+            (PathSettings { bounces: 17, ..default }, "indirect.bounces"),
+            (PathSettings { gather: 257, ..default }, "indirect.gather"),
         ];
-        for (knobs, field) in cases {
-            assert_eq!(knobs.validate().unwrap_err().field, field);
-            assert_ne!(knobs.to_string(), default.to_string());
+        for (settings, field) in cases {
+            assert_eq!(settings.validate().unwrap_err().field, field);
+            assert_ne!(settings.to_string(), default.to_string());
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::InvalidField;
 
 /// Settings of point-based indirect light. `argus-lab study method virtual-lights` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PointKnobs {
+pub struct PointSettings {
     /// Levels of the scene's octree below its root, 1 to 10: the resolution of the light's sources.
     pub levels: u32,
     /// Texels on a side of a hemisphere of a receiver's map, 8 to 256.
@@ -22,13 +22,13 @@ pub struct PointKnobs {
     pub sharing: bool,
 }
 
-impl Default for PointKnobs {
+impl Default for PointSettings {
     fn default() -> Self {
         Self { levels: 7, map_side: 16, block: 8, bounces: 1, sharing: true }
     }
 }
 
-impl fmt::Display for PointKnobs {
+impl fmt::Display for PointSettings {
     /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { levels, map_side, block, bounces, sharing } = self;
@@ -40,7 +40,7 @@ impl fmt::Display for PointKnobs {
     }
 }
 
-impl PointKnobs {
+impl PointSettings {
     /// Checks all ranges.
     ///
     /// # Errors
@@ -58,19 +58,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_knob_out_of_range_is_named() {
-        let default = PointKnobs::default();
+    fn every_setting_out_of_range_is_named() {
+        let default = PointSettings::default();
         assert_eq!(default.validate(), Ok(()));
         let cases = [
-            (PointKnobs { levels: 0, ..default }, "indirect.levels"),
-            (PointKnobs { levels: 11, ..default }, "indirect.levels"),
-            (PointKnobs { map_side: 7, ..default }, "indirect.map_side"),
-            (PointKnobs { block: 0, ..default }, "indirect.block"),
-            (PointKnobs { block: 17, ..default }, "indirect.block"),
-            (PointKnobs { bounces: 5, ..default }, "indirect.bounces"),
+            (PointSettings { levels: 0, ..default }, "indirect.levels"),
+            (PointSettings { levels: 11, ..default }, "indirect.levels"),
+            (PointSettings { map_side: 7, ..default }, "indirect.map_side"),
+            (PointSettings { block: 0, ..default }, "indirect.block"),
+            (PointSettings { block: 17, ..default }, "indirect.block"),
+            (PointSettings { bounces: 5, ..default }, "indirect.bounces"),
         ];
-        for (knobs, field) in cases {
-            assert_eq!(knobs.validate().unwrap_err().field, field);
+        for (settings, field) in cases {
+            assert_eq!(settings.validate().unwrap_err().field, field);
         }
     }
 }

@@ -47,7 +47,7 @@ impl MapSource {
 
 /// Settings of instant radiosity. `argus-lab study method virtual-lights` measures the cost of each.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct VplKnobs {
+pub struct VplSettings {
     /// Number of VPLs. Fewer if lights miss the scene. 0 only with particles.
     pub vpls: u32,
     /// Number of glowing particles: omnidirectional lights that drift with time, gathered like VPLs.
@@ -87,7 +87,7 @@ pub struct VplKnobs {
     pub seed: u32,
 }
 
-impl Default for VplKnobs {
+impl Default for VplSettings {
     fn default() -> Self {
         Self {
             vpls: 4096,
@@ -110,7 +110,7 @@ impl Default for VplKnobs {
     }
 }
 
-impl fmt::Display for VplKnobs {
+impl fmt::Display for VplSettings {
     /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
@@ -151,7 +151,7 @@ impl fmt::Display for VplKnobs {
     }
 }
 
-impl VplKnobs {
+impl VplSettings {
     /// Checks all ranges.
     ///
     /// # Errors
@@ -183,27 +183,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_knob_out_of_range_is_named() {
-        let default = VplKnobs::default();
+    fn every_setting_out_of_range_is_named() {
+        let default = VplSettings::default();
         assert_eq!(default.validate(), Ok(()));
-        assert_eq!(VplKnobs { vpls: 0, particles: 1, ..default }.validate(), Ok(()));
+        assert_eq!(VplSettings { vpls: 0, particles: 1, ..default }.validate(), Ok(()));
         let cases = [
-            (VplKnobs { vpls: 0, ..default }, "indirect.vpls"),
-            (VplKnobs { particles: (1 << 20) + 1, ..default }, "indirect.particles"),
-            (VplKnobs { bounces: 5, ..default }, "indirect.bounces"),
-            (VplKnobs { map_side: 12, ..default }, "indirect.map_side"),
-            (VplKnobs { map_side: 512, ..default }, "indirect.map_side"),
-            (VplKnobs { points: 0, ..default }, "indirect.points"),
-            (VplKnobs { levels: 11, ..default }, "indirect.levels"),
-            (VplKnobs { samples: 0, ..default }, "indirect.samples"),
-            (VplKnobs { filter: 33, ..default }, "indirect.filter"),
-            (VplKnobs { groups: 257, ..default }, "indirect.groups"),
-            (VplKnobs { cutoff: f64::NAN, ..default }, "indirect.cutoff"),
-            (VplKnobs { clamp: -0.1, ..default }, "indirect.clamp"),
-            (VplKnobs { bias: f64::INFINITY, ..default }, "indirect.bias"),
+            (VplSettings { vpls: 0, ..default }, "indirect.vpls"),
+            (VplSettings { particles: (1 << 20) + 1, ..default }, "indirect.particles"),
+            (VplSettings { bounces: 5, ..default }, "indirect.bounces"),
+            (VplSettings { map_side: 12, ..default }, "indirect.map_side"),
+            (VplSettings { map_side: 512, ..default }, "indirect.map_side"),
+            (VplSettings { points: 0, ..default }, "indirect.points"),
+            (VplSettings { levels: 11, ..default }, "indirect.levels"),
+            (VplSettings { samples: 0, ..default }, "indirect.samples"),
+            (VplSettings { filter: 33, ..default }, "indirect.filter"),
+            (VplSettings { groups: 257, ..default }, "indirect.groups"),
+            (VplSettings { cutoff: f64::NAN, ..default }, "indirect.cutoff"),
+            (VplSettings { clamp: -0.1, ..default }, "indirect.clamp"),
+            (VplSettings { bias: f64::INFINITY, ..default }, "indirect.bias"),
         ];
-        for (knobs, field) in cases {
-            assert_eq!(knobs.validate().unwrap_err().field, field);
+        for (settings, field) in cases {
+            assert_eq!(settings.validate().unwrap_err().field, field);
         }
     }
 }

@@ -34,15 +34,15 @@ impl ReflectionCost {
         let found = scene.reflectors(u32::MAX).len();
         let of_mesh = |mesh: u32| scene.meshes.get(mesh as usize).map_or(0, |mesh| mesh.triangles() as u64);
         let triangles: u64 = scene.instances.iter().map(|instance| of_mesh(instance.mesh)).sum();
-        all.map(|knobs| {
-            let reflectors = found.min(knobs.most as usize);
-            Self { reflectors, triangles, ms: Self::ms(&knobs, reflectors as f64, triangles as f64) }
+        all.map(|settings| {
+            let reflectors = found.min(settings.most as usize);
+            Self { reflectors, triangles, ms: Self::ms(&settings, reflectors as f64, triangles as f64) }
         })
     }
 
-    fn ms(knobs: &Reflections, reflectors: f64, triangles: f64) -> f64 {
-        let texels = reflectors * f64::from(knobs.side).powi(2);
-        match knobs.source {
+    fn ms(settings: &Reflections, reflectors: f64, triangles: f64) -> f64 {
+        let texels = reflectors * f64::from(settings.side).powi(2);
+        match settings.source {
             ProbeSource::Octree { .. } => OCTREE_TRIANGLE * triangles + OCTREE_TEXEL * texels,
             ProbeSource::Points { .. } => POINT_TRIANGLE * triangles * reflectors + POINT_TEXEL * texels,
             ProbeSource::Rays => RAY_TEXEL * texels,
@@ -64,7 +64,7 @@ mod tests {
     #[test]
     fn points_cost_with_triangles_times_reflectors_and_rays_with_reflectors_alone() {
         let cost = |triangles, reflectors| {
-            Reflections::USUAL.map(|knobs| ReflectionCost::ms(&knobs, reflectors, triangles))
+            Reflections::USUAL.map(|settings| ReflectionCost::ms(&settings, reflectors, triangles))
         };
         let [[_, points, rays], [_, twice_points, twice_rays]] = [cost(1e6, 10.0), cost(2e6, 10.0)];
         assert!(twice_points > 1.5 * points && twice_rays == rays);

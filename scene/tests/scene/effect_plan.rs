@@ -6,7 +6,7 @@ use argus_scene::reference::{DirectLight, Indirect, Reflecting, Tracer};
 use argus_scene::reflection::BOUNCES;
 use argus_scene::{
     AlphaMode, Camera, EffectPlan, EffectRequest, Effects, Instance, Light, LightEffects, Lighting, Material,
-    Mesh, PointKnobs, Scene, Sky, Stage, VplKnobs,
+    Mesh, PointSettings, Scene, Sky, Stage, VplSettings,
 };
 use common::{furnace, patch, scene, sphere, sun, texture, textured, tracer};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3, Vec4};
@@ -338,8 +338,8 @@ fn emitters_are_no_lights_where_indirect_light_counts_emission() {
     let emits = Material { emissive: Vec3::ONE, ..grey(0.2) };
     let scene = roofed(Lighting { lights: Vec::new(), ..sun(DVec3::NEG_Y) }, grey(0.4), emits);
     assert_eq!(auto(&scene).light_effects(), EMITTERS);
-    let points = argus_scene::Indirect::Points(PointKnobs::default());
-    for indirect in [argus_scene::Indirect::Vpl(VplKnobs::default()), points] {
+    let points = argus_scene::Indirect::Points(PointSettings::default());
+    for indirect in [argus_scene::Indirect::Vpl(VplSettings::default()), points] {
         for effects in [Effects::Auto, Effects::All] {
             let indirect = Some(indirect);
             let request = EffectRequest { effects, indirect, ..EffectRequest::default() };

@@ -123,21 +123,22 @@ mod tests {
     fn a_loop_bounded_by_a_uniform_is_found_and_one_bounded_by_an_array_is_not() {
         let program = |bound: &str, argument: &str| {
             format!(
-                "struct Knobs {{ count: u32, on: u32 }}
-                 @group(0) @binding(0) var<uniform> knobs: Knobs;
+                "struct Settings {{ count: u32, on: u32 }}
+                 @group(0) @binding(0) var<uniform> settings: Settings;
                  @group(0) @binding(1) var<storage, read_write> sums: array<u32>;
-                 fn add(k: Knobs) {{ for (var i = 0u; i < {argument}; i++) {{ sums[i] += 1u; }} }}
+                 fn add(k: Settings) {{ for (var i = 0u; i < {argument}; i++) {{ sums[i] += 1u; }} }}
                  @compute @workgroup_size(1)
                  fn main() {{
-                     add(knobs);
+                     add(settings);
                      for (var i = 0u; {bound}; i++) {{ sums[0] += i; }}
                  }}"
             )
         };
-        let (fine, length) = ("i < min(knobs.count, arrayLength(&sums))", "min(k.count, arrayLength(&sums))");
+        let (fine, length) =
+            ("i < min(settings.count, arrayLength(&sums))", "min(k.count, arrayLength(&sums))");
         assert!(offenders(&parse(&program(fine, length))).is_empty());
-        assert_eq!(offenders(&parse(&program("i < knobs.count", length))), ["main"]);
-        assert_eq!(offenders(&parse(&program("i < knobs.count && knobs.on > 0u", length))), ["main"]);
+        assert_eq!(offenders(&parse(&program("i < settings.count", length))), ["main"]);
+        assert_eq!(offenders(&parse(&program("i < settings.count && settings.on > 0u", length))), ["main"]);
         assert_eq!(offenders(&parse(&program(fine, "k.count"))), ["add"]);
     }
 }

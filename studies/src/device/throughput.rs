@@ -5,8 +5,8 @@
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::SamplerKnobs;
-use argus_scene::{Outputs, Plan, RigKnobs, Search, Warp};
+use argus_sampler::SamplerSettings;
+use argus_scene::{Outputs, Plan, RigSettings, Search, Warp};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
@@ -48,7 +48,7 @@ pub struct Options {
 /// A scene that cannot be opened, no GPU, or a view that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    let mut bench = Bench::new(&gpu, &options.scene, &RigKnobs::default(), SamplerKnobs::default())?;
+    let mut bench = Bench::new(&gpu, &options.scene, &RigSettings::default(), SamplerSettings::default())?;
     progress.set_length(options.sizes.len() as u64);
     let mut rows = Vec::new();
     for &size in &options.sizes {

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::{
-    Camera, Cancel, Outputs, PixelJob, Plan, RenderError, RigKnobs, SampleId, SampleJob, Sampler as _,
+    Camera, Cancel, Outputs, PixelJob, Plan, RenderError, RigSettings, SampleId, SampleJob, Sampler as _,
     SceneState, Visibility, path,
 };
 use indicatif::ProgressBar;
@@ -87,7 +87,7 @@ struct Subject {
 
 impl Subject {
     fn new(gpu: &Arc<Gpu>, spec: &str) -> Result<Self> {
-        let mut bench = Bench::new(gpu, spec, &RigKnobs::default(), SamplerKnobs::default())?;
+        let mut bench = Bench::new(gpu, spec, &RigSettings::default(), SamplerSettings::default())?;
         let camera = bench.scene.default_camera();
         // Built first, before other work of the sampler.
         let begin = Instant::now();

@@ -11,7 +11,9 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{CellKnobs, GpuSampler, Indirect, PathKnobs, PointKnobs, SamplerKnobs, VplKnobs};
+use argus_sampler::{
+    CellSettings, GpuSampler, Indirect, PathSettings, PointSettings, SamplerSettings, VplSettings,
+};
 use argus_scene::metrics::flip_mean;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
 use argus_scene::{Camera, Cancel, LightEffects, Plan, Sampler as _, Scene, SurfaceLight, ViewJob};
@@ -111,7 +113,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
              out.",
             subject.views.len(),
             options.paths,
-            PathKnobs::default().bounces,
+            PathSettings::default().bounces,
             mean(subject.references.iter().map(Reference::noise)),
         ),
         "before_s: the first view, compilation of programs included, less a later one. VPLs and points do not reflect the \
@@ -145,32 +147,32 @@ fn at_equal_time(found: &[Found]) -> Vec<String> {
     of_paths.map(note).collect()
 }
 
-/// All methods of the usual or of the short form, with their knobs.
+/// All methods of the usual or of the short form, with their settings.
 fn methods(quick: bool) -> Vec<Indirect> {
-    let (paths, vpl) = (PathKnobs::default(), VplKnobs::default());
+    let (paths, vpl) = (PathSettings::default(), VplSettings::default());
     if quick {
         return vec![
             Indirect::Off,
-            Indirect::Paths(PathKnobs { level: 5, ..paths }),
-            Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
-            Indirect::Vpl(VplKnobs { vpls: 256, ..vpl }),
-            Indirect::Points(PointKnobs { levels: 5, ..PointKnobs::default() }),
+            Indirect::Paths(PathSettings { level: 5, ..paths }),
+            Indirect::Cells(CellSettings { rays: 16, ..CellSettings::default() }),
+            Indirect::Vpl(VplSettings { vpls: 256, ..vpl }),
+            Indirect::Points(PointSettings { levels: 5, ..PointSettings::default() }),
         ];
     }
     vec![
         Indirect::Off,
-        Indirect::Paths(PathKnobs { level: 6, ..paths }),
-        Indirect::Paths(PathKnobs { level: 7, ..paths }),
-        Indirect::Paths(PathKnobs { level: 8, ..paths }),
-        Indirect::Paths(PathKnobs { level: 7, gather: 16, ..paths }),
-        Indirect::Paths(PathKnobs { level: 8, rays: 16, gather: 64, ..paths }),
-        Indirect::Cells(CellKnobs { rays: 16, ..CellKnobs::default() }),
-        Indirect::Cells(CellKnobs::default()),
-        Indirect::Cells(CellKnobs { rays: 256, ..CellKnobs::default() }),
+        Indirect::Paths(PathSettings { level: 6, ..paths }),
+        Indirect::Paths(PathSettings { level: 7, ..paths }),
+        Indirect::Paths(PathSettings { level: 8, ..paths }),
+        Indirect::Paths(PathSettings { level: 7, gather: 16, ..paths }),
+        Indirect::Paths(PathSettings { level: 8, rays: 16, gather: 64, ..paths }),
+        Indirect::Cells(CellSettings { rays: 16, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings::default()),
+        Indirect::Cells(CellSettings { rays: 256, ..CellSettings::default() }),
         Indirect::Vpl(vpl),
-        Indirect::Vpl(VplKnobs { bounces: 4, ..vpl }),
-        Indirect::Vpl(VplKnobs { bounces: 4, samples: 64, ..vpl }),
-        Indirect::Points(PointKnobs::default()),
+        Indirect::Vpl(VplSettings { bounces: 4, ..vpl }),
+        Indirect::Vpl(VplSettings { bounces: 4, samples: 64, ..vpl }),
+        Indirect::Points(PointSettings::default()),
     ]
 }
 
@@ -208,7 +210,7 @@ impl Subject {
         let light = DirectLight { effects: LightEffects::ALL, rays: 16 };
         let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(light);
         // The halves share the paths.
-        let paths = Paths { paths: (options.paths / 2).max(1), bounces: PathKnobs::default().bounces };
+        let paths = Paths { paths: (options.paths / 2).max(1), bounces: PathSettings::default().bounces };
         let reference = |camera: &Camera| {
             Reference::render(&tracer, &scene.lighting, camera, options.size, 1, Some(paths))
         };
@@ -227,11 +229,11 @@ impl Subject {
         truths: &[RgbImage],
     ) -> Result<Found> {
         let effects = method.effects_with(LightEffects::ALL);
-        let knobs = SamplerKnobs { effects, indirect: method, ..SamplerKnobs::default() };
+        let settings = SamplerSettings { effects, indirect: method, ..SamplerSettings::default() };
         let mut sampler = GpuSampler::with_methods(
             Arc::clone(&self.gpu),
             Arc::clone(&self.scene),
-            knobs,
+            settings,
             crate::methods::methods(),
         )?;
         let views = self.views.iter().map(|job| lit_by(job, method)).collect::<Vec<_>>();
@@ -293,7 +295,7 @@ impl Subject {
 /// A view by the best light of a method.
 fn lit_by(job: &ViewJob, method: Indirect) -> ViewJob {
     let light = match method {
-        Indirect::Cells(knobs) => Some(SurfaceLight::Cells { rays: knobs.rays }),
+        Indirect::Cells(settings) => Some(SurfaceLight::Cells { rays: settings.rays }),
         _ => None,
     };
     ViewJob { plan: job.plan.clone().with_light(light), ..job.clone() }
@@ -325,7 +327,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_methods_have_knobs_in_range_and_differ() {
+    fn all_methods_have_settings_in_range_and_differ() {
         for methods in [methods(false), methods(true)] {
             for (index, method) in methods.iter().enumerate() {
                 assert_eq!(method.validate(), Ok(()));
@@ -337,9 +339,9 @@ mod tests {
     #[test]
     fn paths_are_compared_with_the_best_method_that_is_no_slower() {
         let found = |method, before_s, flip| Found { method, before_s, view_s: 0.5, flip, row: Map::new() };
-        let vpl = |bounces| Indirect::Vpl(VplKnobs { bounces, ..VplKnobs::default() });
+        let vpl = |bounces| Indirect::Vpl(VplSettings { bounces, ..VplSettings::default() });
         let all = [
-            found(Indirect::Paths(PathKnobs::default()), 2.0, 0.1),
+            found(Indirect::Paths(PathSettings::default()), 2.0, 0.1),
             found(vpl(1), 1.0, 0.4),
             found(vpl(2), 1.5, 0.3),
             found(vpl(3), 2.5, 0.05),

@@ -11,11 +11,11 @@ use anyhow::{Context as _, Result};
 use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::{GpuSampler, LightKnobs, SamplerKnobs};
+use argus_sampler::{GpuSampler, LightSettings, SamplerSettings};
 use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
-    Camera, Cancel, Frame, LightEffects, Outputs, Plan, RigKind, RigKnobs, SampleJob, Sampler as _, Scene,
+    Camera, Cancel, Frame, LightEffects, Outputs, Plan, RigKind, RigSettings, SampleJob, Sampler as _, Scene,
     Stage, Visibility,
 };
 use glam::DVec3;
@@ -64,7 +64,7 @@ pub struct Options {
 }
 
 /// A row: its name, effects and rays.
-type Row = (String, LightEffects, LightKnobs);
+type Row = (String, LightEffects, LightSettings);
 
 /// The scene and what all rows share.
 struct Subject<'a> {
@@ -88,8 +88,8 @@ const WRONG: u8 = 16;
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     let face = is_quick().then_some(64);
-    let rig = RigKnobs { kind: Some(RigKind::Cell), face, ..RigKnobs::default() };
-    let bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
+    let rig = RigSettings { kind: Some(RigKind::Cell), face, ..RigSettings::default() };
+    let bench = Bench::new(&gpu, &options.scene, &rig, SamplerSettings::default())?;
     let camera = options.eye.zip(options.target).map(|(eye, target)| Camera::look_at(eye, target));
     let mut views = camera.map_or_else(|| bench.suggested(), |camera| vec![camera]);
     views.truncate(MOST_VIEWS);
@@ -101,13 +101,13 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     progress.set_length(rows.len() as u64);
     let mut truths: Vec<(LightEffects, Vec<RgbImage>)> = Vec::new();
     let mut found = Vec::new();
-    for (name, effects, knobs) in rows {
+    for (name, effects, settings) in rows {
         progress.set_message(name.clone());
         if truths.iter().all(|(of, _)| *of != effects) {
             truths.push((effects, subject.truths(effects)?));
         }
         let truth = truths.iter().find(|(of, _)| *of == effects).map(|(_, truth)| truth);
-        found.push(subject.row(&name, effects, knobs, truth.context("a truth is missing")?)?);
+        found.push(subject.row(&name, effects, settings, truth.context("a truth is missing")?)?);
         progress.inc(1);
     }
     let by_points = ShadowScene::new(&subject.bench.scene);
@@ -140,7 +140,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 
 /// The rows: no effect, each by itself, all; and other numbers of rays, with and without the filter.
 fn rows_of(scene: &Scene, rays: &[u32]) -> Vec<Row> {
-    let (none, usual) = (LightEffects::NONE, LightKnobs::default());
+    let (none, usual) = (LightEffects::NONE, LightSettings::default());
     let has_sky = scene.lighting.sky != argus_scene::Sky::BLACK;
     let emits = scene.materials.iter().any(|material| material.emissive.max_element() > 0.0);
     let mut rows = vec![("none".to_owned(), none, usual)];
@@ -153,12 +153,12 @@ fn rows_of(scene: &Scene, rays: &[u32]) -> Vec<Row> {
     let emitters = LightEffects { emitters: true, ..none };
     for (effects, name, has) in [(sky, "sky visibility", has_sky), (emitters, "emitters", emits)] {
         for &rays in rays.iter().filter(|_| has) {
-            let knobs = LightKnobs { sky_rays: rays, emitter_rays: rays, ..LightKnobs::default() };
-            rows.push((format!("{name}, {rays} rays"), effects, knobs));
+            let settings = LightSettings { sky_rays: rays, emitter_rays: rays, ..LightSettings::default() };
+            rows.push((format!("{name}, {rays} rays"), effects, settings));
         }
         if has {
-            let knobs = LightKnobs { filter: false, ..usual };
-            rows.push((format!("{name}, {} rays unfiltered", usual.sky_rays), effects, knobs));
+            let settings = LightSettings { filter: false, ..usual };
+            rows.push((format!("{name}, {} rays unfiltered", usual.sky_rays), effects, settings));
         }
     }
     rows.push(("all".to_owned(), LightEffects::ALL, usual));
@@ -231,14 +231,14 @@ impl Subject<'_> {
         &self,
         name: &str,
         effects: LightEffects,
-        light: LightKnobs,
+        light: LightSettings,
         truths: &[RgbImage],
     ) -> Result<Map<String, Value>> {
-        let knobs = SamplerKnobs { effects, light, ..SamplerKnobs::default() };
+        let settings = SamplerSettings { effects, light, ..SamplerSettings::default() };
         let mut sampler = GpuSampler::with_methods(
             Arc::clone(&self.gpu),
             Arc::clone(&self.bench.scene),
-            knobs,
+            settings,
             crate::methods::methods(),
         )?;
         let samples_per_pixel = self.options.samples_per_pixel;

@@ -10,7 +10,7 @@ use anyhow::{Context as _, Result};
 use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::{Camera, Outputs, Plan, ViewJob, Visibility, Warp, path};
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -78,7 +78,7 @@ fn scene(
     let opened = Arc::new(argus_scene::open(spec)?);
     let mut backends = Vec::new();
     let mut bench =
-        Bench::with_scene(gpu, Arc::clone(&opened), &options.rig.knobs(), SamplerKnobs::default())?;
+        Bench::with_scene(gpu, Arc::clone(&opened), &options.rig.settings(), SamplerSettings::default())?;
     let cameras: Vec<Camera> = path::viewpoints(&bench.suggested(), options.most);
     let ids = bench.all_ids(&cameras, options.rig.samples(4));
     for visibility in Visibility::ALL {

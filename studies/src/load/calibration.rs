@@ -9,10 +9,10 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_cluster::core::quality::{Answer, Model, Observed, Setting, Situation, Trial};
 use argus_gpu::Gpu;
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::reference::cache;
 use argus_scene::{
-    Camera, Cancel, Compositor, Frame, Holes, Outputs, PixelJob, RenderError, Rig, RigKind, RigKnobs,
+    Camera, Cancel, Compositor, Frame, Holes, Outputs, PixelJob, RenderError, Rig, RigKind, RigSettings,
     SampleId, Sampler, Search, ViewJob, metrics, path,
 };
 use glam::DVec2;
@@ -66,8 +66,8 @@ impl Answers {
     ///
     /// # Errors
     /// A scene that cannot be opened or sampled.
-    pub fn open(gpu: &Arc<Gpu>, spec: &str, rig: &RigKnobs) -> Result<Self> {
-        let bench = Bench::new(gpu, spec, rig, SamplerKnobs::default())?;
+    pub fn open(gpu: &Arc<Gpu>, spec: &str, rig: &RigSettings) -> Result<Self> {
+        let bench = Bench::new(gpu, spec, rig, SamplerSettings::default())?;
         Ok(Self { bench, device: gpu.kind().to_owned(), held: BTreeSet::new() })
     }
 

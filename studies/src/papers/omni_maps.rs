@@ -6,9 +6,9 @@ use std::time::Instant;
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::{
-    Camera, Cancel, MegaViews, Outputs, Plan, RenderError, RigKind, RigKnobs, Sample, SampleId, SampleJob,
+    Camera, Cancel, MegaViews, Outputs, Plan, RenderError, RigKind, RigSettings, Sample, SampleId, SampleJob,
     Sampler as _, Sampling, ViewJob, Visibility, Warp,
 };
 use indicatif::ProgressBar;
@@ -28,7 +28,7 @@ pub struct Options {
     /// Views of the walk.
     pub views: usize,
     /// The rig; its kind is always `Cell`.
-    pub rig: RigKnobs,
+    pub rig: RigSettings,
     /// Samples used for each warped view.
     pub samples: usize,
     /// Sides of a hemisphere's map in texels.
@@ -50,7 +50,7 @@ impl Default for Options {
             scene: "terrain:500000".to_owned(),
             size: [400, 300],
             views: 4,
-            rig: RigKnobs { face: Some(256), ..RigKnobs::default() },
+            rig: RigSettings { face: Some(256), ..RigSettings::default() },
             samples: 4,
             map_sides: vec![256, 512],
             levels: vec![8, 9],
@@ -67,7 +67,7 @@ impl Effort for Options {
             scene: "terrain:20000".to_owned(),
             size: [64, 48],
             views: 2,
-            rig: RigKnobs { face: Some(64), ..RigKnobs::default() },
+            rig: RigSettings { face: Some(64), ..RigSettings::default() },
             map_sides: vec![64, 128],
             levels: vec![7],
             reference_samples: 4,
@@ -89,8 +89,8 @@ struct Source {
 /// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    let rig = RigKnobs { kind: Some(RigKind::Cell), ..options.rig };
-    let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
+    let rig = RigSettings { kind: Some(RigKind::Cell), ..options.rig };
+    let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerSettings::default())?;
     let sources = sources(options);
     progress.set_length(sources.len() as u64);
     progress.set_message(options.scene.clone());

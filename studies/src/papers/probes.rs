@@ -11,14 +11,14 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_megaviews::hierarchy::{RootCube, stream};
-use argus_megaviews::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
+use argus_megaviews::many_views::{RasterViews, Settings, ViewList, ViewPoint};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::BOUNCES;
 use argus_scene::{
     Camera, Cancel, Frame, Outputs, Plan, ProbeSource, ReflectionProbeSet, Reflections, RenderError, RigKind,
-    RigKnobs, SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
+    RigSettings, SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -36,8 +36,8 @@ pub struct Options {
     /// View size in pixels.
     pub size: [u32; 2],
     /// The rig of omnidirectional cameras from which views are warped.
-    pub rig: RigKnobs,
-    /// Knobs of the first row; each other row changes one of them.
+    pub rig: RigSettings,
+    /// Settings of the first row; each other row changes one of them.
     pub base: Reflections,
     /// Sides of a probe's map in texels.
     pub sides: Vec<u32>,
@@ -57,7 +57,7 @@ impl Default for Options {
         Self {
             scene: "mirrors:60".to_owned(),
             size: [320, 240],
-            rig: RigKnobs { spacing: Some(1.0), face: Some(384), ..RigKnobs::default() },
+            rig: RigSettings { spacing: Some(1.0), face: Some(384), ..RigSettings::default() },
             base: Reflections::default(),
             sides: vec![16, 32, 128],
             levels: vec![6, 7, 9],
@@ -73,7 +73,7 @@ impl Effort for Options {
         Self {
             scene: "mirrors:4".to_owned(),
             size: [64, 48],
-            rig: RigKnobs { spacing: Some(2.0), face: Some(64), ..RigKnobs::default() },
+            rig: RigSettings { spacing: Some(2.0), face: Some(64), ..RigSettings::default() },
             base: Reflections {
                 side: 32,
                 source: ProbeSource::Octree { levels: 6 },
@@ -113,8 +113,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let rows = rows_of(options);
     progress.set_length(rows.len() as u64 + 1);
     progress.set_message(options.scene.clone());
-    let rig = RigKnobs { kind: Some(RigKind::Cell), ..options.rig };
-    let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerKnobs::default())?;
+    let rig = RigSettings { kind: Some(RigKind::Cell), ..options.rig };
+    let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerSettings::default())?;
     bench.info = Arc::new(SampleSetInfo { epoch_secs: EPOCH_SECS, ..(*bench.info).clone() });
     let instances = bench.scene.reflectors(options.base.most);
     anyhow::ensure!(!instances.is_empty(), "{} has no reflective object", options.scene);
@@ -138,9 +138,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         }
     }
     let mut found = Vec::new();
-    for (number, (differs, knobs)) in rows.into_iter().enumerate() {
+    for (number, (differs, settings)) in rows.into_iter().enumerate() {
         progress.set_message(differs);
-        let (row, frames) = subject.row(&gpu, differs, knobs)?;
+        let (row, frames) = subject.row(&gpu, differs, settings)?;
         if let Some(folder) = &options.images {
             for (view, frame) in frames.iter().enumerate() {
                 let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
@@ -168,7 +168,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     Ok(report)
 }
 
-/// The rows: without probes, the base, one changed knob each, and points and rays in place of the octree at each side.
+/// The rows: without probes, the base, one changed setting each, and points and rays in place of the octree at each side.
 fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
     let base = options.base;
     let sides = options.sides.iter().map(|&side| ("resolution", Some(Reflections { side, ..base })));
@@ -184,7 +184,7 @@ fn rows_of(options: &Options) -> Vec<(&'static str, Option<Reflections>)> {
     }
     let mut unique: Vec<(&'static str, Option<Reflections>)> = Vec::new();
     for row in rows {
-        if unique.iter().all(|(_, knobs)| *knobs != row.1) {
+        if unique.iter().all(|(_, settings)| *settings != row.1) {
             unique.push(row);
         }
     }
@@ -196,10 +196,10 @@ impl Subject {
         &mut self,
         gpu: &Arc<Gpu>,
         differs: &str,
-        knobs: Option<Reflections>,
+        settings: Option<Reflections>,
     ) -> Result<(Map<String, Value>, Vec<Frame>)> {
-        let of = |knobs| ReflectionProbeSet::of(&self.bench.scene, &self.bench.info.rig, knobs);
-        let maps = knobs.map(of).transpose()?.flatten();
+        let of = |settings| ReflectionProbeSet::of(&self.bench.scene, &self.bench.info.rig, settings);
+        let maps = settings.map(of).transpose()?.flatten();
         let info = SampleSetInfo {
             reflections: maps,
             version: self.bench.next_version(),
@@ -237,8 +237,8 @@ impl Subject {
         let row = report::row(json!({
             "differs": differs,
             "maps": maps.map_or(0, |maps| maps.count),
-            "side": knobs.map(|knobs| knobs.side),
-            "levels": knobs.and_then(|knobs| match knobs.source {
+            "side": settings.map(|settings| settings.side),
+            "levels": settings.and_then(|settings| match settings.source {
                 ProbeSource::Octree { levels } => Some(levels),
                 ProbeSource::Points { .. } | ProbeSource::Rays => None,
             }),
@@ -287,14 +287,14 @@ impl Subject {
     fn brute_force(&self, gpu: &Arc<Gpu>, maps: ReflectionProbeSet) -> Result<f64> {
         let scene = &self.bench.scene;
         let (pose, root) = (scene.at(0.0), RootCube::around(&scene.bounds()));
-        let centers = scene.reflectors(maps.knobs.most).into_iter();
+        let centers = scene.reflectors(maps.settings.most).into_iter();
         let views: Vec<ViewPoint> = centers
             .filter_map(|index| scene.reflector(index, &pose.instances[index as usize]))
             .map(|reflector| ViewPoint::everywhere(reflector.center))
             .collect();
         let list = ViewList::new(gpu, &root, &views)?;
-        let knobs = Knobs { side: maps.knobs.side, ..Knobs::default() };
-        let mut raster = RasterViews::new(gpu, root, stream::triangles(scene, &pose), knobs)?;
+        let settings = Settings { side: maps.settings.side, ..Settings::default() };
+        let mut raster = RasterViews::new(gpu, root, stream::triangles(scene, &pose), settings)?;
         let mut times = Vec::new();
         for round in 0..=self.rounds {
             let stats = raster.render(&list)?;

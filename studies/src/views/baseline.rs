@@ -12,10 +12,10 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::metrics::Comparison;
 use argus_scene::sample::SampleId;
-use argus_scene::{Camera, Frame, Outputs, Plan, RigKnobs, Search, ViewJob, Warp, path};
+use argus_scene::{Camera, Frame, Outputs, Plan, RigSettings, Search, ViewJob, Warp, path};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -100,7 +100,7 @@ struct Subject {
 
 impl Subject {
     fn new(gpu: &Arc<Gpu>, spec: &str, options: &Options) -> Result<Self> {
-        let mut bench = Bench::new(gpu, spec, &RigKnobs::default(), SamplerKnobs::default())?;
+        let mut bench = Bench::new(gpu, spec, &RigSettings::default(), SamplerSettings::default())?;
         let cameras = path::viewpoints(&bench.suggested(), options.batch);
         let ids = bench.all_ids(&cameras, options.samples);
         let taken = bench.render_timed(ids, options.rounds.min(3))?;

@@ -9,7 +9,7 @@ use argus_cluster::core::quality::choose::{self, QualityTarget, Step};
 use argus_cluster::core::quality::{Answer, Model, Pace, Setting, Trial};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_local::models;
-use argus_scene::{Holes, PlanRequest, RigKnobs, Search};
+use argus_scene::{Holes, PlanRequest, RigSettings, Search};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
@@ -63,7 +63,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut rows = Vec::new();
     for spec in &options.scenes {
         progress.set_message(spec.clone());
-        let mut bench = Answers::open(&gpu, spec, &RigKnobs::default())?;
+        let mut bench = Answers::open(&gpu, spec, &RigSettings::default())?;
         let calibrating = bench.views(options.calibration, options.cells, CALIBRATION_SEED);
         let testing = bench.views(options.views, options.cells, TEST_SEED);
         // References first: tracing them would disturb the timings.

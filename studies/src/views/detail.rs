@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::metrics::Comparison;
 use argus_scene::{
-    Camera, Detail, Frame, Indirect, LightEffects, Outputs, PathKnobs, Plan, RigKnobs, ViewJob, Visibility,
-    path,
+    Camera, Detail, Frame, Indirect, LightEffects, Outputs, PathSettings, Plan, RigSettings, ViewJob,
+    Visibility, path,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -72,12 +72,12 @@ fn rows_of(
     options: &Options,
     progress: &ProgressBar,
 ) -> Result<Vec<Map<String, Value>>> {
-    let knobs = SamplerKnobs {
+    let settings = SamplerSettings {
         effects: LightEffects::ALL,
-        indirect: Indirect::Paths(PathKnobs::default()),
-        ..SamplerKnobs::default()
+        indirect: Indirect::Paths(PathSettings::default()),
+        ..SamplerSettings::default()
     };
-    let mut bench = Bench::with_scene(gpu, open_metered(spec)?, &RigKnobs::default(), knobs)?;
+    let mut bench = Bench::with_scene(gpu, open_metered(spec)?, &RigSettings::default(), settings)?;
     let mut measured = Detail::ALL.map(|_| Measured::default());
     for camera in path::viewpoints(&bench.suggested(), options.views) {
         let reference = reference(&mut bench, camera, options)?;

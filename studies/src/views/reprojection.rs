@@ -10,9 +10,9 @@ use std::time::Instant;
 
 use anyhow::Result;
 use argus::args;
-use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_compositor::{CompositorSettings, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::SamplerKnobs;
+use argus_sampler::SamplerSettings;
 use argus_scene::{Camera, Frame, History, Output, Outputs, Plan, SampleId, Search, ViewJob, Warp};
 use glam::DQuat;
 use indicatif::ProgressBar;
@@ -123,10 +123,10 @@ impl Variant {
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_message(options.scene.clone());
-    let mut bench = Bench::new(&gpu, &options.scene, &options.rig.knobs(), SamplerKnobs::default())?;
-    // Chains of any length: the study shows where the knob should limit them.
-    let knobs = CompositorKnobs { max_reprojections: u32::MAX, ..CompositorKnobs::default() };
-    bench.compositor = GpuCompositor::with_knobs(Arc::clone(&gpu), knobs)?;
+    let mut bench = Bench::new(&gpu, &options.scene, &options.rig.settings(), SamplerSettings::default())?;
+    // Chains of any length: the study shows where the setting should limit them.
+    let settings = CompositorSettings { max_reprojections: u32::MAX, ..CompositorSettings::default() };
+    bench.compositor = GpuCompositor::with_settings(Arc::clone(&gpu), settings)?;
     let cameras = bench.walk(options.views);
     let (truths, ranges, held) = (Vec::new(), Vec::new(), BTreeSet::new());
     let mut study = Study { options, cameras, truths, ranges, held };

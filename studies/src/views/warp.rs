@@ -1,4 +1,4 @@
-//! Warp: accuracy against time of every search and its knobs, over a walk that reveals hidden surfaces.
+//! Warp: accuracy against time of every search and its settings, over a walk that reveals hidden surfaces.
 //!
 //! Colour is judged against a supersampled reference image by FLIP, PSNR and SSIM. Range is judged pixel by pixel: a
 //! pixel shows the *wrong surface* if its range differs from the reference by more than [`WRONG_SURFACE`], or if only
@@ -14,8 +14,10 @@ use argus::args;
 use argus_compositor::BareFetch;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Mark, Plot, Series, pareto_front};
-use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigKnobs, Search, ViewJob, Warp};
+use argus_sampler::SamplerSettings;
+use argus_scene::{
+    Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigSettings, Search, ViewJob, Warp,
+};
 use indicatif::ProgressBar;
 use serde_json::json;
 
@@ -209,7 +211,7 @@ impl Measured {
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
     progress.set_message(options.scene.clone());
-    let mut bench = Bench::new(&gpu, &options.scene, &options.rig.knobs(), SamplerKnobs::default())?;
+    let mut bench = Bench::new(&gpu, &options.scene, &options.rig.settings(), SamplerSettings::default())?;
     let mut study = Study::new(&bench, options);
     let directs = [1, 4, 16].map(|samples_per_pixel| Setting::Direct { samples_per_pixel });
     let settings: Vec<Setting> = directs.into_iter().chain(study.grid(&bench)).collect();
@@ -237,21 +239,21 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     }
     if !nearest.is_empty() {
         bench.ignore_sight();
-        bench.replace_rig(&options.rig.knobs(), &study.held)?;
+        bench.replace_rig(&options.rig.settings(), &study.held)?;
         study.measure(&mut bench, &nearest, progress)?;
     }
     Ok(study.report(&bench, &gpu, fetch_ms))
 }
 
-/// Knobs for the same cameras with `factor` times as many texels a side.
-fn finer(rig: &Rig, factor: f64) -> RigKnobs {
+/// Settings for the same cameras with `factor` times as many texels a side.
+fn finer(rig: &Rig, factor: f64) -> RigSettings {
     let scaled = |n: u32| ((f64::from(n) * factor).round() as u32).max(8);
     match *rig {
         Rig::TileCorners { tiles, size, .. } => {
-            RigKnobs { tiles: Some(tiles), size: Some(size.map(scaled)), ..RigKnobs::default() }
+            RigSettings { tiles: Some(tiles), size: Some(size.map(scaled)), ..RigSettings::default() }
         }
         Rig::Cell { spacing, face, .. } => {
-            RigKnobs { spacing: Some(spacing), face: Some(scaled(face)), ..RigKnobs::default() }
+            RigSettings { spacing: Some(spacing), face: Some(scaled(face)), ..RigSettings::default() }
         }
     }
 }

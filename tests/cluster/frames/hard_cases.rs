@@ -9,7 +9,7 @@ use argus_sampler::GpuSampler;
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, FrameSource, Outputs, Plan, Rig, RigKnobs, SampleId,
+    Camera, Cancel, Compositor as _, Frame, FrameSource, Outputs, Plan, Rig, RigSettings, SampleId,
     Sampler as _, Scene, SceneState, Version, ViewJob, Visibility, Warp,
 };
 use glam::DVec3;
@@ -51,7 +51,7 @@ impl Stage {
         let gpu = Gpu::new(&GpuOptions::default()).unwrap();
         let info = Arc::new(SampleSetInfo {
             version: Version::of_epoch(SampleId::FRAMES, 0),
-            ..SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, &RigKnobs::default()).unwrap())
+            ..SampleSetInfo::of_scene(&scene, Rig::for_scene(&scene, &RigSettings::default()).unwrap())
         });
         let sampler = GpuSampler::new(Arc::clone(&gpu), Arc::clone(&scene)).unwrap();
         let compositor = GpuCompositor::new(gpu).unwrap();

@@ -73,7 +73,7 @@ impl Setting {
         matches!(self, Self::Warp { holes: Holes::Trace, .. })
     }
 
-    /// Whether it agrees with a request's explicit search, knobs and treatment of holes. The request's number of
+    /// Whether it agrees with a request's explicit search, settings and treatment of holes. The request's number of
     /// samples is a maximum.
     pub fn is_allowed_by(self, request: &PlanRequest) -> bool {
         match self {

@@ -168,7 +168,7 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
 #[cfg(test)]
 mod tests {
     use argus_scene::{
-        Camera, Indirect, MegaViews, Outputs, PointKnobs, Sampling, SceneHash, Search, Specification,
+        Camera, Indirect, MegaViews, Outputs, PointSettings, Sampling, SceneHash, Search, Specification,
         Visibility,
     };
     use glam::DVec3;
@@ -283,7 +283,7 @@ mod tests {
     #[test]
     fn a_pin_of_another_specification_is_refused_with_the_field_that_differs() {
         let usual = set_info().specification();
-        let indirect = Indirect::Points(PointKnobs::default());
+        let indirect = Indirect::Points(PointSettings::default());
         let others = [
             ("visibility", Specification { visibility: Visibility::Cpu, ..usual }),
             ("sub_samples", Specification { sub_samples: 16, ..usual }),

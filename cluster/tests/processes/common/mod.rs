@@ -31,7 +31,7 @@ use tokio_util::sync::CancellationToken;
 use tonic::Status;
 use tonic::transport::Channel;
 
-use roles::{Factory, Knobs};
+use roles::{Factory, Settings};
 
 /// A test that waits this long hangs.
 pub const LIMIT: Duration = Duration::from_secs(30);
@@ -235,21 +235,21 @@ pub fn start_coordinator_of(
     })
 }
 
-pub fn start_worker(coordinator: &str, knobs: &Arc<Knobs>) -> Worker {
-    start_worker_with(worker::Config::new(coordinator), knobs, Arc::new(Opener::default()))
+pub fn start_worker(coordinator: &str, settings: &Arc<Settings>) -> Worker {
+    start_worker_with(worker::Config::new(coordinator), settings, Arc::new(Opener::default()))
 }
 
-pub fn start_worker_with(config: worker::Config, knobs: &Arc<Knobs>, opener: Arc<Opener>) -> Worker {
-    start_worker_at(None, config, knobs, opener)
+pub fn start_worker_with(config: worker::Config, settings: &Arc<Settings>, opener: Arc<Opener>) -> Worker {
+    start_worker_at(None, config, settings, opener)
 }
 
 pub fn start_worker_at(
     address: Option<SocketAddr>,
     config: worker::Config,
-    knobs: &Arc<Knobs>,
+    settings: &Arc<Settings>,
     opener: Arc<Opener>,
 ) -> Worker {
-    let factory = Arc::new(Factory { knobs: knobs.clone() });
+    let factory = Arc::new(Factory { settings: settings.clone() });
     Process::start(address, |listener, shutdown| worker::run(config, listener, factory, opener, shutdown))
 }
 
@@ -257,7 +257,7 @@ pub fn start_worker_at(
 pub struct Cluster {
     pub coordinator: Coordinator,
     pub workers: Vec<Worker>,
-    pub knobs: Arc<Knobs>,
+    pub settings: Arc<Settings>,
     pub channel: Channel,
 }
 
@@ -267,11 +267,11 @@ impl Cluster {
     }
 
     pub async fn start_with(config: coordinator::Config, count: usize) -> Self {
-        let knobs = Arc::new(Knobs::default());
+        let settings = Arc::new(Settings::default());
         let coordinator = start_coordinator(config);
-        let workers = (0..count).map(|_| start_worker(&coordinator.url(), &knobs)).collect();
+        let workers = (0..count).map(|_| start_worker(&coordinator.url(), &settings)).collect();
         let channel = channel(&coordinator.url());
-        let cluster = Self { coordinator, workers, knobs, channel };
+        let cluster = Self { coordinator, workers, settings, channel };
         cluster.wait_for(|status| status.processes as usize == count).await;
         cluster
     }

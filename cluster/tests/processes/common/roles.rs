@@ -16,7 +16,7 @@ use bytes::Bytes;
 
 /// What a test may change while a cluster runs, shared by its workers.
 #[derive(Default)]
-pub struct Knobs {
+pub struct Settings {
     pub view_us: AtomicU64,
     pub direct_us: AtomicU64,
     pub sample_us: AtomicU64,
@@ -68,7 +68,7 @@ pub enum Done {
     Warped,
 }
 
-impl Knobs {
+impl Settings {
     pub fn set(&self, view_us: u64, direct_us: u64) {
         self.view_us.store(view_us, Ordering::SeqCst);
         self.direct_us.store(direct_us, Ordering::SeqCst);
@@ -107,7 +107,7 @@ impl Knobs {
 }
 
 pub struct Factory {
-    pub knobs: Arc<Knobs>,
+    pub settings: Arc<Settings>,
 }
 
 /// Id of the sample that a sampler renders to warm up.
@@ -117,18 +117,18 @@ pub const DEVICE: &str = "no device at all, version 1";
 
 impl RoleFactory for Factory {
     fn sampler(&self, scene: Arc<Scene>, set: &SampleSetInfo) -> Result<Box<dyn Sampler>, RenderError> {
-        std::thread::sleep(Duration::from_micros(self.knobs.sampler_us.load(Ordering::SeqCst)));
-        self.knobs.samplers_made.fetch_add(1, Ordering::SeqCst);
-        Ok(Box::new(FakeSampler { knobs: self.knobs.clone(), scene, set: set.clone() }))
+        std::thread::sleep(Duration::from_micros(self.settings.sampler_us.load(Ordering::SeqCst)));
+        self.settings.samplers_made.fetch_add(1, Ordering::SeqCst);
+        Ok(Box::new(FakeSampler { settings: self.settings.clone(), scene, set: set.clone() }))
     }
 
     fn compositor(&self) -> Result<Box<dyn Compositor>, RenderError> {
-        if self.knobs.no_device.load(Ordering::SeqCst) {
+        if self.settings.no_device.load(Ordering::SeqCst) {
             return Err(RenderError::Internal("there is no device".to_owned()));
         }
-        self.knobs.compositors_made.fetch_add(1, Ordering::SeqCst);
+        self.settings.compositors_made.fetch_add(1, Ordering::SeqCst);
         Ok(Box::new(FakeCompositor {
-            knobs: self.knobs.clone(),
+            settings: self.settings.clone(),
             held: HashMap::new(),
             begun: HashMap::new(),
         }))
@@ -191,7 +191,7 @@ fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
 }
 
 struct FakeSampler {
-    knobs: Arc<Knobs>,
+    settings: Arc<Settings>,
     scene: Arc<Scene>,
     /// The sample set that it was made for.
     set: SampleSetInfo,
@@ -199,7 +199,7 @@ struct FakeSampler {
 
 impl Drop for FakeSampler {
     fn drop(&mut self) {
-        self.knobs.samplers_dropped.fetch_add(1, Ordering::SeqCst);
+        self.settings.samplers_dropped.fetch_add(1, Ordering::SeqCst);
     }
 }
 
@@ -235,13 +235,13 @@ impl Sampler for FakeSampler {
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {
         let one = |id: &SampleId| {
-            self.knobs.misfortune()?;
-            if self.knobs.work(&self.knobs.sample_us, cancel) {
+            self.settings.misfortune()?;
+            if self.settings.work(&self.settings.sample_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
             if id.version != WARM_UP {
-                self.knobs.samples_rendered.fetch_add(1, Ordering::SeqCst);
-                self.knobs.samples_read_back.fetch_add(job.to_host.into(), Ordering::SeqCst);
+                self.settings.samples_rendered.fetch_add(1, Ordering::SeqCst);
+                self.settings.samples_read_back.fetch_add(job.to_host.into(), Ordering::SeqCst);
             }
             self.sample(&job.info, *id, job.to_host)
         };
@@ -254,28 +254,28 @@ impl Sampler for FakeSampler {
         cancel: &Cancel,
         give_way: &mut dyn FnMut(&mut dyn Sampler, f64),
     ) -> Vec<Result<Sample, RenderError>> {
-        let parts = self.knobs.sample_parts.load(Ordering::SeqCst);
+        let parts = self.settings.sample_parts.load(Ordering::SeqCst);
         for part in 1..parts {
-            self.knobs.work(&self.knobs.sample_us, cancel);
+            self.settings.work(&self.settings.sample_us, cancel);
             give_way(self, part as f64 / parts as f64);
         }
-        self.knobs.samples_ahead.fetch_add(job.ids.len(), Ordering::SeqCst);
+        self.settings.samples_ahead.fetch_add(job.ids.len(), Ordering::SeqCst);
         self.render_samples(job, cancel)
     }
 
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
         let one = |job: &ViewJob| {
             assert!(matches!(job.plan, Plan::Direct { .. }));
-            self.knobs.misfortune()?;
-            if self.knobs.work(&self.knobs.direct_us, cancel) {
+            self.settings.misfortune()?;
+            if self.settings.work(&self.settings.direct_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
-            self.knobs.done.lock().push(Done::Direct);
+            self.settings.done.lock().push(Done::Direct);
             let specification = Specification { visibility: job.visibility, ..self.set.specification() };
             let light = self.set.indirect.to_string();
             let seed = seed_of(job, &[&self.scene.hash.0, light.as_bytes()].concat());
             let mut made = frame(job, &self.scene, specification, seed);
-            made.stages = stages(&self.knobs.direct_us);
+            made.stages = stages(&self.settings.direct_us);
             Ok(made)
         };
         views.iter().map(one).collect()
@@ -283,7 +283,7 @@ impl Sampler for FakeSampler {
 }
 
 struct FakeCompositor {
-    knobs: Arc<Knobs>,
+    settings: Arc<Settings>,
     held: HashMap<SampleId, (Arc<SampleSetInfo>, Vec<Bytes>)>,
     /// Uploaded slices of samples that are not held yet.
     begun: HashMap<SampleId, usize>,
@@ -296,11 +296,11 @@ impl Compositor for FakeCompositor {
 
     fn hold(&mut self, set: &SampleSet) -> Result<(), RenderError> {
         let new = set.samples.iter().filter(|sample| !self.held.contains_key(&sample.id)).count();
-        let most = self.knobs.compositor_holds.load(Ordering::SeqCst);
+        let most = self.settings.compositor_holds.load(Ordering::SeqCst);
         if most > 0 && self.held.len() + new > most {
             return Err(RenderError::OutOfMemory(format!("{most} samples fit")));
         }
-        self.knobs.most_held.fetch_max(self.held.len() + new, Ordering::SeqCst);
+        self.settings.most_held.fetch_max(self.held.len() + new, Ordering::SeqCst);
         for sample in &set.samples {
             self.begun.remove(&sample.id);
             let bytes = |plane: &Plane| match &plane.data {
@@ -317,12 +317,12 @@ impl Compositor for FakeCompositor {
     }
 
     fn hold_slice(&mut self, set: &SampleSet) -> Result<bool, RenderError> {
-        let slices = self.knobs.hold_slices.load(Ordering::SeqCst);
+        let slices = self.settings.hold_slices.load(Ordering::SeqCst);
         for sample in &set.samples {
             let begun = self.begun.entry(sample.id).or_default();
             if *begun + 1 < slices {
-                self.knobs.work(&self.knobs.hold_us, &Cancel::default());
-                self.knobs.done.lock().push(Done::Slice(sample.id, *begun));
+                self.settings.work(&self.settings.hold_us, &Cancel::default());
+                self.settings.done.lock().push(Done::Slice(sample.id, *begun));
                 *begun += 1;
                 return Ok(false);
             }
@@ -338,17 +338,17 @@ impl Compositor for FakeCompositor {
     }
 
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
-        self.knobs.largest_batch.fetch_max(views.len(), Ordering::SeqCst);
+        self.settings.largest_batch.fetch_max(views.len(), Ordering::SeqCst);
         let one = |job: &ViewJob| {
             let Plan::Warp(Warp { samples, .. }) = &job.plan else { panic!("a direct view") };
-            self.knobs.misfortune()?;
-            if u64::from(job.width) == self.knobs.poisoned_width.load(Ordering::SeqCst) {
+            self.settings.misfortune()?;
+            if u64::from(job.width) == self.settings.poisoned_width.load(Ordering::SeqCst) {
                 return Err(RenderError::Internal("poisoned".to_owned()));
             }
-            if self.knobs.work(&self.knobs.view_us, cancel) {
+            if self.settings.work(&self.settings.view_us, cancel) {
                 return Err(RenderError::Cancelled);
             }
-            self.knobs.done.lock().push(Done::Warped);
+            self.settings.done.lock().push(Done::Warped);
             let mut texels = Vec::new();
             let mut of = None;
             for id in samples {
@@ -361,13 +361,13 @@ impl Compositor for FakeCompositor {
             let info = of.ok_or_else(|| RenderError::Internal("no samples".to_owned()))?;
             let mut made = frame(job, &super::scene("test"), info.specification(), seed_of(job, &texels));
             made.provenance.scene = info.scene;
-            made.stages = stages(&self.knobs.view_us);
-            if self.knobs.coarse.load(Ordering::SeqCst) {
+            made.stages = stages(&self.settings.view_us);
+            if self.settings.coarse.load(Ordering::SeqCst) {
                 let pixels = (job.width * job.height) as usize;
                 made.range = job.outputs.range.then(|| 1e-3_f32.to_le_bytes().repeat(pixels).into());
                 made.source = job.outputs.source.then(|| vec![1; pixels].into());
             }
-            made.unresolved_fraction = self.knobs.unresolved_percent.load(Ordering::SeqCst) as f64 * 1e-2;
+            made.unresolved_fraction = self.settings.unresolved_percent.load(Ordering::SeqCst) as f64 * 1e-2;
             Ok(made)
         };
         views.iter().map(one).collect()

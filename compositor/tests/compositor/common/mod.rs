@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use argus_compositor::{CompositorKnobs, GpuCompositor};
+use argus_compositor::{CompositorSettings, GpuCompositor};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_scene::reference::Tracer;
 use argus_scene::shading::{Surface, diffuse_radiance, sky_radiance, specular_radiance};
@@ -310,11 +310,11 @@ pub(crate) fn gpu() -> Arc<Gpu> {
 }
 
 pub(crate) fn compositor(set: &SampleSet) -> GpuCompositor {
-    compositor_with(set, CompositorKnobs::default())
+    compositor_with(set, CompositorSettings::default())
 }
 
-pub(crate) fn compositor_with(set: &SampleSet, knobs: CompositorKnobs) -> GpuCompositor {
-    let mut compositor = GpuCompositor::with_knobs(gpu(), knobs).unwrap();
+pub(crate) fn compositor_with(set: &SampleSet, settings: CompositorSettings) -> GpuCompositor {
+    let mut compositor = GpuCompositor::with_settings(gpu(), settings).unwrap();
     compositor.hold(set).unwrap();
     compositor
 }

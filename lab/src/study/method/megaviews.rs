@@ -112,9 +112,9 @@ impl MegaViews {
         options.rounds = self.rounds.map_or(options.rounds, usize::from);
         options.light = self.light.or(options.light);
         options.patience_secs = self.patience.unwrap_or(options.patience_secs);
-        options.knobs.tells_directions = !self.no_view_directions;
-        options.knobs.culling = !self.no_culling;
-        options.knobs.fusion = !self.no_fusion;
+        options.settings.tells_directions = !self.no_view_directions;
+        options.settings.culling = !self.no_culling;
+        options.settings.fusion = !self.no_fusion;
         blocking(options, progress, run).await
     }
 }

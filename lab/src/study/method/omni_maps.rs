@@ -45,8 +45,8 @@ impl OmniMaps {
         self.scene.replace(&mut options.scene);
         self.size.replace(&mut options.size);
         options.views = self.views.map_or(options.views, usize::from);
-        let rig = self.rig.knobs();
-        options.rig = argus_scene::RigKnobs { face: rig.face.or(options.rig.face), ..rig };
+        let rig = self.rig.settings();
+        options.rig = argus_scene::RigSettings { face: rig.face.or(options.rig.face), ..rig };
         options.samples = self.rig.samples.map_or(options.samples, |n| n as usize);
         for (said, default) in [
             (self.map_side, &mut options.map_sides),

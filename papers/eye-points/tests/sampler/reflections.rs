@@ -39,7 +39,7 @@ fn probes_from_points_have_exact_ranges_also_a_million_metres_away() {
         let scene = room_with_a_ball(center, chrome(0.0));
         let probes = probes_from(&scene, ProbeSource::POINTS).unwrap();
         let found = sample(&mut sampler(&scene), &probes_of(&scene, Some(probes)));
-        let columns = map_size(probes.knobs.side)[0] as usize;
+        let columns = map_size(probes.settings.side)[0] as usize;
         let ranges = floats(&host_bytes(&found, PlaneKind::InverseRange));
         for (place, &inverse) in ranges[..columns * columns].iter().enumerate() {
             let range = 1.0 / inverse;
@@ -77,7 +77,7 @@ fn probes_by_rays_show_what_reflectors_in_them_reflect() {
         let words = host_bytes(&sample(&mut sampler(&scene), &job), PlaneKind::Radiance);
         let words = words.as_chunks::<4>().0.iter().map(|word| u32::from_le_bytes(*word));
         // The finest level of each probe, which comes first and is a square.
-        let [columns, rows] = map_size(probes.knobs.side).map(|n| n as usize);
+        let [columns, rows] = map_size(probes.settings.side).map(|n| n as usize);
         let finest = words.enumerate().filter(|(place, _)| place % (columns * rows) < columns * columns);
         finest.filter(|(_, word)| rgb9e5::decode(*word).max_element() < 1e-3).count()
     };

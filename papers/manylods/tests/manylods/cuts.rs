@@ -1,9 +1,9 @@
 //! Cuts of many views: the same however they are found, and the maps drawn from them.
 
-use argus_manylods::{CutKnobs, CutMethod, CutStats, CutTree, ImperfectViews, ManyLods};
+use argus_manylods::{CutMethod, CutSettings, CutStats, CutTree, ImperfectViews, ManyLods};
 use argus_manylods::{SphereBuilder, SphereHierarchy};
 use argus_megaviews::hierarchy::{HierarchyError, RootCube, Triangle, stream};
-use argus_megaviews::many_views::{Knobs, RasterViews, Texel, ViewList, ViewPoint};
+use argus_megaviews::many_views::{RasterViews, Settings, Texel, ViewList, ViewPoint};
 use argus_scene::paraboloid::is_inside;
 use glam::{DQuat, DVec3};
 
@@ -23,7 +23,7 @@ fn trees() -> [CutTree; 2] {
 }
 
 fn many(tree: &CutTree, method: CutMethod) -> ManyLods {
-    ManyLods::new(&gpu(), tree.clone(), CutKnobs { method, ..CutKnobs::default() }).unwrap()
+    ManyLods::new(&gpu(), tree.clone(), CutSettings { method, ..CutSettings::default() }).unwrap()
 }
 
 fn list(tree: &CutTree, views: &[ViewPoint]) -> ViewList {
@@ -247,16 +247,17 @@ fn cuts_that_do_not_fit_are_found_again_and_end_in_an_error_that_says_so() {
     let [tree, _] = trees();
     let views = list(&tree, &scattered(30, 51));
     for method in [CutMethod::Basic, CutMethod::Incremental] {
-        let knobs = CutKnobs { method, ..CutKnobs::default() };
-        let with = |entries, knobs| CutKnobs { entries, ..knobs };
-        let mut free = ManyLods::new(&gpu(), tree.clone(), knobs).unwrap();
+        let settings = CutSettings { method, ..CutSettings::default() };
+        let with = |entries, settings| CutSettings { entries, ..settings };
+        let mut free = ManyLods::new(&gpu(), tree.clone(), settings).unwrap();
         free.select(&views).unwrap();
         let nodes = free.cuts().unwrap();
-        let mut exact = ManyLods::new(&gpu(), tree.clone(), with(Some(nodes.len() as u32), knobs)).unwrap();
+        let mut exact =
+            ManyLods::new(&gpu(), tree.clone(), with(Some(nodes.len() as u32), settings)).unwrap();
         exact.select(&views).unwrap();
         assert_same(&exact, &free, "what just fits");
         let mut small =
-            ManyLods::new(&gpu(), tree.clone(), with(Some(nodes.len() as u32 / 2), knobs)).unwrap();
+            ManyLods::new(&gpu(), tree.clone(), with(Some(nodes.len() as u32 / 2), settings)).unwrap();
         let error = small.select(&views).unwrap_err();
         assert!(matches!(error, HierarchyError::TooLarge { .. }), "{error}");
     }
@@ -281,11 +282,11 @@ fn maps_of_octree_cuts_are_those_of_the_double_traversal_without_sharing() {
     let tree = CutTree::of_octree(&gpu(), &octree).unwrap();
     let views = scattered(84, 71);
     for side in [16, 32] {
-        let knobs = wide(5, side, false);
-        let frame = Frame::new(&octree, knobs, &views);
+        let settings = wide(5, side, false);
+        let frame = Frame::new(&octree, settings, &views);
         for method in [CutMethod::Basic, CutMethod::Incremental] {
             let texel = Texel::RangeAndNode;
-            let told = CutKnobs { method, side, texel, disc: knobs.disc, ..CutKnobs::default() };
+            let told = CutSettings { method, side, texel, disc: settings.disc, ..CutSettings::default() };
             let mut cuts = ManyLods::new(&gpu(), tree.clone(), told).unwrap();
             let stats = cuts.render(&list(&tree, &views)).unwrap();
             assert_eq!(stats.nodes, cuts.cuts().unwrap().len() as u64);
@@ -311,7 +312,7 @@ fn maps_of_sphere_cuts_are_close_to_what_rays_meet() {
         scattered(20, 73).into_iter().map(|v| ViewPoint::everywhere(v.position)).collect();
     let mut cuts = many(&tree, CutMethod::Basic);
     cuts.render(&list(&tree, &views)).unwrap();
-    let mut exact = RasterViews::new(&gpu(), *tree.root(), room(), Knobs::default()).unwrap();
+    let mut exact = RasterViews::new(&gpu(), *tree.root(), room(), Settings::default()).unwrap();
     exact.render(&list(&tree, &views)).unwrap();
     let mut off: Vec<f32> = Vec::new();
     for view in 0..views.len() as u32 {
@@ -334,9 +335,9 @@ fn imperfect_maps_come_closer_to_what_rays_meet_with_more_points() {
     let views: Vec<ViewPoint> =
         scattered(12, 75).into_iter().map(|v| ViewPoint::everywhere(v.position)).collect();
     let views = ViewList::new(&gpu(), &points.root, &views).unwrap();
-    let mut exact = RasterViews::new(&gpu(), points.root, room(), Knobs::default()).unwrap();
+    let mut exact = RasterViews::new(&gpu(), points.root, room(), Settings::default()).unwrap();
     exact.render(&views).unwrap();
-    let mut imperfect = ImperfectViews::new(&gpu(), &points, Knobs::default()).unwrap();
+    let mut imperfect = ImperfectViews::new(&gpu(), &points, Settings::default()).unwrap();
     let mut median_off = |points: u32| {
         imperfect.render(&views, points).unwrap();
         let mut off = Vec::new();
@@ -354,7 +355,7 @@ fn imperfect_maps_come_closer_to_what_rays_meet_with_more_points() {
     let few = median_off(64);
     let many = median_off(8192);
     assert!(many < 0.1 && few > 2.0 * many, "{few} {many}");
-    assert!(ImperfectViews::new(&gpu(), &points, Knobs { side: 24, ..Knobs::default() }).is_err());
+    assert!(ImperfectViews::new(&gpu(), &points, Settings { side: 24, ..Settings::default() }).is_err());
 }
 
 #[test]
@@ -376,18 +377,18 @@ fn the_same_frames_give_the_same_bytes_again() {
 }
 
 #[test]
-fn knobs_out_of_range_are_refused_by_field() {
+fn settings_out_of_range_are_refused_by_field() {
     let [tree, _] = trees();
-    let good = CutKnobs::default();
-    let refused = |knobs: CutKnobs| match ManyLods::new(&gpu(), tree.clone(), knobs).unwrap_err() {
+    let good = CutSettings::default();
+    let refused = |settings: CutSettings| match ManyLods::new(&gpu(), tree.clone(), settings).unwrap_err() {
         HierarchyError::OutOfRange { field, .. } => field,
         other => panic!("{other}"),
     };
-    assert_eq!(refused(CutKnobs { side: 4, ..good }), "resolution");
-    assert_eq!(refused(CutKnobs { threshold: f32::NAN, ..good }), "threshold");
-    assert_eq!(refused(CutKnobs { threshold: 5.0, ..good }), "threshold");
-    assert_eq!(refused(CutKnobs { method: CutMethod::Lazy { edges: 0 }, ..good }), "edges");
-    assert_eq!(refused(CutKnobs { jump: f64::NAN, ..good }), "jump");
-    assert_eq!(refused(CutKnobs { lag: -0.1, ..good }), "lag");
-    assert_eq!(refused(CutKnobs { entries: Some(0), ..good }), "entries");
+    assert_eq!(refused(CutSettings { side: 4, ..good }), "resolution");
+    assert_eq!(refused(CutSettings { threshold: f32::NAN, ..good }), "threshold");
+    assert_eq!(refused(CutSettings { threshold: 5.0, ..good }), "threshold");
+    assert_eq!(refused(CutSettings { method: CutMethod::Lazy { edges: 0 }, ..good }), "edges");
+    assert_eq!(refused(CutSettings { jump: f64::NAN, ..good }), "jump");
+    assert_eq!(refused(CutSettings { lag: -0.1, ..good }), "lag");
+    assert_eq!(refused(CutSettings { entries: Some(0), ..good }), "entries");
 }

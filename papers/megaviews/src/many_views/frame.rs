@@ -12,7 +12,7 @@ use super::maps::MAX_ARRAYS;
 use super::schedule::{Part, Step, steps};
 use super::traverse::{NodeOwners, Queues, TraversalInputs, Traverse};
 use super::view_octree::{ViewOctree, ViewOctreeBuilder};
-use super::{Knobs, MapSet, Occlusion, TexelCode, ViewList};
+use super::{MapSet, Occlusion, Settings, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, MAX_DEPTH, Octree};
 use argus_gpu::{Commands, Gpu};
 
@@ -26,7 +26,7 @@ const QUEUE_BYTES: u64 = 1 << 30;
 pub struct ManyViews {
     gpu: Arc<Gpu>,
     octree: Arc<Octree>,
-    knobs: Knobs,
+    settings: Settings,
     builder: ViewOctreeBuilder,
     traverse: Traverse,
     fuse: Fuse,
@@ -46,17 +46,17 @@ impl ManyViews {
     /// Makes the pipelines.
     ///
     /// # Errors
-    /// A knob out of range, or the device lacks a feature or memory.
-    pub fn new(gpu: &Arc<Gpu>, octree: Arc<Octree>, knobs: Knobs) -> Result<Self, HierarchyError> {
-        knobs.validate()?;
+    /// A setting out of range, or the device lacks a feature or memory.
+    pub fn new(gpu: &Arc<Gpu>, octree: Arc<Octree>, settings: Settings) -> Result<Self, HierarchyError> {
+        settings.validate()?;
         let pairs = (gpu.largest_array().min(QUEUE_BYTES) / 8) as u32;
-        let pairs = knobs.queue_pairs.map_or(pairs, |n| n.min(pairs));
-        Self::begins(&knobs, &octree, pairs)?;
-        let code = TexelCode::new(knobs.texel, octree.node_count(), octree.root.edge)?;
-        let maps = MapSet::new(gpu, knobs.side, code, 1)?;
+        let pairs = settings.queue_pairs.map_or(pairs, |n| n.min(pairs));
+        Self::begins(&settings, &octree, pairs)?;
+        let code = TexelCode::new(settings.texel, octree.node_count(), octree.root.edge)?;
+        let maps = MapSet::new(gpu, settings.side, code, 1)?;
         Ok(Self {
             builder: ViewOctreeBuilder::new(gpu),
-            traverse: Traverse::new(gpu, &knobs, &maps, false),
+            traverse: Traverse::new(gpu, &settings, &maps, false),
             fuse: Fuse::new(gpu, &maps),
             views: ViewOctree::new(gpu, 0, 0, false)?,
             maps,
@@ -67,11 +67,11 @@ impl ManyViews {
             owners: None,
             gpu: Arc::clone(gpu),
             octree,
-            knobs,
+            settings,
         })
     }
 
-    /// Reuses `kept` for this octree if its knobs are the same, which saves making pipelines. Otherwise makes a new one.
+    /// Reuses `kept` for this octree if its settings are the same, which saves making pipelines. Otherwise makes a new one.
     ///
     /// # Errors
     /// The errors of [`Self::new`].
@@ -79,10 +79,10 @@ impl ManyViews {
         kept: Option<Self>,
         gpu: &Arc<Gpu>,
         octree: &Arc<Octree>,
-        knobs: Knobs,
+        settings: Settings,
     ) -> Result<Self, HierarchyError> {
-        let Some(mut kept) = kept.filter(|kept| kept.knobs == knobs) else {
-            return Self::new(gpu, Arc::clone(octree), knobs);
+        let Some(mut kept) = kept.filter(|kept| kept.settings == settings) else {
+            return Self::new(gpu, Arc::clone(octree), settings);
         };
         if !Arc::ptr_eq(&kept.octree, octree) {
             kept.set_octree(Arc::clone(octree))?;
@@ -96,11 +96,11 @@ impl ManyViews {
     /// # Errors
     /// The errors of [`Self::new`].
     pub fn set_octree(&mut self, octree: Arc<Octree>) -> Result<(), HierarchyError> {
-        Self::begins(&self.knobs, &octree, self.queues.capacity)?;
-        let code = TexelCode::new(self.knobs.texel, octree.node_count(), octree.root.edge)?;
+        Self::begins(&self.settings, &octree, self.queues.capacity)?;
+        let code = TexelCode::new(self.settings.texel, octree.node_count(), octree.root.edge)?;
         if code != self.maps.code {
-            self.maps = MapSet::new(&self.gpu, self.knobs.side, code, 1)?;
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, self.owners.is_some());
+            self.maps = MapSet::new(&self.gpu, self.settings.side, code, 1)?;
+            self.traverse = Traverse::new(&self.gpu, &self.settings, &self.maps, self.owners.is_some());
             self.fuse = Fuse::new(&self.gpu, &self.maps);
         }
         // The next list of views allocates maps and parts again.
@@ -110,8 +110,8 @@ impl ManyViews {
     }
 
     /// Fails if a queue cannot hold the first pairs of a traversal, however views are split.
-    fn begins(knobs: &Knobs, octree: &Octree, pairs: u32) -> Result<(), HierarchyError> {
-        if knobs.scene_hierarchy || octree.leaf_count() <= pairs {
+    fn begins(settings: &Settings, octree: &Octree, pairs: u32) -> Result<(), HierarchyError> {
+        if settings.scene_hierarchy || octree.leaf_count() <= pairs {
             return Ok(());
         }
         let [needed, limit] = [octree.leaf_count(), pairs].map(|pairs| u64::from(pairs) * 8);
@@ -123,12 +123,12 @@ impl ManyViews {
     /// # Errors
     /// [`HierarchyError::OutOfRange`] if views share maps, because a node of one view is visible to others.
     pub fn cull_own_nodes(&mut self, owners: NodeOwners) -> Result<(), HierarchyError> {
-        if self.knobs.sharing {
+        if self.settings.sharing {
             let range = "off where views cull their own nodes".to_owned();
             return Err(HierarchyError::OutOfRange { field: "sharing", range, value: "on".to_owned() });
         }
         if self.owners.is_none() {
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, &self.maps, true);
+            self.traverse = Traverse::new(&self.gpu, &self.settings, &self.maps, true);
         }
         self.owners = Some(owners);
         Ok(())
@@ -144,7 +144,7 @@ impl ManyViews {
         self.make_room(views)?;
         let mut reruns = 0;
         loop {
-            let from_level = if self.knobs.scene_hierarchy { 0 } else { self.octree.depth };
+            let from_level = if self.settings.scene_hierarchy { 0 } else { self.octree.depth };
             let steps = steps(from_level, self.octree.depth, self.views.depth, views.edge);
             let passes = self.passes();
             let words = entry(passes.len() as u32, 0, steps.len());
@@ -181,7 +181,7 @@ impl ManyViews {
                     queue_bytes: self.queues.pairs.iter().map(Buffer::size).sum(),
                     view_bytes: self.views.bytes(),
                 };
-                let alone = self.knobs.falls_back && stats.views_per_node() < Knobs::WORTH_SHARING;
+                let alone = self.settings.falls_back && stats.views_per_node() < Settings::WORTH_SHARING;
                 self.fell_back |= self.shares() && alone;
                 return Ok(stats);
             }
@@ -191,7 +191,7 @@ impl ManyViews {
 
     /// Splits the parts whose queues overflowed in eight. Returns whether there were any.
     fn split_what_overflowed(&mut self, words: &[u32], steps: usize) -> Result<bool, HierarchyError> {
-        let shells = self.knobs.shells().len() as u32;
+        let shells = self.settings.shells().len() as u32;
         let has_overflowed = |part: u32| {
             let mut passes = part * shells..(part + 1) * shells;
             passes.any(|pass| words[counters::overflow(pass, steps) as usize] != 0)
@@ -264,9 +264,9 @@ impl ManyViews {
         &self.octree
     }
 
-    /// The knobs.
-    pub fn knobs(&self) -> &Knobs {
-        &self.knobs
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
     }
 
     /// Looks up texels in the latest frame's maps and their parents, fused or not. Returns for each (map, texel) the bits
@@ -286,41 +286,41 @@ impl ManyViews {
     }
 
     fn inputs<'a>(&'a self, steps: &'a [Step]) -> TraversalInputs<'a> {
-        let Self { octree, views, maps, queues, knobs, .. } = self;
-        TraversalInputs { octree, views, maps, queues, knobs, steps, owners: self.owners.as_ref() }
+        let Self { octree, views, maps, queues, settings, .. } = self;
+        TraversalInputs { octree, views, maps, queues, settings, steps, owners: self.owners.as_ref() }
     }
 
     fn record(&self, commands: &mut Commands, views: &ViewList, steps: &[Step]) {
         let inputs = self.inputs(steps);
         commands.clear(&self.queues.counters);
-        if self.knobs.occlusion != Occlusion::Known {
+        if self.settings.occlusion != Occlusion::Known {
             for array in &self.maps.arrays {
                 commands.clear(array);
             }
         }
         if self.shares() {
-            self.builder.build(commands, views, &self.knobs, &self.views);
+            self.builder.build(commands, views, &self.settings, &self.views);
         } else {
-            self.builder.singles(commands, views, &self.knobs, &self.views);
+            self.builder.singles(commands, views, &self.settings, &self.views);
         }
-        let shells = self.knobs.shells();
+        let shells = self.settings.shells();
         for (pass, part) in (0..).zip(self.passes()) {
             self.traverse.run(commands, &inputs, pass, part, shells[pass as usize % shells.len()]);
         }
-        if self.shares() && self.knobs.fusion {
+        if self.shares() && self.settings.fusion {
             self.fuse.run(commands, &self.traverse, &inputs);
         }
     }
 
     /// Passes: each part once for each shell.
     fn passes(&self) -> Vec<Part> {
-        let shells = self.knobs.shells().len();
+        let shells = self.settings.shells().len();
         self.parts.iter().flat_map(|part| std::iter::repeat_n(*part, shells)).collect()
     }
 
     /// Whether the next frame uses a view octree.
     fn shares(&self) -> bool {
-        self.knobs.sharing && !self.fell_back
+        self.settings.sharing && !self.fell_back
     }
 
     /// Levels of the view octree by position (0 without one), and whether there is one more by direction.
@@ -328,9 +328,9 @@ impl ManyViews {
         if !self.shares() {
             return (0, false);
         }
-        let places = self.knobs.view_depth.unwrap_or_else(|| views.depth_for(self.octree.depth));
+        let places = self.settings.view_depth.unwrap_or_else(|| views.depth_for(self.octree.depth));
         // Morton codes of more levels do not fit.
-        (places, self.knobs.tells_directions && views.look && places < MAX_DEPTH)
+        (places, self.settings.tells_directions && views.look && places < MAX_DEPTH)
     }
 
     /// Allocates the view octree, and at first about as many maps as views.
@@ -351,10 +351,10 @@ impl ManyViews {
     }
 
     fn set_maps(&mut self, maps: u32) -> Result<(), HierarchyError> {
-        let maps = MapSet::new(&self.gpu, self.knobs.side, self.maps.code, maps)?;
+        let maps = MapSet::new(&self.gpu, self.settings.side, self.maps.code, maps)?;
         debug_assert!(maps.arrays.len() <= MAX_ARRAYS as usize);
         if maps.arrays.len() != self.maps.arrays.len() {
-            self.traverse = Traverse::new(&self.gpu, &self.knobs, &maps, self.owners.is_some());
+            self.traverse = Traverse::new(&self.gpu, &self.settings, &maps, self.owners.is_some());
             self.fuse = Fuse::new(&self.gpu, &maps);
         }
         self.maps = maps;

@@ -60,6 +60,6 @@ impl Fuse {
 
     fn step(inputs: &TraversalInputs<'_>, level: u32) -> Fusion {
         let edge = inputs.octree.root.edge as f32;
-        Fusion { side: inputs.knobs.side, edge, map_shift: inputs.maps.shift, level }
+        Fusion { side: inputs.settings.side, edge, map_shift: inputs.maps.shift, level }
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! - [`ViewList`]: positions and directions of the views;
 //! - [`Texel`]: formats of texels, 64, 32 or 16 bits;
-//! - [`Knobs`]: resolution, texels, threshold, depth of the view octree, sharing, culling, fusion;
+//! - [`Settings`]: resolution, texels, threshold, depth of the view octree, sharing, culling, fusion;
 //! - [`RasterViews`]: maps by rasterised triangles, for comparison;
 //! - [`FrameStats`]: counts and times of a frame.
 //!
@@ -20,12 +20,12 @@
 //! corrected for their own centre.
 //!
 //! A part of a frame whose queue overflows is split in eight and run again. Bytes do not depend on the split. With
-//! `Knobs::occlusion` a part is traversed in four shells, near pairs first, and a pair is culled if all its texels
+//! `Settings::occlusion` a part is traversed in four shells, near pairs first, and a pair is culled if all its texels
 //! already have something nearer; bytes stay the same.
 //!
 //! # Discs
 //!
-//! A rendered node covers the sample points within a disc about its mean position (`Knobs::disc`). With 0.8165 of its
+//! A rendered node covers the sample points within a disc about its mean position (`Settings::disc`). With 0.8165 of its
 //! sphere's radius, discs close every surface, as images need. At a silhouette such a disc covers texels that are free.
 //! Unshared shadow maps have the least error with half the radius. For nodes that several views share, 0.4 balances leaks
 //! and false shadows.
@@ -33,10 +33,10 @@
 mod counters;
 mod frame;
 mod fuse;
-mod knobs;
 mod maps;
 mod raster;
 mod schedule;
+mod settings;
 mod texels;
 mod traverse;
 mod view_depth;
@@ -45,9 +45,9 @@ mod view_octree;
 
 pub use counters::{FrameStats, StepStats};
 pub use frame::ManyViews;
-pub use knobs::{Bounding, Knobs, Occlusion};
 pub use maps::MapSet;
 pub use raster::RasterViews;
+pub use settings::{Bounding, Occlusion, Settings};
 pub use texels::{Texel, TexelCode};
 pub use traverse::{NodeOwners, with_maps};
 pub use view_list::{ViewList, ViewPoint};

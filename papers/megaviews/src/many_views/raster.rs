@@ -9,7 +9,7 @@ use crate::programs::RASTER_VIEWS;
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
 use super::traverse::with_maps;
-use super::{FrameStats, Knobs, MapSet, TexelCode, ViewList};
+use super::{FrameStats, MapSet, Settings, TexelCode, ViewList};
 use crate::hierarchy::{HierarchyError, RootCube, Triangle, fits};
 use argus_gpu::{ComputePipeline, Gpu};
 
@@ -17,7 +17,7 @@ use argus_gpu::{ComputePipeline, Gpu};
 #[derive(Debug)]
 pub struct RasterViews {
     gpu: Arc<Gpu>,
-    knobs: Knobs,
+    settings: Settings,
     root: RootCube,
     triangles: Buffer,
     count: u32,
@@ -37,17 +37,17 @@ fn views_at_once(triangles: u32) -> u32 {
 }
 
 impl RasterViews {
-    /// Uploads the triangles with an area. Of the knobs, only resolution and texel format matter.
+    /// Uploads the triangles with an area. Of the settings, only resolution and texel format matter.
     ///
     /// # Errors
-    /// A knob out of range, no triangle, or too many triangles for one array.
+    /// A setting out of range, no triangle, or too many triangles for one array.
     pub fn new(
         gpu: &Arc<Gpu>,
         root: RootCube,
         triangles: impl IntoIterator<Item = Triangle>,
-        knobs: Knobs,
+        settings: Settings,
     ) -> Result<Self, HierarchyError> {
-        knobs.validate()?;
+        settings.validate()?;
         let unit = |t: Triangle| t.corners.map(|corner| root.unit_from_world(corner).as_vec3().to_array());
         let corners: Vec<[[f32; 3]; 3]> =
             triangles.into_iter().filter(Triangle::is_surface).map(unit).collect();
@@ -55,14 +55,14 @@ impl RasterViews {
             return Err(HierarchyError::Empty);
         }
         fits(gpu, "corners of triangles", corners.len() as u64 * 36)?;
-        let code = TexelCode::new(knobs.texel, corners.len() as u32, root.edge)?;
+        let code = TexelCode::new(settings.texel, corners.len() as u32, root.edge)?;
         Ok(Self {
             triangles: gpu.upload("corners of triangles", &corners, BufferUsages::STORAGE),
             count: corners.len() as u32,
-            maps: MapSet::new(gpu, knobs.side, code, 1)?,
+            maps: MapSet::new(gpu, settings.side, code, 1)?,
             raster: None,
             gpu: Arc::clone(gpu),
-            knobs,
+            settings,
             root,
         })
     }
@@ -74,7 +74,7 @@ impl RasterViews {
     pub fn render(&mut self, views: &ViewList) -> Result<FrameStats, HierarchyError> {
         let begin = Instant::now();
         if self.maps.capacity != views.count {
-            self.maps = MapSet::new(&self.gpu, self.knobs.side, self.maps.code, views.count)?;
+            self.maps = MapSet::new(&self.gpu, self.settings.side, self.maps.code, views.count)?;
         }
         let arrays = self.maps.arrays.len();
         let pipeline = match self.raster.take() {
@@ -90,7 +90,7 @@ impl RasterViews {
             let step = RasterStep {
                 triangles: self.count,
                 first_view,
-                side: self.knobs.side,
+                side: self.settings.side,
                 edge: self.root.edge as f32,
                 map_shift: self.maps.shift,
             };

@@ -7,7 +7,7 @@ use argus_gpu::wgpu::{Buffer, BufferUsages};
 use super::counters::{entry, overflow};
 use super::schedule::{Part, Step};
 use super::view_octree::ViewOctree;
-use super::{Knobs, MapSet, Occlusion};
+use super::{MapSet, Occlusion, Settings};
 use crate::hierarchy::Octree;
 use argus_gpu::{Commands, ComputeCall, ComputePipeline, Gpu};
 
@@ -38,7 +38,7 @@ pub(super) struct TraversalInputs<'a> {
     pub(super) views: &'a ViewOctree,
     pub(super) maps: &'a MapSet,
     pub(super) queues: &'a Queues,
-    pub(super) knobs: &'a Knobs,
+    pub(super) settings: &'a Settings,
     pub(super) steps: &'a [Step],
     pub(super) owners: Option<&'a NodeOwners>,
 }
@@ -75,19 +75,19 @@ pub fn with_maps<'a>(mut call: ComputeCall<'a>, maps: &'a MapSet) -> ComputeCall
 
 impl Traverse {
     /// Pipelines for maps of this layout.
-    pub(super) fn new(gpu: &Gpu, knobs: &Knobs, maps: &MapSet, leaves_out: bool) -> Self {
+    pub(super) fn new(gpu: &Gpu, settings: &Settings, maps: &MapSet, leaves_out: bool) -> Self {
         let of_maps = maps.constants();
         let divide = |views: bool, leaves: bool| {
             let owners = [
                 ("divides_views", f64::from(views)),
                 ("leaves", f64::from(leaves)),
-                ("culls", f64::from(knobs.culling)),
-                ("occludes", f64::from(knobs.occlusion != Occlusion::Off)),
-                ("alone", f64::from(!knobs.sharing)),
+                ("culls", f64::from(settings.culling)),
+                ("occludes", f64::from(settings.occlusion != Occlusion::Off)),
+                ("alone", f64::from(!settings.sharing)),
                 ("leaves_out", f64::from(leaves_out)),
-                ("reach", f64::from(knobs.threshold.ceil())),
-                ("own_disc", f64::from(knobs.disc)),
-                ("shared_disc", f64::from(knobs.shared_disc)),
+                ("reach", f64::from(settings.threshold.ceil())),
+                ("own_disc", f64::from(settings.disc)),
+                ("shared_disc", f64::from(settings.shared_disc)),
             ];
             gpu.compute_pipeline_with(&TRAVERSE, "divide", &[&owners[..], &of_maps].concat())
         };
@@ -96,7 +96,7 @@ impl Traverse {
             fill: gpu.compute_pipeline_with(
                 &FILL,
                 "fill",
-                &[&[("own_cell", f64::from(knobs.own_cell))][..], &of_maps].concat(),
+                &[&[("own_cell", f64::from(settings.own_cell))][..], &of_maps].concat(),
             ),
             prepare: gpu.compute_pipeline(&QUEUE, "prepare"),
             prepare_fusion: gpu.compute_pipeline(&QUEUE, "prepare_fusion"),
@@ -129,7 +129,7 @@ impl Traverse {
         };
         match part {
             Part::Octants { .. } => {
-                if !inputs.knobs.scene_hierarchy {
+                if !inputs.settings.scene_hierarchy {
                     [seed.scene_node, seed.count] = octree.leaves();
                 }
                 commands
@@ -179,14 +179,14 @@ impl Traverse {
         part: Part,
         [near, far]: [f32; 2],
     ) {
-        let TraversalInputs { octree, views, maps, queues, knobs, steps, owners } = inputs;
+        let TraversalInputs { octree, views, maps, queues, settings, steps, owners } = inputs;
         let index = index as usize;
         let cells = (1u32 << step.scene_level) as f32;
         let mut pairs = PairStep {
             cells,
             radius: 0.75f32.sqrt() / cells,
-            side: knobs.side as f32,
-            threshold: knobs.threshold,
+            side: settings.side as f32,
+            threshold: settings.threshold,
             edge: octree.root.edge as f32,
             capacity: queues.capacity,
             counters_in: entry(pass, index, steps.len()),
@@ -223,12 +223,12 @@ impl Traverse {
     }
 
     fn fill(&self, commands: &mut Commands, inputs: &TraversalInputs<'_>, counters: u32) {
-        let TraversalInputs { octree, views, maps, queues, knobs, steps, .. } = inputs;
+        let TraversalInputs { octree, views, maps, queues, settings, steps, .. } = inputs;
         let cells = (1u32 << octree.depth) as f32;
         let step = FillStep {
             cells,
             radius: 0.75f32.sqrt() / cells,
-            side: knobs.side,
+            side: settings.side,
             edge: octree.root.edge as f32,
             capacity: queues.capacity,
             counters,
@@ -250,7 +250,7 @@ impl Traverse {
         commands: &mut Commands,
         inputs: &'a TraversalInputs<'_>,
     ) -> &'a Buffer {
-        let texels = 2 * inputs.knobs.side * inputs.knobs.side;
+        let texels = 2 * inputs.settings.side * inputs.settings.side;
         for level in 0..=inputs.views.depth {
             let step = QueueStep {
                 arguments: 4 * level,

@@ -5,7 +5,7 @@
 //! mean distance of about a cell of the scene, which is the error of maps anyway. The depth is a deterministic function
 //! of the views' positions.
 //!
-//! One level below the cells tells the views of a cell apart by the axis nearest to their direction (`Knobs::tells_directions`). The centre of
+//! One level below the cells tells the views of a cell apart by the axis nearest to their direction (`Settings::tells_directions`). The centre of
 //! views on both sides of a wall lies on neither side, and sees what none of them does. In Sponza (9 levels, 64K views of four bounces),
 //! of the shadows that are hard to tell at 16² texels, 28.8% are wrong with 7 levels of cells (228 million pairs), 25.8% with 8 (304
 //! million), and 23.3% with 7 and one of directions (253 million); views by themselves have 22.5% wrong.

@@ -4,7 +4,7 @@ use crate::layout::ViewStep;
 use crate::programs::VIEW_OCTREE;
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
-use super::{Bounding, Knobs, ViewList};
+use super::{Bounding, Settings, ViewList};
 use crate::hierarchy::{HierarchyError, LevelBuffers, LevelBuilder, fits, numbered};
 use argus_gpu::{Commands, ComputePipeline, Gpu, Scan, ScanSums, Sort, SortScratch};
 
@@ -137,8 +137,8 @@ impl ViewOctreeBuilder {
         }
     }
 
-    fn step(views: &ViewList, knobs: &Knobs, to: &ViewOctree, count: u32, level: u32) -> ViewStep {
-        let tight = u32::from(knobs.bounding == Bounding::Tight);
+    fn step(views: &ViewList, settings: &Settings, to: &ViewOctree, count: u32, level: u32) -> ViewStep {
+        let tight = u32::from(settings.bounding == Bounding::Tight);
         let by_direction = u32::from(to.by_direction && level == to.depth);
         ViewStep {
             origin: views.origin.as_vec3().to_array(),
@@ -151,8 +151,14 @@ impl ViewOctreeBuilder {
     }
 
     /// Makes every view a node with its own map.
-    pub(super) fn singles(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
-        let step = Self::step(views, knobs, to, views.count, 0);
+    pub(super) fn singles(
+        &self,
+        commands: &mut Commands,
+        views: &ViewList,
+        settings: &Settings,
+        to: &ViewOctree,
+    ) {
+        let step = Self::step(views, settings, to, views.count, 0);
         commands
             .compute("view hierarchy", &self.single_views)
             .read("views", &views.buffer)
@@ -166,9 +172,15 @@ impl ViewOctreeBuilder {
     }
 
     /// Builds the octree of the views and assigns maps to its nodes.
-    pub(super) fn build(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
+    pub(super) fn build(
+        &self,
+        commands: &mut Commands,
+        views: &ViewList,
+        settings: &Settings,
+        to: &ViewOctree,
+    ) {
         let (name, depth) = ("view hierarchy", to.depth);
-        let step = Self::step(views, knobs, to, views.count, depth);
+        let step = Self::step(views, settings, to, views.count, depth);
         commands
             .compute(name, &self.view_keys)
             .read("views", &views.buffer)
@@ -204,17 +216,17 @@ impl ViewOctreeBuilder {
                 .write("view_bounds", &to.bounds)
                 .write("view_links", &to.links)
                 .write("view_maps", &to.node_maps)
-                .immediates(bytemuck::bytes_of(&Self::step(views, knobs, to, nodes, level)))
+                .immediates(bytemuck::bytes_of(&Self::step(views, settings, to, nodes, level)))
                 .dispatch_linear(u64::from(nodes));
         }
-        self.number_maps(commands, views, knobs, to);
+        self.number_maps(commands, views, settings, to);
     }
 
     /// Assigns a map to every leaf and every node with several children, and links each map to its parent.
-    fn number_maps(&self, commands: &mut Commands, views: &ViewList, knobs: &Knobs, to: &ViewOctree) {
+    fn number_maps(&self, commands: &mut Commands, views: &ViewList, settings: &Settings, to: &ViewOctree) {
         let name = "view hierarchy";
         let nodes = to.node_capacity as u32;
-        let step = Self::step(views, knobs, to, nodes, to.depth);
+        let step = Self::step(views, settings, to, nodes, to.depth);
         commands
             .compute(name, &self.map_heads)
             .read("levels", &to.nodes.levels)

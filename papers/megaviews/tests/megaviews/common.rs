@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use argus_megaviews::hierarchy::{Octree, OctreeBuilder, RootCube, Triangle, stream};
-use argus_megaviews::many_views::{FrameStats, Knobs, ManyViews, Texel, ViewList, ViewPoint};
+use argus_megaviews::many_views::{FrameStats, ManyViews, Settings, Texel, ViewList, ViewPoint};
 use glam::{DVec3, Vec3};
 use rand::rngs::SmallRng;
 use rand::{Rng as _, SeedableRng as _};
@@ -63,8 +63,8 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    pub(crate) fn new(octree: &Arc<Octree>, knobs: Knobs, views: &[ViewPoint]) -> Self {
-        let mut many = ManyViews::new(&gpu(), Arc::clone(octree), knobs).unwrap();
+    pub(crate) fn new(octree: &Arc<Octree>, settings: Settings, views: &[ViewPoint]) -> Self {
+        let mut many = ManyViews::new(&gpu(), Arc::clone(octree), settings).unwrap();
         let list = ViewList::new(&gpu(), &octree.root, views).unwrap();
         let stats = many.render(&list).unwrap();
         let maps = (0..stats.maps).map(|map| many.maps().read(&gpu(), map).unwrap()).collect();
@@ -78,16 +78,16 @@ impl Frame {
     }
 }
 
-/// Knobs whose texels name their node, with an octree over the views as deep as the scene's.
-pub(crate) fn wide(depth: u32, side: u32, sharing: bool) -> Knobs {
-    Knobs {
+/// Settings whose texels name their node, with an octree over the views as deep as the scene's.
+pub(crate) fn wide(depth: u32, side: u32, sharing: bool) -> Settings {
+    Settings {
         side,
         sharing,
         view_depth: Some(depth),
         falls_back: false,
         texel: Texel::RangeAndNode,
-        disc: Knobs::COVERING,
-        shared_disc: Knobs::COVERING,
-        ..Knobs::default()
+        disc: Settings::COVERING,
+        shared_disc: Settings::COVERING,
+        ..Settings::default()
     }
 }

@@ -1,6 +1,6 @@
 //! What no view sees is culled, and nothing else.
 
-use argus_megaviews::many_views::{Bounding, Knobs, Occlusion, ViewList, ViewPoint};
+use argus_megaviews::many_views::{Bounding, Occlusion, Settings, ViewList, ViewPoint};
 use glam::DVec3;
 
 use crate::common::{Frame, octree_of, room, scattered, wide};
@@ -8,11 +8,11 @@ use crate::device::gpu;
 use crate::maps_oracle::Nodes;
 
 /// Every texel that holds a node of which any view of the map sees a part is the same as without culling.
-fn nothing_seen_is_lost(views: &[ViewPoint], knobs: Knobs) {
+fn nothing_seen_is_lost(views: &[ViewPoint], settings: Settings) {
     let octree = octree_of(&room(), 5);
     let nodes = Nodes::of(&octree);
-    let with = Frame::new(&octree, knobs, views);
-    let without = Frame::new(&octree, Knobs { culling: false, ..knobs }, views);
+    let with = Frame::new(&octree, settings, views);
+    let without = Frame::new(&octree, Settings { culling: false, ..settings }, views);
     assert_eq!(without.stats.steps.iter().map(|s| s.culled).sum::<u64>(), 0);
     assert_eq!(with.map_of_view, without.map_of_view);
     let (mut seen, mut unseen) = (0, 0);
@@ -40,8 +40,8 @@ fn no_pair_that_a_view_sees_is_culled_view_by_view() {
 fn no_pair_that_any_of_a_nodes_views_sees_is_culled() {
     for bounding in [Bounding::Cell, Bounding::Tight] {
         for view_depth in [2, 5] {
-            let knobs = Knobs { bounding, view_depth: Some(view_depth), ..wide(5, 16, true) };
-            nothing_seen_is_lost(&scattered(300, 2), knobs);
+            let settings = Settings { bounding, view_depth: Some(view_depth), ..wide(5, 16, true) };
+            nothing_seen_is_lost(&scattered(300, 2), settings);
         }
     }
 }
@@ -65,15 +65,15 @@ fn what_is_left_out_behind_nearer_surfaces_changes_no_byte() {
     for (sharing, count) in [(false, 120), (true, 500)] {
         for side in [16, 32] {
             let views = scattered(count, 4);
-            let knobs = wide(6, side, sharing);
-            let all = Frame::new(&octree, knobs, &views);
-            let few = Frame::new(&octree, Knobs { occlusion: Occlusion::Shells, ..knobs }, &views);
+            let settings = wide(6, side, sharing);
+            let all = Frame::new(&octree, settings, &views);
+            let few = Frame::new(&octree, Settings { occlusion: Occlusion::Shells, ..settings }, &views);
             assert_eq!(few.map_of_view, all.map_of_view);
             assert!(few.maps == all.maps, "sharing {sharing}, {side}: other bytes");
             let [fewer, more] = [few.stats.rendered(), all.stats.rendered()];
             assert!(fewer < more, "{fewer} pairs of {more}");
             // What could be left out by who knew the maps beforehand.
-            let mut known = Frame::new(&octree, Knobs { occlusion: Occlusion::Known, ..knobs }, &views);
+            let mut known = Frame::new(&octree, Settings { occlusion: Occlusion::Known, ..settings }, &views);
             let list = ViewList::new(&gpu(), &octree.root, &views).unwrap();
             assert!(known.many.render(&list).unwrap().rendered() < fewer);
             let maps = (0..known.stats.maps).map(|map| known.many.maps().read(&gpu(), map).unwrap());

@@ -1,7 +1,7 @@
 //! What makes a traversal go wrong.
 
 use argus_megaviews::hierarchy::{HierarchyError, Triangle};
-use argus_megaviews::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
+use argus_megaviews::many_views::{ManyViews, Settings, ViewList, ViewPoint};
 use glam::{DVec3, Vec3};
 
 use crate::common::{Frame, octree_of, room, scattered, wide};
@@ -32,12 +32,13 @@ fn queues_that_overflow_are_split_and_no_byte_and_no_count_changes() {
     let octree = octree_of(&room(), 6);
     let views = scattered(700, 22);
     for sharing in [true, false] {
-        let knobs = wide(6, 16, sharing);
-        let whole = Frame::new(&octree, knobs, &views);
+        let settings = wide(6, 16, sharing);
+        let whole = Frame::new(&octree, settings, &views);
         assert_eq!(whole.stats.multipass_level, 0);
         let peak = whole.stats.peak_queued() as u32;
         for (share, level) in [(2, 1), (10, 2)] {
-            let mut split = Frame::new(&octree, Knobs { queue_pairs: Some(peak / share), ..knobs }, &views);
+            let mut split =
+                Frame::new(&octree, Settings { queue_pairs: Some(peak / share), ..settings }, &views);
             assert!(split.stats.multipass_level >= level, "{:?}", split.stats);
             assert!(split.stats.reruns >= split.stats.multipass_level);
             assert_eq!(split.maps, whole.maps, "sharing {sharing}, queues of {}", peak / share);
@@ -52,8 +53,8 @@ fn queues_that_overflow_are_split_and_no_byte_and_no_count_changes() {
 #[test]
 fn a_queue_that_no_split_makes_fit_is_an_error_that_says_so() {
     let octree = octree_of(&room(), 6);
-    let knobs = Knobs { queue_pairs: Some(64), ..wide(6, 64, false) };
-    let mut many = ManyViews::new(&gpu(), octree.clone(), knobs).unwrap();
+    let settings = Settings { queue_pairs: Some(64), ..wide(6, 64, false) };
+    let mut many = ManyViews::new(&gpu(), octree.clone(), settings).unwrap();
     let list = ViewList::new(&gpu(), &octree.root, &scattered(4, 1)).unwrap();
     let error = many.render(&list).unwrap_err();
     assert!(matches!(error, HierarchyError::TooLarge { .. }), "{error}");
@@ -64,10 +65,10 @@ fn more_pairs_than_a_binding_or_a_dispatch_holds_are_all_met() {
     let octree = octree_of(&room(), 2);
     // Outside, so that leaves cover few texels each.
     let view = ViewPoint::everywhere(DVec3::new(4.0, 4.2, 13.5));
-    let knobs = Knobs { side: 8, sharing: false, ..Knobs::default() };
+    let settings = Settings { side: 8, sharing: false, ..Settings::default() };
     let count = 330_000;
-    let one = Frame::new(&octree, knobs, &[view]);
-    let mut many = ManyViews::new(&gpu(), octree.clone(), knobs).unwrap();
+    let one = Frame::new(&octree, settings, &[view]);
+    let mut many = ManyViews::new(&gpu(), octree.clone(), settings).unwrap();
     let list = ViewList::new(&gpu(), &octree.root, &vec![view; count]).unwrap();
     let stats = many.render(&list).unwrap();
     assert!(stats.peak_untested() > 17_000_000, "{stats:?}");
@@ -163,8 +164,8 @@ fn a_scene_and_its_views_a_million_metres_away_give_the_same_bytes() {
     let (here, away) = (octree_of(&near, 6), octree_of(&moved, 6));
     assert_eq!(here.levels, away.levels);
     for sharing in [true, false] {
-        let knobs = wide(6, 16, sharing);
-        let (a, b) = (Frame::new(&here, knobs, &views), Frame::new(&away, knobs, &there));
+        let settings = wide(6, 16, sharing);
+        let (a, b) = (Frame::new(&here, settings, &views), Frame::new(&away, settings, &there));
         let differing = a.maps.iter().flatten().zip(b.maps.iter().flatten()).filter(|(a, b)| a != b).count();
         assert_eq!(differing, 0, "of {} texels", a.maps.len() * 512);
     }

@@ -1,7 +1,7 @@
 //! Maps of single views on the CPU, in f64 (ManyLoDs, basic cuts).
 
 use argus_megaviews::hierarchy::Octree;
-use argus_megaviews::many_views::{Knobs, ViewPoint};
+use argus_megaviews::many_views::{Settings, ViewPoint};
 use argus_scene::paraboloid::{ParaboloidPosition, center_of};
 use glam::{DVec2, DVec3};
 
@@ -52,16 +52,16 @@ impl Nodes {
     }
 
     /// The map of one view that looks everywhere: bits of inverse range and node of each texel.
-    pub(crate) fn map(&self, view: &ViewPoint, knobs: &Knobs) -> Vec<[u32; 2]> {
-        let mut map = vec![[0, 0]; (2 * knobs.side * knobs.side) as usize];
-        self.visit(self.means.len() - 1, view, knobs, &mut map);
+    pub(crate) fn map(&self, view: &ViewPoint, settings: &Settings) -> Vec<[u32; 2]> {
+        let mut map = vec![[0, 0]; (2 * settings.side * settings.side) as usize];
+        self.visit(self.means.len() - 1, view, settings, &mut map);
         map
     }
 
-    fn visit(&self, node: usize, view: &ViewPoint, knobs: &Knobs, map: &mut [[u32; 2]]) {
+    fn visit(&self, node: usize, view: &ViewPoint, settings: &Settings, map: &mut [[u32; 2]]) {
         let (center, half) = self.cell(node);
         let radius = half * 3f64.sqrt();
-        let side = f64::from(knobs.side);
+        let side = f64::from(settings.side);
         // The size in texels of a ball of that radius.
         let size = |to: DVec3| {
             let range = to.length();
@@ -69,25 +69,25 @@ impl Nodes {
             side * sine / (to.x.abs() / range + (1.0 - sine * sine).max(0.0).sqrt())
         };
         let to = center - view.position;
-        let small = to.length() > radius && size(to) < f64::from(knobs.threshold);
+        let small = to.length() > radius && size(to) < f64::from(settings.threshold);
         if !small && self.level(node) < self.depth {
-            return self.children[node].clone().for_each(|child| self.visit(child, view, knobs, map));
+            return self.children[node].clone().for_each(|child| self.visit(child, view, settings, map));
         }
         let to_mean = self.means[node] - view.position;
         let value = [(1.0 / to_mean.length()) as f32, 0.0].map(f32::to_bits)[0];
         let mut put = |texel: usize| map[texel] = map[texel].max([value, node as u32]);
-        if to_mean.length() > radius && size(to_mean) <= f64::from(knobs.threshold) {
-            let at = ParaboloidPosition::of(to_mean, knobs.side);
+        if to_mean.length() > radius && size(to_mean) <= f64::from(settings.threshold) {
+            let at = ParaboloidPosition::of(to_mean, settings.side);
             let cell = at.at.floor().min(DVec2::splat(side - 1.0));
             if sample(cell, side).distance(at.at / side * 2.0 - 1.0)
-                <= f64::from(knobs.disc) * size(to_mean) / side
+                <= f64::from(settings.disc) * size(to_mean) / side
             {
                 put(((f64::from(at.hemisphere) * side + cell.y) * side + cell.x) as usize);
             }
             return;
         }
-        for texel in 0..2 * knobs.side * knobs.side {
-            let ray = ray(texel, knobs.side);
+        for texel in 0..2 * settings.side * settings.side {
+            let ray = ray(texel, settings.side);
             let (one, other) = ((to - half) / ray, (to + half) / ray);
             let (begin, end) = (one.min(other).max_element(), one.max(other).min_element());
             if end >= begin.max(0.0) {

@@ -1,6 +1,6 @@
 //! Views that share, views that do not, and what the two have in common.
 
-use argus_megaviews::many_views::{Bounding, Knobs, ManyViews, RasterViews, Texel, ViewList, ViewPoint};
+use argus_megaviews::many_views::{Bounding, ManyViews, RasterViews, Settings, Texel, ViewList, ViewPoint};
 use argus_scene::paraboloid::is_inside;
 use argus_scene::reference::Tracer;
 use glam::DVec3;
@@ -31,10 +31,10 @@ fn without_sharing_maps_are_those_of_cuts_through_the_octree_view_by_view() {
     let nodes = Nodes::of(&octree);
     let views = everywhere(8, 3);
     for side in [16, 32] {
-        let knobs = wide(5, side, false);
-        let frame = Frame::new(&octree, knobs, &views);
+        let settings = wide(5, side, false);
+        let frame = Frame::new(&octree, settings, &views);
         for (view, point) in views.iter().enumerate() {
-            let truth = nodes.map(point, &knobs);
+            let truth = nodes.map(point, &settings);
             let filled = truth.iter().filter(|value| value[0] != 0).count();
             assert!(filled > truth.len() / 2, "a room is seen almost everywhere");
             // What differs is decided by f32 where f64 decides otherwise.
@@ -52,11 +52,11 @@ fn leaves_larger_than_a_texel_are_seen_exactly_where_rays_meet_their_cells() {
     let leaf = nodes.cell(0);
     let places = [leaf.0, leaf.0 + leaf.1, leaf.0 - leaf.1 * 0.3, DVec3::new(4.1, 3.9, 4.2)];
     let views = places.map(ViewPoint::everywhere);
-    let knobs = wide(3, 32, false);
-    let frame = Frame::new(&octree, knobs, &views);
+    let settings = wide(3, 32, false);
+    let frame = Frame::new(&octree, settings, &views);
     for (view, point) in views.iter().enumerate() {
-        let truth = nodes.map(point, &knobs);
-        let wrong = differing(frame.of(view), &truth, knobs.side);
+        let truth = nodes.map(point, &settings);
+        let wrong = differing(frame.of(view), &truth, settings.side);
         assert!(wrong * 100 <= truth.len(), "view {view}: {wrong} of {} texels", truth.len());
     }
 }
@@ -95,9 +95,9 @@ fn fused_maps_hold_what_queries_find_byte_for_byte() {
     let octree = octree_of(&room(), 5);
     let views = scattered(400, 7);
     for texel in [Texel::Range, Texel::RangeAndNode] {
-        let knobs = Knobs { texel, ..wide(5, 16, true) };
-        let fused = Frame::new(&octree, knobs, &views);
-        let sparse = Frame::new(&octree, Knobs { fusion: false, ..knobs }, &views);
+        let settings = Settings { texel, ..wide(5, 16, true) };
+        let fused = Frame::new(&octree, settings, &views);
+        let sparse = Frame::new(&octree, Settings { fusion: false, ..settings }, &views);
         assert!(fused.stats.maps > fused.stats.view_leaves, "some maps are shared");
         let queries: Vec<[u32; 2]> = sparse
             .map_of_view
@@ -136,7 +136,7 @@ fn sharing_changes_ranges_by_little() {
     let octree = octree_of(&room(), 7);
     let views = everywhere(600, 11);
     for bounding in [Bounding::Cell, Bounding::Tight] {
-        let shared = Frame::new(&octree, Knobs { bounding, ..wide(7, 16, true) }, &views);
+        let shared = Frame::new(&octree, Settings { bounding, ..wide(7, 16, true) }, &views);
         let alone = Frame::new(&octree, wide(7, 16, false), &views);
         assert!(shared.stats.processed() < alone.stats.processed());
         let off = apart(&shared, &alone, views.len());
@@ -157,34 +157,34 @@ fn views_of_one_cell_that_look_different_ways_share_no_map_unless_they_look_ever
             ViewPoint { position, direction: looks[i] * 1e-3, half_fov: std::f64::consts::FRAC_PI_2 }
         })
         .collect();
-    let knobs = wide(4, 16, true);
-    let maps_of = |knobs, views: &[ViewPoint]| {
-        let frame = Frame::new(&octree, knobs, views);
+    let settings = wide(4, 16, true);
+    let maps_of = |settings, views: &[ViewPoint]| {
+        let frame = Frame::new(&octree, settings, views);
         (frame.map_of_view, frame.stats.tells_directions)
     };
-    let (maps, told) = maps_of(knobs, &views);
+    let (maps, told) = maps_of(settings, &views);
     assert!(told && maps[0] == maps[2] && maps[0] == maps[4], "{maps:?}");
     let distinct: std::collections::BTreeSet<u32> = maps.iter().copied().collect();
     assert_eq!(distinct.len(), 4, "{maps:?}");
     let all: Vec<ViewPoint> = views.iter().map(|view| ViewPoint::everywhere(view.position)).collect();
-    for (knobs, views) in [(Knobs { tells_directions: false, ..knobs }, &views), (knobs, &all)] {
-        let (maps, told) = maps_of(knobs, views);
+    for (settings, views) in [(Settings { tells_directions: false, ..settings }, &views), (settings, &all)] {
+        let (maps, told) = maps_of(settings, views);
         assert!(!told && maps.iter().all(|map| *map == maps[0]), "{maps:?}");
     }
     // There is no room for one more level below ten.
-    assert!(!maps_of(Knobs { view_depth: Some(10), ..knobs }, &views).1);
+    assert!(!maps_of(Settings { view_depth: Some(10), ..settings }, &views).1);
 }
 
 #[test]
 fn the_depth_that_views_call_for_is_theirs_alone_and_makes_the_maps_that_it_makes_when_given() {
     let octree = octree_of(&room(), 7);
     let views = everywhere(3000, 17);
-    let called_for = Knobs { view_depth: None, ..wide(7, 16, true) };
+    let called_for = Settings { view_depth: None, ..wide(7, 16, true) };
     let [one, again] = [0, 1].map(|_| Frame::new(&octree, called_for, &views));
     let depth = one.stats.view_depth;
     assert!((4..=7).contains(&depth), "{depth}");
     assert_eq!(again.stats.view_depth, depth);
-    let given = Frame::new(&octree, Knobs { view_depth: Some(depth), ..called_for }, &views);
+    let given = Frame::new(&octree, Settings { view_depth: Some(depth), ..called_for }, &views);
     assert!(one.maps == again.maps && one.maps == given.maps, "depth {depth}: other bytes");
     assert_eq!(one.stats.steps, given.stats.steps);
     // Fewer views further apart, and a few in one place.
@@ -203,8 +203,8 @@ fn random_views_never_take_many_more_pairs_than_each_by_itself() {
         let views: Vec<ViewPoint> = (0..count).map(|_| ViewPoint::everywhere(point() * 8.0)).collect();
         let list = ViewList::new(&gpu(), &octree.root, &views).unwrap();
         let [many, alone] = [true, false].map(|sharing| {
-            let knobs = Knobs { side: 8, sharing, ..Knobs::default() };
-            let mut many = ManyViews::new(&gpu(), octree.clone(), knobs).unwrap();
+            let settings = Settings { side: 8, sharing, ..Settings::default() };
+            let mut many = ManyViews::new(&gpu(), octree.clone(), settings).unwrap();
             [0, 1].map(|_| many.render(&list).unwrap())[1].clone()
         });
         let [pairs, each_by_itself] = [many.processed(), alone.processed()];
@@ -265,9 +265,9 @@ fn maps_of_triangles_hold_what_rays_through_their_texels_meet() {
 fn views_too_far_apart_to_share_are_traversed_each_by_itself_from_the_second_frame_on() {
     let octree = octree_of(&room(), 6);
     let views = everywhere(40, 13);
-    let knobs = Knobs { falls_back: true, ..wide(6, 16, true) };
-    let mut shared = Frame::new(&octree, knobs, &views);
-    assert!(!shared.stats.fell_back && shared.stats.views_per_node() < Knobs::WORTH_SHARING);
+    let settings = Settings { falls_back: true, ..wide(6, 16, true) };
+    let mut shared = Frame::new(&octree, settings, &views);
+    assert!(!shared.stats.fell_back && shared.stats.views_per_node() < Settings::WORTH_SHARING);
     let list = ViewList::new(&gpu(), &octree.root, &views).unwrap();
     let stats = shared.many.render(&list).unwrap();
     assert!(stats.fell_back);
@@ -283,19 +283,19 @@ fn leaves_without_a_hierarchy_of_the_scene_are_seen_as_with_one_at_the_cost_of_m
     let views = everywhere(64, 7);
     // Leaves so large that no node above them is ever rendered whole: the same maps, byte for byte.
     let coarse = octree_of(&room(), 3);
-    let knobs = wide(3, 32, true);
-    let flat = |knobs| Knobs { scene_hierarchy: false, ..knobs };
-    let [with, without] = [knobs, flat(knobs)].map(|knobs| Frame::new(&coarse, knobs, &views));
+    let settings = wide(3, 32, true);
+    let flat = |settings| Settings { scene_hierarchy: false, ..settings };
+    let [with, without] = [settings, flat(settings)].map(|settings| Frame::new(&coarse, settings, &views));
     assert_eq!(with.maps, without.maps);
     // And in parts, since every part begins with all leaves.
-    let tight = Knobs { queue_pairs: Some(coarse.leaf_count() * 2), ..flat(knobs) };
+    let tight = Settings { queue_pairs: Some(coarse.leaf_count() * 2), ..flat(settings) };
     let split = Frame::new(&coarse, tight, &views);
     assert!(split.stats.multipass_level > 0, "{:?}", split.stats);
     assert_eq!(split.maps, with.maps);
     // Small ones: what was a node of some leaves is its leaves.
     let fine = octree_of(&room(), 6);
-    let knobs = wide(6, 16, true);
-    let [with, without] = [knobs, flat(knobs)].map(|knobs| Frame::new(&fine, knobs, &views));
+    let settings = wide(6, 16, true);
+    let [with, without] = [settings, flat(settings)].map(|settings| Frame::new(&fine, settings, &views));
     let tested = |frame: &Frame| frame.stats.steps.iter().map(|step| step.tested).sum::<u64>();
     assert!(tested(&without) > tested(&with), "{} and {}", tested(&without), tested(&with));
     let off = apart(&without, &with, views.len());
@@ -303,9 +303,9 @@ fn leaves_without_a_hierarchy_of_the_scene_are_seen_as_with_one_at_the_cost_of_m
     assert!(off[off.len() / 2] < 0.03, "median {}", off[off.len() / 2]);
     assert!(off[off.len() * 9 / 10] < 0.3, "90th percentile {}", off[off.len() * 9 / 10]);
     // What a queue cannot begin with is refused before anything runs.
-    let tiny = Knobs { queue_pairs: Some(64), ..flat(knobs) };
+    let tiny = Settings { queue_pairs: Some(64), ..flat(settings) };
     let error = ManyViews::new(&gpu(), fine, tiny).unwrap_err().to_string();
     assert!(error.contains("leaves of the scene"), "{error}");
-    let alone = Knobs { sharing: false, ..flat(knobs) };
+    let alone = Settings { sharing: false, ..flat(settings) };
     assert!(alone.validate().unwrap_err().to_string().contains("scene hierarchy"));
 }

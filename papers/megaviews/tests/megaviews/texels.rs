@@ -1,7 +1,7 @@
 //! Texels of fewer bits hold what those of all bits hold, but for what was left away.
 
 use argus_megaviews::hierarchy::Octree;
-use argus_megaviews::many_views::{Knobs, Occlusion, RasterViews, Texel, TexelCode, ViewList, ViewPoint};
+use argus_megaviews::many_views::{Occlusion, RasterViews, Settings, Texel, TexelCode, ViewList, ViewPoint};
 use glam::DVec3;
 
 use crate::common::{Frame, octree_of, room, scattered, wide};
@@ -27,7 +27,8 @@ fn every_texel_holds_the_code_of_the_nearest_range() {
     let views = scattered(400, 51);
     for sharing in [true, false] {
         // Without fusion, each texel is the nearest of the pairs rendered to it, which are the same for all formats.
-        let of = |texel| Frame::new(&octree, Knobs { texel, fusion: false, ..wide(6, 16, sharing) }, &views);
+        let of =
+            |texel| Frame::new(&octree, Settings { texel, fusion: false, ..wide(6, 16, sharing) }, &views);
         let whole = of(Texel::RangeAndNode);
         let alone = of(Texel::Range);
         assert!(texels(&alone, &whole).all(|(alone, whole)| alone == [whole[0], 0]));
@@ -57,7 +58,7 @@ fn fused_ranges_stay_within_a_step_a_level() {
     let octree = octree_of(&room(), 6);
     let views = scattered(600, 52);
     for texel in COARSE {
-        let of = |texel| Frame::new(&octree, Knobs { texel, ..wide(6, 16, true) }, &views);
+        let of = |texel| Frame::new(&octree, Settings { texel, ..wide(6, 16, true) }, &views);
         let (coarse, exact) = (of(texel), of(texel.exact()));
         let step = code_of(texel, &octree).step();
         // Ranges that are found anew from nodes do not drift; others may be cut at each of the maps on the way, and near
@@ -82,9 +83,9 @@ fn fused_maps_of_few_bits_hold_what_queries_find() {
     let octree = octree_of(&room(), 5);
     let views = scattered(400, 53);
     for texel in COARSE {
-        let knobs = Knobs { texel, ..wide(5, 16, true) };
-        let fused = Frame::new(&octree, knobs, &views);
-        let sparse = Frame::new(&octree, Knobs { fusion: false, ..knobs }, &views);
+        let settings = Settings { texel, ..wide(5, 16, true) };
+        let fused = Frame::new(&octree, settings, &views);
+        let sparse = Frame::new(&octree, Settings { fusion: false, ..settings }, &views);
         let asked = sparse.map_of_view.iter().step_by(9);
         let queries: Vec<[u32; 2]> = asked.flat_map(|&map| (0..512).map(move |texel| [map, texel])).collect();
         let answers = sparse.many.query(&queries).unwrap();
@@ -102,10 +103,10 @@ fn texels_of_few_bits_are_the_same_again_and_behind_nearer_surfaces() {
     views.push(ViewPoint::everywhere(DVec3::new(76.0, 4.0, 4.0)));
     for texel in COARSE {
         for sharing in [true, false] {
-            let knobs = Knobs { texel, ..wide(6, 64, sharing) };
-            let [one, again] = [0, 1].map(|_| Frame::new(&octree, knobs, &views));
+            let settings = Settings { texel, ..wide(6, 64, sharing) };
+            let [one, again] = [0, 1].map(|_| Frame::new(&octree, settings, &views));
             assert!(one.maps == again.maps, "{texel:?}: other bytes");
-            let few = Frame::new(&octree, Knobs { occlusion: Occlusion::Shells, ..knobs }, &views);
+            let few = Frame::new(&octree, Settings { occlusion: Occlusion::Shells, ..settings }, &views);
             assert!(few.maps == one.maps, "{texel:?}: other bytes with occlusion");
             assert!(few.stats.rendered() < one.stats.rendered());
             let far = one.of(300).iter().map(|value| f32::from_bits(value[0]));
@@ -119,15 +120,16 @@ fn triangles_and_splits_know_texels_of_few_bits_too() {
     let octree = octree_of(&room(), 6);
     let views = scattered(300, 55);
     for texel in COARSE {
-        let knobs = Knobs { texel, ..wide(6, 16, true) };
-        let whole = Frame::new(&octree, knobs, &views);
+        let settings = Settings { texel, ..wide(6, 16, true) };
+        let whole = Frame::new(&octree, settings, &views);
         let pairs = Some(whole.stats.peak_queued() as u32 / 3);
-        let split = Frame::new(&octree, Knobs { queue_pairs: pairs, ..knobs }, &views);
+        let split = Frame::new(&octree, Settings { queue_pairs: pairs, ..settings }, &views);
         assert!(split.stats.multipass_level > 0 && split.maps == whole.maps, "{texel:?}");
 
         let list = ViewList::new(&gpu(), &octree.root, &views[..4]).unwrap();
         let read = |texel| {
-            let mut raster = RasterViews::new(&gpu(), octree.root, room(), Knobs { texel, ..knobs }).unwrap();
+            let mut raster =
+                RasterViews::new(&gpu(), octree.root, room(), Settings { texel, ..settings }).unwrap();
             raster.render(&list).unwrap();
             (raster.maps().code, raster.maps().read(&gpu(), 3).unwrap())
         };

@@ -12,7 +12,7 @@ use crate::moving::{EPOCH_SECS, camera, scene_that_deforms};
 fn samples_from_an_octree_move_too() {
     let scene = Arc::new(scene_that_deforms());
     let mut moving = sampler(&scene);
-    let knobs = MegaViews { map_side: 128, levels: 7, block: 1 };
+    let settings = MegaViews { map_side: 128, levels: 7, block: 1 };
     let bytes_at = |sampler: &mut argus_sampler::GpuSampler, epoch, sampling| {
         let eye = DVec3::new(-0.2, 2.6, 2.2);
         let mut job = sample_job(&scene, omni_rig(eye, 96), 0, true);
@@ -23,7 +23,7 @@ fn samples_from_an_octree_move_too() {
         let sample = sample(sampler, &job);
         [PlaneKind::Radiance, PlaneKind::InverseRange].map(|kind| host_bytes(&sample, kind))
     };
-    let mapped = Sampling::MegaViews(knobs);
+    let mapped = Sampling::MegaViews(settings);
     let [first, other, again] = [2, 7, 2].map(|epoch| bytes_at(&mut moving, epoch, mapped));
     assert!(first == again && first != other);
     assert!(other == bytes_at(&mut sampler(&scene), 7, mapped), "what came before leaves no trace");

@@ -62,7 +62,7 @@ fn a_reflector_is_culled_from_its_own_probe_and_walls_have_their_range() {
     let maps = maps(&scene).unwrap();
     assert_eq!(maps.count, 1);
     let found = sample(&mut sampler(&scene), &probes_of(&scene, Some(maps)));
-    let [columns, rows] = map_size(maps.knobs.side);
+    let [columns, rows] = map_size(maps.settings.side);
     assert_eq!(found.camera.size(), [columns, rows]);
     let ranges = floats(&host_bytes(&found, PlaneKind::InverseRange));
     // Of the finest level, which comes first.
@@ -87,10 +87,10 @@ fn levels_of_a_probe_blur_and_keep_its_light() {
     let maps = maps(&scene).unwrap();
     let found = sample(&mut sampler(&scene), &probes_of(&scene, Some(maps)));
     let radiance = radiance_of(&found);
-    let columns = map_size(maps.knobs.side)[0] as usize;
+    let columns = map_size(maps.settings.side)[0] as usize;
     let mut row = 1;
     let mut means = Vec::new();
-    for side in level_sides(maps.knobs.side).map(|side| side as usize) {
+    for side in level_sides(maps.settings.side).map(|side| side as usize) {
         let texels = (0..side * side).map(|i| radiance[(row + i / side) * columns + 1 + i % side]);
         means.push(texels.sum::<Vec3>() / (side * side) as f32);
         row += side + 2;

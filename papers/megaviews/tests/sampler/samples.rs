@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerSettings, VplSettings};
 use argus_scene::reference::Tracer;
 use argus_scene::rig::Rig;
 use argus_scene::{
@@ -171,11 +171,11 @@ fn what_light_adds_is_kept_and_what_cannot_be_is_refused_by_name() {
     let scene = Arc::new(scene());
     let sampling = Sampling::MegaViews(MegaViews { map_side: 64, levels: 6, block: 1 });
     let job = job(&scene, sampling, middle(), 1);
-    let vpl = VplKnobs { vpls: 64, samples: 16, maps: MapSource::Unshadowed, ..VplKnobs::default() };
-    let knobs = SamplerKnobs { indirect: Indirect::Vpl(vpl), ..SamplerKnobs::default() };
+    let vpl = VplSettings { vpls: 64, samples: 16, maps: MapSource::Unshadowed, ..VplSettings::default() };
+    let settings = SamplerSettings { indirect: Indirect::Vpl(vpl), ..SamplerSettings::default() };
     let mean = |sample: &Sample| radiance_of(sample).iter().map(|c| c.element_sum()).sum::<f32>();
     let dark = mean(&samples(&mut sampler(&scene), &job)[0]);
-    let lit = mean(&samples(&mut sampler_with(&scene, knobs), &job)[0]);
+    let lit = mean(&samples(&mut sampler_with(&scene, settings), &job)[0]);
     assert!(lit > 1.01 * dark, "{lit} {dark}");
 
     let mut sampler = sampler(&scene);

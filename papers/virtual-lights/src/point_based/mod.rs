@@ -24,13 +24,13 @@ use std::time::Instant;
 use crate::layout::Chosen;
 use argus_gpu::{Gpu, wgpu};
 use argus_megaviews::hierarchy::Octree;
-use argus_megaviews::many_views::{Knobs, ManyViews, Texel, ViewList, ViewPoint};
+use argus_megaviews::many_views::{ManyViews, Settings, Texel, ViewList, ViewPoint};
 use argus_megaviews::{LitOctree, to_render_error};
 use argus_sampler::plug::{
     Extras, Eye, Frame, GBufferUse, IndirectMethod, LightInputs, LightSharing, Placement, Resident, Scratch,
     TileContext, timing, upload,
 };
-use argus_scene::indirect::PointKnobs;
+use argus_scene::indirect::PointSettings;
 use argus_scene::{Effect, Indirect, Lighting, RenderError, Scene, Sky, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -65,7 +65,7 @@ pub struct PointReport {
 
 /// The indirect light of one scene on one device.
 pub(crate) struct PointBased {
-    knobs: PointKnobs,
+    settings: PointSettings,
     octree: LitOctree,
     choose: ChooseReceivers,
     receive: Receive,
@@ -86,11 +86,11 @@ struct Receivers {
 }
 
 impl IndirectMethod for PointBased {
-    fn set_knobs(&mut self, knobs: Indirect) -> bool {
-        let Indirect::Points(knobs) = knobs else { return false };
-        self.octree.set_levels(knobs.levels);
+    fn set_settings(&mut self, settings: Indirect) -> bool {
+        let Indirect::Points(settings) = settings else { return false };
+        self.octree.set_levels(settings.levels);
         self.octree.forget_light();
-        self.knobs = knobs;
+        self.settings = settings;
         true
     }
 
@@ -134,10 +134,10 @@ impl IndirectMethod for PointBased {
 
 impl PointBased {
     /// The point-based light of a scene on a device.
-    pub(crate) fn new(gpu: &Gpu, resident: &Resident, knobs: PointKnobs) -> Self {
+    pub(crate) fn new(gpu: &Gpu, resident: &Resident, settings: PointSettings) -> Self {
         Self {
-            knobs,
-            octree: LitOctree::new(gpu, resident, GBufferUse::IndirectLight, knobs.levels),
+            settings,
+            octree: LitOctree::new(gpu, resident, GBufferUse::IndirectLight, settings.levels),
             choose: ChooseReceivers::new(gpu),
             receive: Receive::new(gpu, 1),
             spread: Spread::new(gpu),
@@ -167,7 +167,7 @@ impl PointBased {
             |position: DVec3, normal: Vec3| direct::direct_by_pi(tracer, lighting, off, position, normal);
         // Emission is bounce 0; each bounce reads the previous one.
         let emits = scene.effects().contains(&Effect::Emission);
-        for bounce in u32::from(!emits)..=self.knobs.bounces {
+        for bounce in u32::from(!emits)..=self.settings.bounces {
             let lights: Option<LightAt<'_>> = if bounce == 0 { None } else { Some(&of_lights) };
             let surfels = self.octree.make_surfels(gpu)?;
             for chunk in &self.octree.chunks(gpu) {
@@ -196,7 +196,7 @@ impl PointBased {
     /// The blocks of a frame that share receivers.
     fn blocks(&self, frame: &Frame<'_>) -> BlockUniform {
         let TileContext { gpu, tile, .. } = &frame.context;
-        let (block, reach) = frame.sharing.blocks(self.knobs.block, tile.side);
+        let (block, reach) = frame.sharing.blocks(self.settings.block, tile.side);
         BlockUniform::new(gpu, tile.sub_samples(), block, reach)
     }
 
@@ -247,7 +247,7 @@ impl PointBased {
                 let points: Vec<ViewPoint> = batch.iter().map(point).collect();
                 let list = ViewList::new(gpu, &nodes.octree.root, &points)?;
                 let kept = self.views.take();
-                let views = ManyViews::reuse_or_new(kept, gpu, nodes.octree, traversal(&self.knobs));
+                let views = ManyViews::reuse_or_new(kept, gpu, nodes.octree, traversal(&self.settings));
                 let views = self.views.insert(views.map_err(to_render_error)?);
                 views.render(&list).map_err(to_render_error)?;
                 let arrays = views.maps().arrays.len();
@@ -278,20 +278,20 @@ impl PointBased {
     }
 }
 
-/// Knobs of the receivers' maps, a function of settings and receivers alone.
-fn traversal(knobs: &PointKnobs) -> Knobs {
-    Knobs {
-        side: knobs.map_side,
+/// Settings of the receivers' maps, a function of settings and receivers alone.
+fn traversal(settings: &PointSettings) -> Settings {
+    Settings {
+        side: settings.map_side,
         texel: Texel::RangeAndNode,
-        disc: Knobs::COVERING,
-        shared_disc: Knobs::COVERING,
-        sharing: knobs.sharing,
+        disc: Settings::COVERING,
+        shared_disc: Settings::COVERING,
+        sharing: settings.sharing,
         // Would depend on earlier frames.
         falls_back: false,
         // Culls the cell that the map's centre is in.
         own_cell: false,
         queue_pairs: Some(QUEUE_PAIRS),
-        ..Knobs::default()
+        ..Settings::default()
     }
 }
 

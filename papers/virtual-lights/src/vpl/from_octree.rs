@@ -5,14 +5,14 @@ use std::sync::Arc;
 
 use argus_gpu::Gpu;
 use argus_megaviews::hierarchy::{Octree, OctreeBuilder, RootCube, Triangle};
-use argus_megaviews::many_views::{Knobs, ManyViews, ViewList, ViewPoint};
+use argus_megaviews::many_views::{ManyViews, Settings, ViewList, ViewPoint};
 use argus_scene::{Bounds, RenderError};
 use glam::Vec3;
 
 use super::paths::Vpl;
 use argus_megaviews::to_render_error;
 use argus_sampler::plug::Surfaces;
-use argus_scene::indirect::{MapSource, VplKnobs};
+use argus_scene::indirect::{MapSource, VplSettings};
 
 /// Builds the octree of a scene's surfaces.
 pub(crate) fn octree(
@@ -31,7 +31,7 @@ pub(crate) fn render(
     gpu: &Arc<Gpu>,
     octree: &Arc<Octree>,
     vpls: &[Vpl],
-    knobs: &VplKnobs,
+    settings: &VplSettings,
 ) -> Result<ManyViews, RenderError> {
     let views: Vec<ViewPoint> = vpls
         .iter()
@@ -42,8 +42,11 @@ pub(crate) fn render(
         })
         .collect();
     let list = ViewList::new(gpu, &octree.root, &views)?;
-    let params =
-        Knobs { side: knobs.map_side, sharing: knobs.maps == MapSource::MegaViews, ..Knobs::default() };
+    let params = Settings {
+        side: settings.map_side,
+        sharing: settings.maps == MapSource::MegaViews,
+        ..Settings::default()
+    };
     let mut many = ManyViews::new(gpu, Arc::clone(octree), params).map_err(to_render_error)?;
     many.render(&list).map_err(to_render_error)?;
     Ok(many)

@@ -18,7 +18,7 @@
 //! draws VPLs by weight, with another offset than its neighbours. A cross-bilateral filter then shares the gathered
 //! light.
 //!
-//! Each approximation is a knob of `VplKnobs` with a row in `argus-lab study method virtual-lights`, against a path-traced reference
+//! Each approximation is a setting of `VplSettings` with a row in `argus-lab study method virtual-lights`, against a path-traced reference
 //! (`scene/src/reference/indirect.rs`).
 
 mod emitters;
@@ -40,7 +40,7 @@ use argus_megaviews::hierarchy::Octree;
 use argus_sampler::plug::{
     Frame, IndirectMethod, LightInputs, PacketTracer, Placement, Scratch, Surfaces, TileContext, upload,
 };
-use argus_scene::indirect::{MapSource, VplKnobs};
+use argus_scene::indirect::{MapSource, VplSettings};
 use argus_scene::{Bounds, Indirect, Lighting, RenderError, Scene, Stage};
 use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
@@ -78,7 +78,7 @@ pub struct VplReport {
 
 /// The indirect light of one scene on one device.
 pub(crate) struct Radiosity {
-    knobs: VplKnobs,
+    settings: VplSettings,
     surfaces: Surfaces,
     bounds: Bounds,
     passes: Passes,
@@ -90,9 +90,9 @@ pub(crate) struct Radiosity {
 }
 
 impl IndirectMethod for Radiosity {
-    fn set_knobs(&mut self, knobs: Indirect) -> bool {
-        let Indirect::Vpl(knobs) = knobs else { return false };
-        self.knobs = knobs;
+    fn set_settings(&mut self, settings: Indirect) -> bool {
+        let Indirect::Vpl(settings) = settings else { return false };
+        self.settings = settings;
         self.lit = None;
         true
     }
@@ -144,11 +144,16 @@ const KEPT: usize = 2;
 
 impl Radiosity {
     /// The radiosity of a scene with these instances.
-    pub(crate) fn new(gpu: &Arc<Gpu>, scene: &Arc<Scene>, placements: &[Placement], knobs: VplKnobs) -> Self {
+    pub(crate) fn new(
+        gpu: &Arc<Gpu>,
+        scene: &Arc<Scene>,
+        placements: &[Placement],
+        settings: VplSettings,
+    ) -> Self {
         let passes = Passes { cull: CullVpls::new(gpu), filter: FilterIndirect::new(gpu) };
         let surfaces = Surfaces::new(scene, placements);
         let bounds = scene.bounds();
-        Self { knobs, surfaces, bounds, passes, octree: None, scratch: Vec::new(), lit: None }
+        Self { settings, surfaces, bounds, passes, octree: None, scratch: Vec::new(), lit: None }
     }
 
     /// Traces VPLs and renders their maps, unless they are up to date for this time and these lights.
@@ -157,23 +162,23 @@ impl Radiosity {
     /// [`RenderError::OutOfMemory`] if the maps exceed what the device can bind.
     fn ready_at(&mut self, inputs: &LightInputs<'_>) -> Result<Vec<Stage>, RenderError> {
         let LightInputs { gpu, tracer, lighting, time_secs, .. } = *inputs;
-        let drifts = self.knobs.particles > 0;
+        let drifts = self.settings.particles > 0;
         let is_now = |lit: &Lit| lit.lighting == *lighting && (!drifts || lit.time_secs == time_secs);
         if self.lit.as_ref().is_some_and(is_now) {
             return Ok(Vec::new());
         }
         let begin = Instant::now();
         let emitters = Emitters::new(lighting, &self.surfaces, self.bounds);
-        let mut vpls = paths::trace(tracer, &self.surfaces, &emitters, &self.knobs, self.bounds);
-        vpls.extend(particles(&self.knobs, self.bounds, time_secs));
+        let mut vpls = paths::trace(tracer, &self.surfaces, &emitters, &self.settings, self.bounds);
+        vpls.extend(particles(&self.settings, self.bounds, time_secs));
         let trace_ms = elapsed_ms(begin);
 
         let begin = Instant::now();
         let nodes = tree::build(&mut vpls, MOST_GROUPS.ilog2(), self.bounds.size().length());
         let tree_ms = elapsed_ms(begin);
 
-        let from_octree = matches!(self.knobs.maps, MapSource::MegaViews | MapSource::ManyLods);
-        let levels = self.knobs.levels;
+        let from_octree = matches!(self.settings.maps, MapSource::MegaViews | MapSource::ManyLods);
+        let levels = self.settings.levels;
         if self.octree.as_ref().is_some_and(|(had, _)| !from_octree || *had != levels) {
             self.octree = None;
         }
@@ -206,7 +211,7 @@ impl Radiosity {
             vpls: vpl_buffer,
             nodes: upload(gpu, "groups of VPLs", &node_data, storage)?,
             groups: nodes.iter().filter(|node| node.leaf).count(),
-            gather: Gather::new(gpu, self.knobs.maps != MapSource::Unshadowed && !vpls.is_empty(), &maps),
+            gather: Gather::new(gpu, self.settings.maps != MapSource::Unshadowed && !vpls.is_empty(), &maps),
             maps,
             kept: gpu.upload("kept groups", &[0u32; 2], counted),
             report,
@@ -226,8 +231,8 @@ impl Radiosity {
         vpl_buffer: &wgpu::Buffer,
     ) -> Result<Maps, RenderError> {
         let storage = wgpu::BufferUsages::STORAGE;
-        let source = self.knobs.maps;
-        let side = self.knobs.map_side;
+        let source = self.settings.maps;
+        let side = self.settings.map_side;
         let bytes = vpls.len() as u64 * 8 * u64::from(side) * u64::from(side);
         let array = match source {
             MapSource::Unshadowed => None,
@@ -239,15 +244,15 @@ impl Radiosity {
             }
             MapSource::Imperfect => {
                 fits(gpu, vpls.len(), side, bytes)?;
-                let pool = (u64::from(self.knobs.points) * 64).min(MOST_POINTS) as u32;
-                let points = maps::surface_points(&self.surfaces, self.bounds, pool, self.knobs.seed);
+                let pool = (u64::from(self.settings.points) * 64).min(MOST_POINTS) as u32;
+                let points = maps::surface_points(&self.surfaces, self.bounds, pool, self.settings.seed);
                 let points = upload(gpu, "surface points", &points, storage)?;
                 let maps = gpu.buffer("maps of VPLs", bytes, storage);
                 let parameters = layout::Imperfect {
                     side,
-                    points: self.knobs.points,
+                    points: self.settings.points,
                     count: vpls.len() as u32,
-                    seed: self.knobs.seed,
+                    seed: self.settings.seed,
                     ..layout::Imperfect::zeroed()
                 };
                 let mut commands = gpu.commands("imperfect maps");
@@ -276,7 +281,7 @@ impl Radiosity {
         let Some((_, octree)) = &self.octree else {
             return Err(RenderError::Internal("the octree was not built".to_owned()));
         };
-        let views = from_octree::render(gpu, octree, vpls, &self.knobs)?;
+        let views = from_octree::render(gpu, octree, vpls, &self.settings)?;
         let eyes = gpu.buffer("eyes of VPLs", vpls.len() as u64 * 16, wgpu::BufferUsages::STORAGE);
         let parameters = layout::AdoptMaps {
             octree_from_root: (octree.root.origin - self.bounds.center()).as_vec3().to_array(),
@@ -314,27 +319,30 @@ impl Radiosity {
         let scratch = self.scratch(context.gpu, context.tile.sub_samples());
         let (Some(lit), Some(g_buffer)) = (&self.lit, &context.targets.g_buffer) else { return };
         let diagonal = self.bounds.size().length();
-        let knobs = &self.knobs;
+        let settings = &self.settings;
         let is_list = context.places.is_some();
         // Listed pixels have no neighbours to filter with, so each draws as many VPLs as a square of neighbours.
-        let samples =
-            if is_list && knobs.filter > 0 { knobs.samples.saturating_mul(16) } else { knobs.samples };
+        let samples = if is_list && settings.filter > 0 {
+            settings.samples.saturating_mul(16)
+        } else {
+            settings.samples
+        };
         let gathering = layout::Gathering {
             root_from_eye: (context.eye.position - self.bounds.center()).as_vec3().to_array(),
             samples,
             blocks: blocks(scratch.size()),
             size: scratch.size(),
             origin: context.tile.begin.map(|texels| texels * context.tile.side),
-            map_side: knobs.map_side,
+            map_side: settings.map_side,
             map_shift: lit.maps.shift,
-            reach: if is_list { 0 } else { knobs.filter },
-            least_distance: (knobs.clamp * diagonal).max(1e-6) as f32,
-            cutoff: if knobs.cutoff > 0.0 { (knobs.cutoff * diagonal) as f32 } else { 3e38 },
-            bias: knobs.bias as f32,
+            reach: if is_list { 0 } else { settings.filter },
+            least_distance: (settings.clamp * diagonal).max(1e-6) as f32,
+            cutoff: if settings.cutoff > 0.0 { (settings.cutoff * diagonal) as f32 } else { 3e38 },
+            bias: settings.bias as f32,
             slack: lit.maps.slack as f32,
-            culls: u32::from(knobs.cull),
-            weighs: u32::from(knobs.weigh),
-            kept_groups: knobs.groups,
+            culls: u32::from(settings.cull),
+            weighs: u32::from(settings.weigh),
+            kept_groups: settings.groups,
         };
         let gathering = context.gpu.upload("gathering", &[gathering], wgpu::BufferUsages::UNIFORM);
         let gathered = Gathered { scratch: &scratch, g_buffer, gathering };
@@ -372,8 +380,8 @@ fn fits(gpu: &Gpu, vpls: usize, side: u32, bytes: u64) -> Result<(), RenderError
 }
 
 /// Particles as VPLs.
-fn particles(knobs: &VplKnobs, bounds: Bounds, time_secs: f64) -> impl Iterator<Item = Vpl> {
-    let all = argus_scene::particles::glowing(&bounds, knobs.particles, knobs.seed, time_secs);
+fn particles(settings: &VplSettings, bounds: Bounds, time_secs: f64) -> impl Iterator<Item = Vpl> {
+    let all = argus_scene::particles::glowing(&bounds, settings.particles, settings.seed, time_secs);
     all.into_iter().map(|p| Vpl { position: p.position, normal: Vec3::ZERO, flux: p.flux, bounces: 0 })
 }
 

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::emitters::Emitters;
 use super::sequence::Path;
 use argus_sampler::plug::{PacketTracer, Surfaces};
-use argus_scene::indirect::VplKnobs;
+use argus_scene::indirect::VplSettings;
 
 /// A virtual point light: a surface point with cosine-distributed flux.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,20 +38,20 @@ pub(crate) fn trace(
     tracer: &PacketTracer,
     surfaces: &Surfaces,
     emitters: &Emitters,
-    knobs: &VplKnobs,
+    settings: &VplSettings,
     bounds: Bounds,
 ) -> Vec<Vpl> {
     if emitters.len() == 0 {
         return Vec::new();
     }
     let off = off_surface(bounds);
-    let wanted = knobs.vpls as usize;
-    let most = knobs.vpls.saturating_mul(MOST_ATTEMPTS).max(BATCH);
+    let wanted = settings.vpls as usize;
+    let most = settings.vpls.saturating_mul(MOST_ATTEMPTS).max(BATCH);
     let (mut vpls, mut paths) = (Vec::with_capacity(wanted), 0);
     while vpls.len() < wanted && paths < most {
         let of_batch: Vec<Vec<Vpl>> = (paths..paths + BATCH)
             .into_par_iter()
-            .map(|index| follow(tracer, surfaces, emitters, knobs, off, Path::new(index, knobs.seed)))
+            .map(|index| follow(tracer, surfaces, emitters, settings, off, Path::new(index, settings.seed)))
             .collect();
         for of_path in of_batch {
             vpls.extend(of_path);
@@ -78,7 +78,7 @@ fn follow(
     tracer: &PacketTracer,
     surfaces: &Surfaces,
     emitters: &Emitters,
-    knobs: &VplKnobs,
+    settings: &VplSettings,
     off: f64,
     mut path: Path,
 ) -> Vec<Vpl> {
@@ -89,7 +89,7 @@ fn follow(
         origin += normal * off;
         vpls.push(Vpl { position: origin, normal: normal.as_vec3(), flux, bounces: 0 });
     }
-    for bounce in 1..=knobs.bounces {
+    for bounce in 1..=settings.bounces {
         let Some(hit) = tracer.nearest(origin, direction, f64::INFINITY) else { break };
         let Some(point) = surfaces.hit(&hit, direction) else { break };
         if bounce == 1 {
@@ -107,7 +107,7 @@ fn follow(
         vpls.push(Vpl { position: origin, normal: point.side.as_vec3(), flux: reflected, bounces: bounce });
         // Russian roulette by albedo, so that surviving paths keep about the same flux.
         let survives = (f64::from(point.albedo.element_sum()) / 3.0).clamp(0.05, 1.0);
-        if bounce == knobs.bounces || path.next() >= survives {
+        if bounce == settings.bounces || path.next() >= survives {
             break;
         }
         flux = reflected / survives as f32;

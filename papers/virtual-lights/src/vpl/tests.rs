@@ -38,15 +38,15 @@ impl World {
         Self { scene, tracer, surfaces }
     }
 
-    fn vpls(&self, knobs: VplKnobs) -> Vec<Vpl> {
+    fn vpls(&self, settings: VplSettings) -> Vec<Vpl> {
         let bounds = self.scene.bounds();
         let emitters = Emitters::new(&self.scene.lighting, &self.surfaces, bounds);
-        paths::trace(&self.tracer, &self.surfaces, &emitters, &knobs, bounds)
+        paths::trace(&self.tracer, &self.surfaces, &emitters, &settings, bounds)
     }
 }
 
-fn knobs(vpls: u32, bounces: u32) -> VplKnobs {
-    VplKnobs { vpls, bounces, ..VplKnobs::default() }
+fn settings(vpls: u32, bounces: u32) -> VplSettings {
+    VplSettings { vpls, bounces, ..VplSettings::default() }
 }
 
 fn grey(albedo: f32) -> Material {
@@ -94,10 +94,10 @@ fn a_closed_room_reflects_its_albedo_of_the_flux_at_each_bounce_wherever_it_stan
         let world =
             World::new(vec![(room(), place)], grey(0.5), vec![bulb(offset + DVec3::new(0.3, 0.2, -0.4))]);
         let flux = Vec3::new(1.0, 2.0, 0.5) * 4.0 * std::f32::consts::PI;
-        let once = world.vpls(knobs(1000, 1));
+        let once = world.vpls(settings(1000, 1));
         assert_eq!(once.len(), 1000);
         assert_near(paths::total_flux(&once), flux * 0.5, 1e-4);
-        let often = world.vpls(knobs(20_000, 4));
+        let often = world.vpls(settings(20_000, 4));
         assert_near(paths::total_flux(&often), flux * (0.5 + 0.25 + 0.125 + 0.0625), 0.02);
         for vpl in &often {
             assert!((1..=4).contains(&vpl.bounces));
@@ -114,7 +114,7 @@ fn parallel_light_brings_a_floor_its_irradiance_by_the_cosine() {
     let sun = Light::Directional { direction, irradiance: Vec3::splat(3.0), angular_radius: 0.0 };
     let world = World::new(vec![(floor(2.0), DAffine3::IDENTITY)], grey(0.25), vec![sun]);
     let wanted = Vec3::splat(3.0 * 16.0 * 0.8 * 0.25);
-    assert_near(paths::total_flux(&world.vpls(knobs(8000, 1))), wanted, 0.01);
+    assert_near(paths::total_flux(&world.vpls(settings(8000, 1))), wanted, 0.01);
 }
 
 #[test]
@@ -131,7 +131,7 @@ fn a_spot_brings_what_its_ramp_integrates_to() {
     };
     let world = World::new(vec![(floor(4.0), DAffine3::IDENTITY)], grey(0.5), vec![spot]);
     let solid = std::f64::consts::TAU * ((1.0 - inner.cos()) + (inner.cos() - outer.cos()) / 3.0);
-    assert_near(paths::total_flux(&world.vpls(knobs(8000, 1))), Vec3::splat(0.5 * solid as f32), 0.01);
+    assert_near(paths::total_flux(&world.vpls(settings(8000, 1))), Vec3::splat(0.5 * solid as f32), 0.01);
 }
 
 #[test]
@@ -139,7 +139,7 @@ fn a_range_cuts_the_flux_off_as_shading_does() {
     let lit = |range| {
         let light = Light::Point { position: DVec3::Y, intensity: Vec3::ONE, range, radius: 0.0 };
         let world = World::new(vec![(floor(50.0), DAffine3::IDENTITY)], grey(0.5), vec![light]);
-        paths::total_flux(&world.vpls(knobs(4000, 1))).x
+        paths::total_flux(&world.vpls(settings(4000, 1))).x
     };
     // ∫ (1 − (d/r)⁴) I cosθ / d² over the floor, d = 1 / cosθ: 2π ∫ (1 − 1 / (r·z)⁴) dz from 1/r to 1.
     let r = 3.0f64;
@@ -154,7 +154,7 @@ fn surfaces_that_emit_are_vpls_themselves_on_both_sides_if_they_have_two() {
     for (double_sided, sides) in [(true, 2.0), (false, 1.0)] {
         let material = Material { emissive: Vec3::new(2.0, 1.0, 0.0), double_sided, ..grey(0.0) };
         let world = World::new(vec![(floor(1.0), DAffine3::from_scale(DVec3::splat(3.0)))], material, vec![]);
-        let vpls = world.vpls(knobs(4000, 1));
+        let vpls = world.vpls(settings(4000, 1));
         let wanted = Vec3::new(2.0, 1.0, 0.0) * (std::f32::consts::PI * 36.0 * sides);
         assert_near(paths::total_flux(&vpls).truncate().extend(0.0), wanted, 1e-3);
         let up = vpls.iter().filter(|vpl| vpl.normal.y > 0.0).count();
@@ -175,20 +175,20 @@ fn light_that_meets_nothing_leaves_no_vpl_and_ends() {
         radius: 0.0,
     };
     let floor_of = |lights| World::new(vec![(floor(1.0), DAffine3::IDENTITY)], grey(0.5), lights);
-    assert!(floor_of(vec![away]).vpls(knobs(100, 4)).is_empty());
-    assert!(floor_of(Vec::new()).vpls(knobs(100, 4)).is_empty());
+    assert!(floor_of(vec![away]).vpls(settings(100, 4)).is_empty());
+    assert!(floor_of(Vec::new()).vpls(settings(100, 4)).is_empty());
     let dark = Light::Point { position: DVec3::Y, intensity: Vec3::ZERO, range: None, radius: 0.0 };
-    assert!(floor_of(vec![dark]).vpls(knobs(100, 4)).is_empty());
+    assert!(floor_of(vec![dark]).vpls(settings(100, 4)).is_empty());
     let nowhere = Light::Point { position: DVec3::NAN, intensity: Vec3::ONE, range: None, radius: 0.0 };
-    assert!(floor_of(vec![nowhere]).vpls(knobs(100, 4)).is_empty());
+    assert!(floor_of(vec![nowhere]).vpls(settings(100, 4)).is_empty());
     let nothing = World::new(Vec::new(), grey(0.5), vec![bulb(DVec3::ZERO)]);
-    assert!(nothing.vpls(knobs(100, 4)).is_empty());
+    assert!(nothing.vpls(settings(100, 4)).is_empty());
 }
 
 #[test]
 fn a_seed_decides_every_vpl() {
     let world = World::new(vec![(room(), DAffine3::IDENTITY)], grey(0.5), vec![bulb(DVec3::ZERO)]);
-    let of = |seed| world.vpls(VplKnobs { seed, ..knobs(500, 3) });
+    let of = |seed| world.vpls(VplSettings { seed, ..settings(500, 3) });
     assert_eq!(of(1), of(1));
     assert_ne!(of(1), of(2));
 }
@@ -243,7 +243,7 @@ fn single_rays_meet_what_the_reference_meets() {
 #[test]
 fn exact_maps_say_what_the_reference_sees_through_the_middle_of_each_texel() {
     let world = furnished();
-    let vpls = world.vpls(knobs(40, 2));
+    let vpls = world.vpls(settings(40, 2));
     let reference = Tracer::new(Arc::clone(&world.scene));
     let side = 8;
     let maps = maps::exact(&world.tracer, &vpls, side);

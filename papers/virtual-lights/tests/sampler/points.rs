@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::{Indirect, PointKnobs, SamplerKnobs};
+use argus_sampler::{Indirect, PointSettings, SamplerSettings};
 use argus_scene::{Camera, Light, MegaViews, SampleJob, SampleSetInfo, Sampling, Scene};
 use argus_virtual_lights::point_report;
 use glam::{DAffine3, DVec3, Vec3};
@@ -10,13 +10,13 @@ use glam::{DAffine3, DVec3, Vec3};
 use crate::common::*;
 use crate::rooms::*;
 
-fn knobs(points: PointKnobs) -> SamplerKnobs {
-    SamplerKnobs { sub_samples: 1, indirect: Indirect::Points(points), ..SamplerKnobs::default() }
+fn settings(points: PointSettings) -> SamplerSettings {
+    SamplerSettings { sub_samples: 1, indirect: Indirect::Points(points), ..SamplerSettings::default() }
 }
 
 /// Enough for rooms of four metres.
-fn fine() -> PointKnobs {
-    PointKnobs { levels: 5, ..PointKnobs::default() }
+fn fine() -> PointSettings {
+    PointSettings { levels: 5, ..PointSettings::default() }
 }
 
 #[test]
@@ -24,7 +24,7 @@ fn in_a_furnace_everything_looks_alike_as_bright_as_the_series_says() {
     let scene = furnace();
     let camera = Camera { fov_deg: 60.0, ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z) };
     for (bounces, sharing) in [(1, true), (3, true), (3, false)] {
-        let mut sampler = sampler_with(&scene, knobs(PointKnobs { bounces, sharing, ..fine() }));
+        let mut sampler = sampler_with(&scene, settings(PointSettings { bounces, sharing, ..fine() }));
         let image = image_of(&direct(&mut sampler, &view_job(camera, [24, 24], 4)));
         // Emission, and what was reflected once more than there are reflections before.
         let series: f32 = (0..=bounces as i32 + 1).map(|k| 0.5f32.powi(k)).sum();
@@ -41,13 +41,14 @@ fn a_room_lit_by_points_looks_like_the_path_traced_one_wherever_it_stands() {
         let camera = view_of_room(offset);
         let truth = path_traced(&scene, &camera, [64, 64], 2).display(1.0);
         let flip_of = |indirect, what: &str| {
-            let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
-            let image = image_of(&direct(&mut sampler_with(&scene, knobs), &view_job(camera, [64, 64], 4)));
+            let settings = SamplerSettings { indirect, ..SamplerSettings::default() };
+            let image =
+                image_of(&direct(&mut sampler_with(&scene, settings), &view_job(camera, [64, 64], 4)));
             flip(&format!("points-{name}-{what}"), &image, &truth)
         };
         let without = flip_of(Indirect::Off, "off");
         for (sharing, what) in [(true, "shared"), (false, "alone")] {
-            let with = flip_of(Indirect::Points(PointKnobs { bounces: 2, sharing, ..fine() }), what);
+            let with = flip_of(Indirect::Points(PointSettings { bounces: 2, sharing, ..fine() }), what);
             assert!(with < 0.09 && with < 0.5 * without, "{name}, {what}: {with} with, {without} without");
         }
     }
@@ -58,8 +59,9 @@ fn blocks_that_see_two_surfaces_light_each_by_its_own() {
     // The block stands before the walls, and each of its sides is lit by other ones.
     let scene = box_of_cornell(DVec3::ZERO);
     let job = view_job(view_of_room(DVec3::ZERO), [64, 64], 4);
-    let render =
-        |block| image_of(&direct(&mut sampler_with(&scene, knobs(PointKnobs { block, ..fine() })), &job));
+    let render = |block| {
+        image_of(&direct(&mut sampler_with(&scene, settings(PointSettings { block, ..fine() })), &job))
+    };
     let each = render(1);
     for (block, most) in [(4, 0.03), (8, 0.04), (16, 0.06)] {
         let found = flip(&format!("points-block-{block}"), &render(block), &each);
@@ -68,20 +70,20 @@ fn blocks_that_see_two_surfaces_light_each_by_its_own() {
 }
 
 #[test]
-fn the_same_knobs_give_the_same_bytes_whatever_was_rendered_before() {
+fn the_same_settings_give_the_same_bytes_whatever_was_rendered_before() {
     let scene = box_of_cornell(DVec3::ZERO);
     let job = view_job(view_of_room(DVec3::ZERO), [40, 30], 1);
     let other = view_job(Camera::look_at(DVec3::ZERO, DVec3::X), [64, 64], 4);
-    let once = direct(&mut sampler_with(&scene, knobs(fine())), &job);
-    let mut again = sampler_with(&scene, knobs(fine()));
+    let once = direct(&mut sampler_with(&scene, settings(fine())), &job);
+    let mut again = sampler_with(&scene, settings(fine()));
     direct(&mut again, &other);
     assert_eq!(direct(&mut again, &job).color, once.color);
     let report = point_report(&again).expect("it was lit");
     assert!(report.leaves > 1000 && report.receivers >= 20 && report.map_bytes > 0, "{report:?}");
-    again.set_indirect(Indirect::Points(PointKnobs { levels: 4, ..fine() })).unwrap();
+    again.set_indirect(Indirect::Points(PointSettings { levels: 4, ..fine() })).unwrap();
     assert_ne!(direct(&mut again, &job).color, once.color);
     again.set_indirect(Indirect::Points(fine())).unwrap();
-    assert_eq!(direct(&mut again, &job).color, once.color, "knobs that come back");
+    assert_eq!(direct(&mut again, &job).color, once.color, "settings that come back");
     let refused = again.set_indirect(Indirect::Off).unwrap_err();
     assert!(refused.to_string().contains("indirect"), "{refused}");
     let row = again.plan().into_iter().find(|row| row.name == "receive light").expect("the plan names it");
@@ -91,7 +93,7 @@ fn the_same_knobs_give_the_same_bytes_whatever_was_rendered_before() {
 #[test]
 fn pixels_of_a_list_look_like_those_of_the_view() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let off = off_in_a_list(&mut sampler_with(&scene, knobs(fine())), 4);
+    let off = off_in_a_list(&mut sampler_with(&scene, settings(fine())), 4);
     assert!(off < 4.0, "{off}");
 }
 
@@ -102,12 +104,12 @@ fn samples_from_triangles_and_from_maps_hold_the_light() {
     let mapped = Sampling::MegaViews(MegaViews { map_side: 64, levels: 6, block: 1 });
     let info = SampleSetInfo { sampling: mapped, ..(*job.info).clone() };
     let from_maps = SampleJob { info: info.into(), ..job.clone() };
-    let mean = |knobs, job: &SampleJob| mean_radiance(&mut sampler_with(&scene, knobs), job);
-    let off = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
+    let mean = |settings, job: &SampleJob| mean_radiance(&mut sampler_with(&scene, settings), job);
+    let off = SamplerSettings { sub_samples: 1, ..SamplerSettings::default() };
     let without = mean(off, &job);
-    let with = mean(knobs(fine()), &job);
+    let with = mean(settings(fine()), &job);
     assert!(with.cmpgt(without * 1.05).all(), "{with} {without}");
-    let of_maps = mean(knobs(fine()), &from_maps);
+    let of_maps = mean(settings(fine()), &from_maps);
     assert!((of_maps / with - 1.0).abs().max_element() < 0.1, "{of_maps} from maps, {with} from triangles");
 }
 
@@ -118,8 +120,8 @@ fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
     let mut dark = Scene::clone(&box_of_cornell(DVec3::ZERO));
     dark.lighting = lit_by(Vec::new());
     let plain = direct(&mut sampler(&empty), &job).color;
-    assert_eq!(direct(&mut sampler_with(&empty, knobs(fine())), &job).color, plain);
-    let frame = direct(&mut sampler_with(&Arc::new(dark), knobs(fine())), &job);
+    assert_eq!(direct(&mut sampler_with(&empty, settings(fine())), &job).color, plain);
+    let frame = direct(&mut sampler_with(&Arc::new(dark), settings(fine())), &job);
     assert!(frame.color.expect("asked for").iter().all(|&byte| byte == 0));
 }
 
@@ -136,13 +138,13 @@ fn lights_do_not_shine_through_walls_onto_what_reflects() {
     let scene = Arc::new(scene);
     let there = DVec3::new(4.5, 0.0, 0.0);
     let look = |eye: DVec3| view_job(Camera::look_at(eye + DVec3::Z, eye - DVec3::Z), [24, 24], 1);
-    let brightness = |knobs, job| {
-        let image = image_of(&direct(&mut sampler_with(&scene, knobs), &job));
+    let brightness = |settings, job| {
+        let image = image_of(&direct(&mut sampler_with(&scene, settings), &job));
         image.iter().map(|&byte| u32::from(byte)).sum::<u32>()
     };
-    let off = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
-    assert!(brightness(knobs(fine()), look(DVec3::ZERO)) > brightness(off, look(DVec3::ZERO)));
-    assert_eq!(brightness(knobs(fine()), look(there)), brightness(off, look(there)));
+    let off = SamplerSettings { sub_samples: 1, ..SamplerSettings::default() };
+    assert!(brightness(settings(fine()), look(DVec3::ZERO)) > brightness(off, look(DVec3::ZERO)));
+    assert_eq!(brightness(settings(fine()), look(there)), brightness(off, look(there)));
 }
 
 #[test]
@@ -159,7 +161,7 @@ fn mirrored_instances_and_triangles_without_area_are_lit_like_others() {
     let size = [32u32, 32];
     let straight = Camera { fov_deg: 70.0, ..Camera::look_at(DVec3::new(0.0, 0.0, 1.9), DVec3::ZERO) };
     let render = |scene: &Arc<Scene>| {
-        image_of(&direct(&mut sampler_with(scene, knobs(fine())), &view_job(straight, size, 4)))
+        image_of(&direct(&mut sampler_with(scene, settings(fine())), &view_job(straight, size, 4)))
     };
     let (truth, mirrored) = (render(&plain), render(&Arc::new(odd)));
     let found = flip("points-mirrored", &image::imageops::flip_horizontal(&mirrored), &truth);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerKnobs, VplKnobs};
+use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerSettings, VplSettings};
 use argus_scene::{Camera, Cancel, Light, Sampler as _, Scene, ViewJob};
 use argus_virtual_lights::vpl_report;
 use glam::{DVec3, Vec3};
@@ -10,29 +10,29 @@ use glam::{DVec3, Vec3};
 use crate::common::*;
 use crate::rooms::*;
 
-fn knobs(vpl: VplKnobs) -> SamplerKnobs {
-    SamplerKnobs { sub_samples: 1, indirect: Indirect::Vpl(vpl), ..SamplerKnobs::default() }
+fn settings(vpl: VplSettings) -> SamplerSettings {
+    SamplerSettings { sub_samples: 1, indirect: Indirect::Vpl(vpl), ..SamplerSettings::default() }
 }
 
 #[test]
 fn in_a_furnace_everything_looks_alike_as_bright_as_the_series_says() {
     let scene = furnace();
     // Without maps nothing is hidden in a convex room, and all of the VPLs are gathered.
-    let all = VplKnobs {
+    let all = VplSettings {
         vpls: 4000,
         bounces: 4,
         samples: 1 << 16,
         maps: MapSource::Unshadowed,
         clamp: 0.0,
         filter: 0,
-        ..VplKnobs::default()
+        ..VplSettings::default()
     };
     let camera = Camera { fov_deg: 60.0, ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z) };
     // Emission, then 0.5 of it reflected, up to four times behind the first surface.
     let series: f32 = (0..=5).map(|k| 0.5f32.powi(k)).sum();
     let truth = argus_scene::tone::display_from_radiance(Vec3::splat(0.1 * series), 1.0)[0];
     for (maps, samples) in [(MapSource::Unshadowed, 1 << 16), (MapSource::Exact, 256)] {
-        let mut sampler = sampler_with(&scene, knobs(VplKnobs { maps, samples, ..all }));
+        let mut sampler = sampler_with(&scene, settings(VplSettings { maps, samples, ..all }));
         let image = image_of(&direct(&mut sampler, &view_job(camera, [24, 24], 4)));
         let mean = image.iter().map(|&b| f64::from(b)).sum::<f64>() / image.len() as f64;
         assert!((mean - f64::from(truth)).abs() < 4.0, "{maps:?}: {mean}, not {truth}");
@@ -45,10 +45,11 @@ fn a_room_lit_by_vpls_looks_like_the_path_traced_one_wherever_it_stands() {
         let scene = box_of_cornell(offset);
         let camera = view_of_room(offset);
         let truth = path_traced(&scene, &camera, [64, 64], 2).display(1.0);
-        let vpl = VplKnobs { vpls: 2000, bounces: 2, samples: 32, map_side: 32, ..VplKnobs::default() };
+        let vpl = VplSettings { vpls: 2000, bounces: 2, samples: 32, map_side: 32, ..VplSettings::default() };
         let flip_of = |indirect, what: &str| {
-            let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
-            let image = image_of(&direct(&mut sampler_with(&scene, knobs), &view_job(camera, [64, 64], 4)));
+            let settings = SamplerSettings { indirect, ..SamplerSettings::default() };
+            let image =
+                image_of(&direct(&mut sampler_with(&scene, settings), &view_job(camera, [64, 64], 4)));
             flip(&format!("indirect-{name}-{what}"), &image, &truth)
         };
         let (with, without) = (flip_of(Indirect::Vpl(vpl), "exact"), flip_of(Indirect::Off, "off"));
@@ -56,7 +57,7 @@ fn a_room_lit_by_vpls_looks_like_the_path_traced_one_wherever_it_stands() {
         for (maps, most) in
             [(MapSource::Imperfect, 0.16), (MapSource::MegaViews, 0.12), (MapSource::ManyLods, 0.12)]
         {
-            let found = flip_of(Indirect::Vpl(VplKnobs { maps, levels: 7, ..vpl }), maps.name());
+            let found = flip_of(Indirect::Vpl(VplSettings { maps, levels: 7, ..vpl }), maps.name());
             assert!(found < most && found < 0.5 * without, "{name}: {found} by {maps:?} maps");
         }
     }
@@ -65,11 +66,11 @@ fn a_room_lit_by_vpls_looks_like_the_path_traced_one_wherever_it_stands() {
 #[test]
 fn culling_leaves_out_no_vpl_that_lights_anything() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let every = VplKnobs { vpls: 3000, bounces: 3, samples: 1 << 16, filter: 0, ..VplKnobs::default() };
+    let every = VplSettings { vpls: 3000, bounces: 3, samples: 1 << 16, filter: 0, ..VplSettings::default() };
     let cutoff = 0.3;
-    for base in [every, VplKnobs { cutoff, ..every }] {
+    for base in [every, VplSettings { cutoff, ..every }] {
         let render = |cull| {
-            let mut sampler = sampler_with(&scene, knobs(VplKnobs { cull, ..base }));
+            let mut sampler = sampler_with(&scene, settings(VplSettings { cull, ..base }));
             let job = view_job(view_of_room(DVec3::ZERO), [48, 48], 4);
             let image = image_of(&direct(&mut sampler, &job));
             (image, vpl_report(&sampler).unwrap().expect("it was lit"))
@@ -89,12 +90,14 @@ fn groups_that_are_drawn_stand_for_those_that_are_left_out() {
     let job = job_around_origin(&scene, 64);
     // Of radiance, which nothing cuts off at white.
     let mean = |sampler: &mut GpuSampler| mean_radiance(sampler, &job).element_sum();
-    let plain = mean(&mut sampler_with(&scene, SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() }));
+    let plain =
+        mean(&mut sampler_with(&scene, SamplerSettings { sub_samples: 1, ..SamplerSettings::default() }));
     for (samples, filter) in [(1 << 16, 0), (64, 4)] {
         let light = |groups, cull| {
             let maps = MapSource::Unshadowed;
-            let vpl = VplKnobs { vpls: 1000, maps, samples, filter, groups, cull, ..VplKnobs::default() };
-            let mut sampler = sampler_with(&scene, knobs(vpl));
+            let vpl =
+                VplSettings { vpls: 1000, maps, samples, filter, groups, cull, ..VplSettings::default() };
+            let mut sampler = sampler_with(&scene, settings(vpl));
             let mean = mean(&mut sampler) - plain;
             (mean, vpl_report(&sampler).unwrap().expect("it was lit").culled)
         };
@@ -113,9 +116,9 @@ fn groups_that_are_drawn_stand_for_those_that_are_left_out() {
 #[test]
 fn drawing_some_vpls_and_filtering_comes_close_to_drawing_all() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let vpl = VplKnobs { vpls: 2000, maps: MapSource::Unshadowed, ..VplKnobs::default() };
+    let vpl = VplSettings { vpls: 2000, maps: MapSource::Unshadowed, ..VplSettings::default() };
     let render = |samples, filter| {
-        let mut sampler = sampler_with(&scene, knobs(VplKnobs { samples, filter, ..vpl }));
+        let mut sampler = sampler_with(&scene, settings(VplSettings { samples, filter, ..vpl }));
         image_of(&direct(&mut sampler, &view_job(view_of_room(DVec3::ZERO), [64, 64], 4)))
     };
     let all = render(1 << 16, 0);
@@ -125,10 +128,10 @@ fn drawing_some_vpls_and_filtering_comes_close_to_drawing_all() {
 }
 
 #[test]
-fn the_same_knobs_give_the_same_bytes_and_off_costs_nothing() {
+fn the_same_settings_give_the_same_bytes_and_off_costs_nothing() {
     let scene = box_of_cornell(DVec3::ZERO);
     let job = view_job(view_of_room(DVec3::ZERO), [40, 30], 1);
-    let vpl = knobs(VplKnobs { vpls: 500, maps: MapSource::Imperfect, ..VplKnobs::default() });
+    let vpl = settings(VplSettings { vpls: 500, maps: MapSource::Imperfect, ..VplSettings::default() });
     let once = direct(&mut sampler_with(&scene, vpl), &job);
     let mut again = sampler_with(&scene, vpl);
     assert_eq!(direct(&mut again, &job).color, once.color);
@@ -148,11 +151,11 @@ fn the_same_knobs_give_the_same_bytes_and_off_costs_nothing() {
 #[test]
 fn samples_hold_the_light_that_direct_views_show() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let vpl = VplKnobs { vpls: 1000, samples: 32, ..VplKnobs::default() };
+    let vpl = VplSettings { vpls: 1000, samples: 32, ..VplSettings::default() };
     let job = job_around_origin(&scene, 24);
-    let mean = |knobs| mean_radiance(&mut sampler_with(&scene, knobs), &job);
+    let mean = |settings| mean_radiance(&mut sampler_with(&scene, settings), &job);
     let (with, without) =
-        (mean(knobs(vpl)), mean(SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() }));
+        (mean(settings(vpl)), mean(SamplerSettings { sub_samples: 1, ..SamplerSettings::default() }));
     assert!(with.cmpgt(without * 1.05).all(), "{with} {without}");
     assert!(with.is_finite());
 }
@@ -160,8 +163,8 @@ fn samples_hold_the_light_that_direct_views_show() {
 #[test]
 fn pixels_of_a_list_look_like_those_of_the_view() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let vpl = VplKnobs { vpls: 2000, samples: 8, maps: MapSource::Unshadowed, ..VplKnobs::default() };
-    let off = off_in_a_list(&mut sampler_with(&scene, knobs(vpl)), 1);
+    let vpl = VplSettings { vpls: 2000, samples: 8, maps: MapSource::Unshadowed, ..VplSettings::default() };
+    let off = off_in_a_list(&mut sampler_with(&scene, settings(vpl)), 1);
     assert!(off < 4.0, "{off}");
 }
 
@@ -173,7 +176,7 @@ fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
     dark.lighting = lit_by(Vec::new());
     let dark = Arc::new(dark);
     for maps in MapSource::ALL {
-        let vpl = knobs(VplKnobs { vpls: 64, maps, levels: 4, ..VplKnobs::default() });
+        let vpl = settings(VplSettings { vpls: 64, maps, levels: 4, ..VplSettings::default() });
         let plain = direct(&mut sampler(&empty), &job).color;
         assert_eq!(direct(&mut sampler_with(&empty, vpl), &job).color, plain, "{maps:?}");
         let frame = direct(&mut sampler_with(&dark, vpl), &job);
@@ -182,20 +185,20 @@ fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
 }
 
 #[test]
-fn maps_that_do_not_fit_are_refused_by_name_and_so_are_knobs() {
+fn maps_that_do_not_fit_are_refused_by_name_and_so_are_settings() {
     let scene = box_of_cornell(DVec3::ZERO);
-    let large = knobs(VplKnobs { vpls: 1 << 15, map_side: 256, ..VplKnobs::default() });
+    let large = settings(VplSettings { vpls: 1 << 15, map_side: 256, ..VplSettings::default() });
     let job = view_job(view_of_room(DVec3::ZERO), [16, 16], 1);
     let error = sampler_with(&scene, large).render_views(&[job], &Cancel::new()).remove(0).unwrap_err();
     assert!(error.to_string().contains("maps of 32768 VPLs"), "{error}");
-    let bad = knobs(VplKnobs { bounces: 9, ..VplKnobs::default() });
+    let bad = settings(VplSettings { bounces: 9, ..VplSettings::default() });
     let refused = GpuSampler::with_methods(gpu(), scene, bad, crate::methods()).err().expect("refused");
     assert!(refused.to_string().contains("indirect.bounces"), "{refused}");
 }
 
 /// Particles alone, all of them gathered.
-fn particles(count: u32, maps: MapSource) -> VplKnobs {
-    VplKnobs {
+fn particles(count: u32, maps: MapSource) -> VplSettings {
+    VplSettings {
         vpls: 0,
         particles: count,
         samples: 1 << 16,
@@ -204,7 +207,7 @@ fn particles(count: u32, maps: MapSource) -> VplKnobs {
         map_side: 64,
         maps,
         levels: 7,
-        ..VplKnobs::default()
+        ..VplSettings::default()
     }
 }
 
@@ -215,7 +218,7 @@ fn particles_without_shadows_light_as_point_lights_do_wherever_the_room_stands()
         dark.lighting.lights.clear();
         dark.materials.iter_mut().for_each(|material| material.emissive = Vec3::ZERO);
         let mut lit = dark.clone();
-        let all = argus_scene::particles::glowing(&dark.bounds(), 24, VplKnobs::default().seed, 2.5);
+        let all = argus_scene::particles::glowing(&dark.bounds(), 24, VplSettings::default().seed, 2.5);
         let light = |p: &argus_scene::particles::Particle| Light::Point {
             position: p.position,
             intensity: p.flux / (4.0 * std::f32::consts::PI),
@@ -224,7 +227,7 @@ fn particles_without_shadows_light_as_point_lights_do_wherever_the_room_stands()
         };
         lit.lighting.lights = all.iter().map(light).collect();
         let job = ViewJob { time_secs: 2.5, ..view_job(view_of_room(offset), [48, 48], 1) };
-        let with = knobs(particles(24, MapSource::Unshadowed));
+        let with = settings(particles(24, MapSource::Unshadowed));
         let ours = image_of(&direct(&mut sampler_with(&Arc::new(dark), with), &job));
         let truth = image_of(&direct(&mut sampler(&Arc::new(lit)), &job));
         let off = ours.iter().zip(truth.iter()).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
@@ -241,7 +244,7 @@ fn particles_drift_with_time_and_their_shadows_are_alike_by_all_kinds_of_maps() 
     let scene = Arc::new(scene);
     let render = |maps, time_secs: f64| {
         let job = ViewJob { time_secs, ..view_job(view_of_room(DVec3::ZERO), [48, 48], 1) };
-        image_of(&direct(&mut sampler_with(&scene, knobs(particles(60, maps))), &job))
+        image_of(&direct(&mut sampler_with(&scene, settings(particles(60, maps))), &job))
     };
     let exact = render(MapSource::Exact, 1.0);
     assert_eq!(exact, render(MapSource::Exact, 1.0), "the same moment looks the same");

@@ -35,7 +35,7 @@ mod tree;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use argus_scene::{CellKnobs, CellReport, Lighting, SurfaceLight};
+use argus_scene::{CellReport, CellSettings, Lighting, SurfaceLight};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -120,7 +120,7 @@ pub(super) struct Eye<'a> {
 
 /// The light cells of one scene.
 pub(crate) struct LightCells {
-    knobs: CellKnobs,
+    settings: CellSettings,
     sequence: Sequence,
     /// Behind a lock, since views are looked up through a shared reference. Only the render thread takes it.
     state: Mutex<State>,
@@ -150,7 +150,7 @@ struct Job {
 }
 
 impl LightCells {
-    pub(crate) fn new(knobs: CellKnobs) -> Self {
+    pub(crate) fn new(settings: CellSettings) -> Self {
         let state = State {
             store: Store::new(MOST_BYTES),
             queue: Queue::default(),
@@ -162,11 +162,11 @@ impl LightCells {
             filled: 0,
             fill_ms: 0.0,
         };
-        Self { knobs, sequence: Sequence::new(), state: Mutex::new(state) }
+        Self { settings, sequence: Sequence::new(), state: Mutex::new(state) }
     }
 
-    pub(crate) fn knobs(&self) -> CellKnobs {
-        self.knobs
+    pub(crate) fn settings(&self) -> CellSettings {
+        self.settings
     }
 
     /// Forgets all cells: surfaces moved.
@@ -232,7 +232,7 @@ impl LightCells {
         points: &ShadingPoints,
         eye: Eye<'_>,
     ) -> Option<(usize, Vec<Answer>)> {
-        for tier in (0..=tier_of(self.knobs.rays)).rev() {
+        for tier in (0..=tier_of(self.settings.rays)).rev() {
             let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
             let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
             // Better light is no reason to wait.
@@ -241,7 +241,7 @@ impl LightCells {
                 false => None,
             };
             if let Some(answers) = found {
-                state.may_refine |= tier < tier_of(self.knobs.rays);
+                state.may_refine |= tier < tier_of(self.settings.rays);
                 return Some((tier, answers));
             }
             if tier == 0 {
@@ -296,7 +296,7 @@ impl LightCells {
                 state.may_refine = true;
             } else if !refines {
                 return state.may_refine;
-            } else if !state.refine(&scene, tier_of(self.knobs.rays)) {
+            } else if !state.refine(&scene, tier_of(self.settings.rays)) {
                 return false;
             }
             state.store.keep_bound();
@@ -311,7 +311,7 @@ impl LightCells {
     }
 
     fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'a>, tier: usize) -> Lookup<'a> {
-        let spread = self.knobs.pixels as f32 * eye.pixel;
+        let spread = self.settings.pixels as f32 * eye.pixel;
         let places = scene.lattice.about(eye.position - scene.leaves.center());
         Lookup { store, lattice: scene.lattice, about: eye.about, eye: places, tier, spread }
     }

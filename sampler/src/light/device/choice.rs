@@ -12,12 +12,12 @@ use rayon::prelude::*;
 use tracing::{info, warn};
 
 use super::DeviceLight;
-use crate::knobs::LightTracer;
 use crate::light_rays::LightRays;
 use crate::mixed::mixed;
 use crate::packets::PacketTracer;
 use crate::passes::{Sought, Tracing};
 use crate::resident::Features;
+use crate::settings::LightTracer;
 
 /// Rays that are timed on the device, and on the CPU.
 const RAYS: [usize; 2] = [1 << 17, 1 << 14];

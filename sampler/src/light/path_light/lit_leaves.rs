@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use argus_scene::{Bounds, Lighting, PathKnobs, RenderError, Stage};
+use argus_scene::{Bounds, Lighting, PathSettings, RenderError, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -36,7 +36,7 @@ pub struct PathReport {
 
 /// The light of leaf sides of one level. Surfaces and what traces light are handed in, since another thread may light them.
 pub(super) struct LitLeaves {
-    knobs: PathKnobs,
+    settings: PathSettings,
     /// Whether light cells are filled from them.
     fills_cells: bool,
     posed: Option<Posed>,
@@ -61,19 +61,19 @@ struct Lit {
 
 impl LitLeaves {
     /// Leaf sides that are not built yet.
-    pub(super) fn new(knobs: PathKnobs, fills_cells: bool) -> Self {
-        Self { knobs, fills_cells, posed: None, lit: None, report: PathReport::default() }
+    pub(super) fn new(settings: PathSettings, fills_cells: bool) -> Self {
+        Self { settings, fills_cells, posed: None, lit: None, report: PathReport::default() }
     }
 
-    /// Changes the knobs. Marks what depends on them as out of date.
-    pub(super) fn set_knobs(&mut self, knobs: PathKnobs) {
-        if (knobs.level, knobs.rays) != (self.knobs.level, self.knobs.rays) {
+    /// Changes the settings. Marks what depends on them as out of date.
+    pub(super) fn set_settings(&mut self, settings: PathSettings) {
+        if (settings.level, settings.rays) != (self.settings.level, self.settings.rays) {
             self.posed = None;
         }
-        if self.posed.is_none() || knobs.bounces != self.knobs.bounces {
+        if self.posed.is_none() || settings.bounces != self.settings.bounces {
             self.lit = None;
         }
-        self.knobs = knobs;
+        self.settings = settings;
     }
 
     /// Forgets leaf sides and links: instances moved.
@@ -81,9 +81,9 @@ impl LitLeaves {
         (self.posed, self.lit) = (None, None);
     }
 
-    /// The knobs.
-    pub(super) fn knobs(&self) -> PathKnobs {
-        self.knobs
+    /// The settings.
+    pub(super) fn settings(&self) -> PathSettings {
+        self.settings
     }
 
     /// The report, once they are lit.
@@ -106,12 +106,12 @@ impl LitLeaves {
         tracing: &LightTracing,
     ) -> Result<Vec<Stage>, RenderError> {
         let mut stages = Vec::new();
-        let rays = self.knobs.rays as usize;
+        let rays = self.settings.rays as usize;
         if self.posed.is_none() {
             self.lit = None;
             let begin = Instant::now();
-            let leaves = Leaves::new(surfaces, self.knobs.level, rays);
-            let count = leaves.sides.len() as u64 * u64::from(self.knobs.rays);
+            let leaves = Leaves::new(surfaces, self.settings.level, rays);
+            let count = leaves.sides.len() as u64 * u64::from(self.settings.rays);
             if count > MOST_RAYS {
                 let message =
                     format!("leaf sides cast {count} rays, at most {MOST_RAYS}: a lower level has fewer");
@@ -132,7 +132,7 @@ impl LitLeaves {
             let arriving = posed.direct_by_pi(surfaces, tracing, &about, rays);
             self.report.direct_ms = stage(&mut stages, "light leaves: direct", begin);
             let begin = Instant::now();
-            let all = posed.links.bounce(&posed.leaves, &arriving, self.knobs.bounces - 1);
+            let all = posed.links.bounce(&posed.leaves, &arriving, self.settings.bounces - 1);
             let radiance = posed.leaves.reflected(&posed.leaves.smoothed(&all));
             self.report.gather_ms = stage(&mut stages, "light leaves: gather", begin);
             self.lit = Some(Lit { lighting: tracing.lighting.clone(), radiance });
@@ -164,7 +164,7 @@ impl LitLeaves {
         let (Posed { leaves, .. }, Lit { radiance, .. }) = (self.posed.as_ref()?, self.lit.as_ref()?);
         let from_eye = (eye - leaves.center()).as_vec3();
         let gatherer = Gatherer { leaves, radiance, about, from_eye };
-        Some(gatherer.irradiance_over_pi(texels, self.knobs.gather.div_ceil(divisor.max(1)) as usize))
+        Some(gatherer.irradiance_over_pi(texels, self.settings.gather.div_ceil(divisor.max(1)) as usize))
     }
 }
 
@@ -207,7 +207,7 @@ impl LightTracing {
     /// Irradiance / π of lights and emitters at texels without neighbours.
     fn lights_by_pi(&self, texels: &ShadingPoints, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
         let mut irradiance_over_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
-        if let Some(emitted) = self.emitters.irradiance_over_pi(texels, about, eye, self.knobs) {
+        if let Some(emitted) = self.emitters.irradiance_over_pi(texels, about, eye, self.settings) {
             irradiance_over_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);
         }
         irradiance_over_pi

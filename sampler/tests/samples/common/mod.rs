@@ -4,7 +4,7 @@
 use std::sync::{Arc, OnceLock};
 
 use argus_gpu::{Gpu, GpuOptions};
-use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::rig::Rig;
 use argus_scene::{
@@ -24,11 +24,11 @@ pub(crate) fn gpu() -> Arc<Gpu> {
 }
 
 pub(crate) fn sampler(scene: &Arc<Scene>) -> GpuSampler {
-    sampler_with(scene, SamplerKnobs::default())
+    sampler_with(scene, SamplerSettings::default())
 }
 
-pub(crate) fn sampler_with(scene: &Arc<Scene>, knobs: SamplerKnobs) -> GpuSampler {
-    GpuSampler::with_methods(gpu(), Arc::clone(scene), knobs, crate::methods())
+pub(crate) fn sampler_with(scene: &Arc<Scene>, settings: SamplerSettings) -> GpuSampler {
+    GpuSampler::with_methods(gpu(), Arc::clone(scene), settings, crate::methods())
         .expect("the scene fits the device")
 }
 
@@ -91,7 +91,7 @@ pub(crate) fn sample_job(scene: &Scene, rig: Rig, index: u64, to_host: bool) -> 
 
 /// The same samples, of a set that is specified as that sampler was made.
 pub(crate) fn specified(sampler: &GpuSampler, job: &SampleJob) -> SampleJob {
-    let SamplerKnobs { sub_samples, effects, indirect, .. } = *sampler.knobs();
+    let SamplerSettings { sub_samples, effects, indirect, .. } = *sampler.settings();
     let info = SampleSetInfo { sub_samples, effects, indirect, ..(*job.info).clone() };
     SampleJob { info: Arc::new(info), ..job.clone() }
 }

@@ -3,17 +3,19 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
+use argus_compositor::{CompositorSettings, GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
-use argus_sampler::SamplerKnobs;
-use argus_scene::{Camera, Frame, Outputs, Plan, RenderError, RigKnobs, Search, ViewJob, Visibility, Warp};
+use argus_sampler::SamplerSettings;
+use argus_scene::{
+    Camera, Frame, Outputs, Plan, RenderError, RigSettings, Search, ViewJob, Visibility, Warp,
+};
 
 use super::{Measure, Options};
 use crate::bench::{Bench, device_ms};
 use crate::median::median;
 
 pub(super) fn measure(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
-    let mut bench = Bench::new(gpu, &options.scene, &RigKnobs::default(), SamplerKnobs::default())?;
+    let mut bench = Bench::new(gpu, &options.scene, &RigSettings::default(), SamplerSettings::default())?;
     let mut rows = Vec::new();
     for search in Search::ALL {
         rows.extend(warps(gpu, &mut bench, options, search)?);
@@ -64,8 +66,8 @@ fn replace_compositor(
     bench: &mut Bench,
     search_backend: SearchBackend,
 ) -> Result<(), RenderError> {
-    let knobs = CompositorKnobs { search_backend, ..CompositorKnobs::default() };
-    bench.compositor = GpuCompositor::with_knobs(Arc::clone(gpu), knobs)?;
+    let settings = CompositorSettings { search_backend, ..CompositorSettings::default() };
+    bench.compositor = GpuCompositor::with_settings(Arc::clone(gpu), settings)?;
     Ok(())
 }
 

@@ -6,11 +6,11 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::Gpu;
-use argus_sampler::{GpuSampler, Indirect, LightKnobs, RadianceFormat, SamplerKnobs};
+use argus_sampler::{GpuSampler, Indirect, LightSettings, RadianceFormat, SamplerSettings};
 use argus_scene::effects::EffectCosts;
 use argus_scene::metrics::flip_map;
 use argus_scene::{
-    Camera, EffectPlan, EffectRequest, Effects, LightEffects, Outputs, Plan, RigKind, RigKnobs, SampleJob,
+    Camera, EffectPlan, EffectRequest, Effects, LightEffects, Outputs, Plan, RigKind, RigSettings, SampleJob,
     SampleSetInfo, ViewJob, Visibility,
 };
 
@@ -32,22 +32,23 @@ pub(super) struct Subject<'a> {
 }
 
 /// Rays of a rendering.
-pub(super) fn light(rays: u32) -> LightKnobs {
-    LightKnobs { sky_rays: rays, emitter_rays: rays, ..LightKnobs::default() }
+pub(super) fn light(rays: u32) -> LightSettings {
+    LightSettings { sky_rays: rays, emitter_rays: rays, ..LightSettings::default() }
 }
 
 impl<'a> Subject<'a> {
     pub(super) fn new(options: &'a Options, gpu: &Arc<Gpu>, spec: &str, base: Effects) -> Result<Self> {
         let scene = scenes::open(spec)?;
-        let rig = RigKnobs { kind: Some(RigKind::Cell), face: Some(options.face), ..RigKnobs::default() };
-        let knobs = |effects| SamplerKnobs {
+        let rig =
+            RigSettings { kind: Some(RigKind::Cell), face: Some(options.face), ..RigSettings::default() };
+        let settings = |effects| SamplerSettings {
             effects,
-            light: LightKnobs::default(),
+            light: LightSettings::default(),
             indirect: Indirect::Off,
             radiance: RadianceFormat::HalfFloat,
-            ..SamplerKnobs::default()
+            ..SamplerSettings::default()
         };
-        let bench = Bench::with_scene(gpu, Arc::clone(&scene), &rig, knobs(LightEffects::NONE))?;
+        let bench = Bench::with_scene(gpu, Arc::clone(&scene), &rig, settings(LightEffects::NONE))?;
         let mut views = bench.suggested();
         views.truncate(options.views.max(1));
         let mut subject = Self { options, base, bench, views, renderings: Vec::new() };
@@ -60,7 +61,7 @@ impl<'a> Subject<'a> {
                     sampler: GpuSampler::with_methods(
                         Arc::clone(gpu),
                         Arc::clone(&scene),
-                        knobs(effects),
+                        settings(effects),
                         crate::methods::methods(),
                     )?,
                     views: Vec::new(),
@@ -163,7 +164,7 @@ impl<'a> Subject<'a> {
             if rendering.effects.emitters {
                 rendering.halved = render((options.many_rays / 2).max(1))?;
             }
-            rendering.sampler.set_light(LightKnobs::default())?;
+            rendering.sampler.set_light(LightSettings::default())?;
         }
         Ok(())
     }

@@ -22,10 +22,12 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::{Indirect, PathKnobs, SamplerKnobs};
+use argus_sampler::{Indirect, PathSettings, SamplerSettings};
 use argus_scene::metrics::{FlipTiles, flip_tiles};
 use argus_scene::reference::{DirectLight, Indirect as Paths};
-use argus_scene::{Camera, LightEffects, Outputs, Plan, RigKind, RigKnobs, Scene, ViewJob, Visibility, Warp};
+use argus_scene::{
+    Camera, LightEffects, Outputs, Plan, RigKind, RigSettings, Scene, ViewJob, Visibility, Warp,
+};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -103,9 +105,9 @@ impl Options {
     }
 }
 
-/// The light of all ways: paths between leaf sides with the service's knobs.
-fn light() -> (LightEffects, PathKnobs) {
-    (LightEffects::ALL, PathKnobs::default())
+/// The light of all ways: paths between leaf sides with the service's settings.
+fn light() -> (LightEffects, PathSettings) {
+    (LightEffects::ALL, PathSettings::default())
 }
 
 /// The scene, its views, and their references.
@@ -181,10 +183,14 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 /// The shared setup, with samples of a resolution.
 fn bench(gpu: &Arc<Gpu>, scene: &Arc<Scene>, [face, sub_samples]: [u32; 2]) -> Result<Bench> {
     let (effects, paths) = light();
-    let rig = RigKnobs { kind: Some(RigKind::Cell), face: Some(face), ..RigKnobs::default() };
-    let knobs =
-        SamplerKnobs { sub_samples, effects, indirect: Indirect::Paths(paths), ..SamplerKnobs::default() };
-    let mut bench = Bench::with_scene(gpu, Arc::clone(scene), &rig, knobs)?;
+    let rig = RigSettings { kind: Some(RigKind::Cell), face: Some(face), ..RigSettings::default() };
+    let settings = SamplerSettings {
+        sub_samples,
+        effects,
+        indirect: Indirect::Paths(paths),
+        ..SamplerSettings::default()
+    };
+    let mut bench = Bench::with_scene(gpu, Arc::clone(scene), &rig, settings)?;
     bench.set_visibility(Visibility::Cpu);
     // The reference has four rays to the sun a pixel at least, and forty to the sky.
     bench.light_references(DirectLight { effects, rays: 1 }, None);

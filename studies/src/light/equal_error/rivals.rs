@@ -80,7 +80,7 @@ impl Subject<'_> {
 
     /// Views by the reference tracer: rays to the lights and paths from every sample of a pixel.
     pub(super) fn paths(&self, progress: &ProgressBar) -> Result<Rival> {
-        let (effects, knobs) = light();
+        let (effects, of_paths) = light();
         let tracer = Tracer::new(self.scene.clone()).with_direct_light(DirectLight { effects, rays: 1 });
         let exposure = self.scene.lighting.exposure;
         let mut settings: Vec<Setting> = Vec::new();
@@ -91,7 +91,7 @@ impl Subject<'_> {
             if settings.last().is_some_and(|before| before.view_ms > self.options.patience_secs * 1e3) {
                 continue;
             }
-            let indirect = Some(Paths { paths, bounces: knobs.bounces });
+            let indirect = Some(Paths { paths, bounces: of_paths.bounces });
             let (mut times, mut images) = (Vec::new(), Vec::<RgbImage>::new());
             for view in &self.views {
                 let begin = Instant::now();

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result};
 use argus_eye_points::{
-    Bounces, EyePointKnobs, EyePoints, Lookups, Mirror, PointScene, ReflectivePixel, STEPS, Sight, Surfaces,
+    Bounces, EyePointSettings, EyePoints, Lookups, Mirror, PointScene, ReflectivePixel, STEPS, Sight,
+    Surfaces,
 };
 use argus_sampler::plug::{Side, taps};
 use argus_scene::reference::Hit;
@@ -42,10 +43,10 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
     let seen = stage.see(&camera, options.size);
     anyhow::ensure!(!seen.pixels.is_empty(), "the cylinders are not in sight");
     let (taps, later_taps) = (taps(options.taps), taps(LATER_TAPS));
-    let knobs = EyePointKnobs { budget: options.budget, ..EyePointKnobs::default() };
+    let settings = EyePointSettings { budget: options.budget, ..EyePointSettings::default() };
     let mut rows = Vec::new();
     for bounces in 1..=BOUNCES {
-        let found = points.points(&seen.eye, &seen.reflectors, &knobs);
+        let found = points.points(&seen.eye, &seen.reflectors, &settings);
         let lookups = Lookups {
             maps: &found.maps,
             reflectors: &seen.reflectors,

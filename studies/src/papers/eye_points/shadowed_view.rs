@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_eye_points::{
-    Density, DensityRule, Eye, EyePointKnobs, LARGEST_SHADOW_SIDE, PointScene, is_lit, light_map,
+    Density, DensityRule, Eye, EyePointSettings, LARGEST_SHADOW_SIDE, PointScene, is_lit, light_map,
     light_points, shadow_side,
 };
 use argus_sampler::plug::MappedReflector;
@@ -90,7 +90,8 @@ impl ShadowScene {
             first.push(maps.len());
         }
         let density = Density { rule: DensityRule::Shadow, scale: USUAL_DENSITY, reduction: 1.0 };
-        let found = self.points.points(&eye, &maps, &EyePointKnobs { density, ..EyePointKnobs::default() });
+        let found =
+            self.points.points(&eye, &maps, &EyePointSettings { density, ..EyePointSettings::default() });
         let seen = |light: usize, place: DVec3, normal: DVec3| {
             let own = first[light]..first[light + 1];
             let count = own.len() as f32;

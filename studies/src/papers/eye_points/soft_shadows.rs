@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_eye_points::{
-    Density, DensityRule, Eye, EyePointKnobs, LARGEST_SHADOW_SIDE, PointScene, Splatting, is_lit, light_map,
-    light_points, shadow_side,
+    Density, DensityRule, Eye, EyePointSettings, LARGEST_SHADOW_SIDE, PointScene, Splatting, is_lit,
+    light_map, light_points, shadow_side,
 };
 use argus_sampler::plug::{IndexMaps, MappedReflector};
 use argus_scene::Camera;
@@ -130,8 +130,8 @@ fn fill(
         }
     };
     let density = Density { rule, scale, ..Density::default() };
-    let knobs = EyePointKnobs { density, budget, ..EyePointKnobs::default() };
-    let found = points.points_by(eye, maps, &knobs, splatting);
+    let settings = EyePointSettings { density, budget, ..EyePointSettings::default() };
+    let found = points.points_by(eye, maps, &settings, splatting);
     let (count, stored, bytes) = (found.count(), found.points.len(), found.bytes());
     (found.maps, [Some(count), Some(stored)], bytes)
 }

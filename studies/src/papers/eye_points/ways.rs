@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_eye_points::{
-    Density, DensityRule, EyePointKnobs, EyePoints, Lookups, PointDevice, PointScene, Reflected, STEPS,
+    Density, DensityRule, EyePointSettings, EyePoints, Lookups, PointDevice, PointScene, Reflected, STEPS,
     Splatting, reflect, reflect_adaptively, reflect_all,
 };
 use argus_sampler::plug::{IndexMaps, MappedReflector, ReflectionRays};
@@ -225,8 +225,8 @@ impl Ways<'_> {
 
     fn points(&self, rule: DensityRule, scale: f64, culling: bool, splatting: Splatting) -> Outcome {
         let density = Density { rule, scale, ..Density::default() };
-        let knobs = EyePointKnobs { density, budget: self.budget, culling };
-        let found = self.points.points_by(&self.seen.eye, &self.seen.reflectors, &knobs, splatting);
+        let settings = EyePointSettings { density, budget: self.budget, culling };
+        let found = self.points.points_by(&self.seen.eye, &self.seen.reflectors, &settings, splatting);
         self.reflected(rule, found)
     }
 
@@ -234,8 +234,8 @@ impl Ways<'_> {
         let device = self.device.context("no device is open")?;
         let density = Density { scale: USUAL_DENSITY, ..Density::default() };
         let budget = self.budget.min(device.most_points());
-        let knobs = EyePointKnobs { density, budget, culling: false };
-        let found = self.points.points_on(device, &self.seen.eye, &self.seen.reflectors, &knobs)?;
+        let settings = EyePointSettings { density, budget, culling: false };
+        let found = self.points.points_on(device, &self.seen.eye, &self.seen.reflectors, &settings)?;
         Ok(self.reflected(density.rule, found))
     }
 

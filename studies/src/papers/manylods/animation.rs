@@ -98,7 +98,7 @@ fn frames(stage: &Stage<'_>, path: Path, tree: Tree, distances: &[f64]) -> Resul
         }
         Path::Views => stage.tree(tree)?,
     };
-    let make = |method| ManyLods::new(stage.gpu, cut_tree.clone(), stage.knobs(method, 1.0));
+    let make = |method| ManyLods::new(stage.gpu, cut_tree.clone(), stage.settings(method, 1.0));
     let mut cuts = methods(stage.options).map(make).into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut stats = vec![Vec::new(); cuts.len()];
     for &distance in distances {

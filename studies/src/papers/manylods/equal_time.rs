@@ -2,7 +2,7 @@
 
 use anyhow::{Context as _, Result};
 use argus_manylods::{CutMethod, ImperfectViews, ManyLods};
-use argus_megaviews::many_views::{Knobs, RasterViews, ViewList, ViewPoint};
+use argus_megaviews::many_views::{RasterViews, Settings, ViewList, ViewPoint};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
@@ -31,7 +31,7 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
 
     progress.set_message("cuts");
     for tree in Tree::ALL {
-        let mut cuts = ManyLods::new(stage.gpu, stage.tree(tree)?, stage.knobs(CutMethod::Basic, 1.0))?;
+        let mut cuts = ManyLods::new(stage.gpu, stage.tree(tree)?, stage.settings(CutMethod::Basic, 1.0))?;
         let row = Row { tree: Some(tree.name()), threshold: Some(1.0), ..row("manylods") };
         let Some(frames) = frames(stage.options.rounds, || cuts.render(&list))? else {
             rows.push(row);
@@ -46,8 +46,8 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
     let Some(budget_ms) = rows.iter().find_map(|row| row.frame_ms) else { return Ok(rows) };
 
     progress.set_message("imperfect maps");
-    let knobs = Knobs { side: stage.options.resolution, ..Knobs::default() };
-    let mut imperfect = ImperfectViews::new(stage.gpu, &stage.balls, knobs)?;
+    let settings = Settings { side: stage.options.resolution, ..Settings::default() };
+    let mut imperfect = ImperfectViews::new(stage.gpu, &stage.balls, settings)?;
     let mut time = |points: u32| -> Result<f64> {
         imperfect.render(&list, points)?;
         let times: Result<Vec<f64>> =
@@ -72,7 +72,7 @@ pub(super) fn rows(stage: &Stage<'_>, progress: &ProgressBar) -> Result<Vec<Row>
 
     progress.set_message("rasterised maps");
     let triangles = || stage.triangles.iter().copied();
-    let mut raster = RasterViews::new(stage.gpu, stage.root, triangles(), knobs)?;
+    let mut raster = RasterViews::new(stage.gpu, stage.root, triangles(), settings)?;
     let mut rendered = |count: usize| -> Result<(Vec<ViewPoint>, f64)> {
         let few: Vec<ViewPoint> = (0..count).map(|i| stage.views[i * stage.views.len() / count]).collect();
         let list = ViewList::new(stage.gpu, &stage.root, &few)?;

@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 use anyhow::{Result, ensure};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_manylods::{CutKnobs, CutMethod, CutStats, CutTree, ManyLods};
+use argus_manylods::{CutMethod, CutSettings, CutStats, CutTree, ManyLods};
 use argus_manylods::{SphereBuilder, SphereHierarchy};
 use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle, stream};
 use argus_megaviews::many_views::{ViewList, ViewPoint};
@@ -184,13 +184,13 @@ impl<'a> Stage<'a> {
         })
     }
 
-    fn knobs(&self, method: CutMethod, threshold: f32) -> CutKnobs {
-        CutKnobs {
+    fn settings(&self, method: CutMethod, threshold: f32) -> CutSettings {
+        CutSettings {
             method,
             side: self.options.resolution,
             threshold,
             lag: self.options.lag,
-            ..CutKnobs::default()
+            ..CutSettings::default()
         }
     }
 
@@ -252,8 +252,8 @@ impl<'a> Stage<'a> {
             for &threshold in &self.options.thresholds {
                 progress.set_message(format!("{} at {threshold} texels", tree.name()));
                 progress.inc(1);
-                let knobs = self.knobs(CutMethod::Basic, threshold);
-                let mut cuts = ManyLods::new(self.gpu, self.tree(tree)?, knobs)?;
+                let settings = self.settings(CutMethod::Basic, threshold);
+                let mut cuts = ManyLods::new(self.gpu, self.tree(tree)?, settings)?;
                 let row = Row {
                     part: "threshold",
                     tree: Some(tree.name()),

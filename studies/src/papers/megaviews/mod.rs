@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result, ensure};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
-use argus_megaviews::many_views::{FrameStats, Knobs, ManyViews, RasterViews, ViewList, ViewPoint};
+use argus_megaviews::many_views::{FrameStats, ManyViews, RasterViews, Settings, ViewList, ViewPoint};
 use argus_plot::{Axis, Plot, Series};
 use argus_scene::reference::Tracer;
 use argus_scene::{Bounds, Light, Pose, Scene};
@@ -83,8 +83,8 @@ pub struct Options {
     pub texels: Vec<Texel>,
     /// Disc radii of nodes for single and for shared views; each pair is measured.
     pub discs: Vec<[f32; 2]>,
-    /// Further knobs of a traversal.
-    pub knobs: Knobs,
+    /// Further settings of a traversal.
+    pub settings: Settings,
 }
 
 impl Default for Options {
@@ -103,8 +103,8 @@ impl Default for Options {
             patience_secs: 60.0,
             occlusion: vec![Occlusion::Off],
             texels: vec![Texel::Range],
-            discs: vec![[Knobs::default().disc, Knobs::default().shared_disc]],
-            knobs: Knobs::default(),
+            discs: vec![[Settings::default().disc, Settings::default().shared_disc]],
+            settings: Settings::default(),
         }
     }
 }
@@ -272,7 +272,7 @@ impl<'a> Bench<'a> {
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
         let &Subject { octree, placement, resolution, method, occlusion, texel, discs } = subject;
         let views = self.views(placement, count)?;
-        let knobs = Knobs {
+        let settings = Settings {
             side: resolution,
             sharing: method != Method::ManyLods,
             scene_hierarchy: method != Method::FlatScene,
@@ -282,14 +282,14 @@ impl<'a> Bench<'a> {
             texel,
             disc: discs[0],
             shared_disc: discs[1],
-            ..self.options.knobs
+            ..self.options.settings
         };
         let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
         if method == Method::Raster {
             let few: Vec<ViewPoint> = shadows.asked().into_iter().map(|view| views[view]).collect();
             let list = ViewList::new(self.gpu, &self.root, &few)?;
             let triangles = stream::triangles(self.scene, &self.pose);
-            let mut raster = RasterViews::new(self.gpu, self.root, triangles, knobs)?;
+            let mut raster = RasterViews::new(self.gpu, self.root, triangles, settings)?;
             let frames = frames(self.options.rounds, || raster.render(&list))?;
             let wrong =
                 shadows.errors(|nth| Ok((raster.maps().read(self.gpu, nth as u32)?, few[nth].position)))?;
@@ -299,7 +299,7 @@ impl<'a> Bench<'a> {
             return Ok(Some(if share > 1.0 { measured.scaled(share) } else { measured }));
         }
         let list = ViewList::new(self.gpu, &self.root, &views)?;
-        let mut many = match ManyViews::new(self.gpu, Arc::clone(octree), knobs) {
+        let mut many = match ManyViews::new(self.gpu, Arc::clone(octree), settings) {
             Err(HierarchyError::TooLarge { .. }) => return Ok(None),
             many => many?,
         };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use argus_gpu::Gpu;
 use argus_megaviews::hierarchy::HierarchyError;
-use argus_megaviews::many_views::{Knobs, ManyViews, Texel, ViewList};
+use argus_megaviews::many_views::{ManyViews, Settings, Texel, ViewList};
 use argus_plot::{Axis, Plot, Series};
 use serde_json::{Map, Value};
 
@@ -19,11 +19,11 @@ pub(super) fn range_error(
     many: &ManyViews,
     maps: &[u32],
 ) -> Result<Option<f64>> {
-    let knobs = *many.knobs();
-    if knobs.texel == knobs.texel.exact() {
+    let settings = *many.settings();
+    if settings.texel == settings.texel.exact() {
         return Ok(Some(0.0));
     }
-    let exact = Knobs { texel: knobs.texel.exact(), ..knobs };
+    let exact = Settings { texel: settings.texel.exact(), ..settings };
     let mut exact = ManyViews::new(gpu, Arc::clone(many.octree()), exact)?;
     // Renders two frames, since the second may fall back.
     for _ in 0..2 {

@@ -11,9 +11,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_manylods::{CutKnobs, CutMethod, CutTree, ManyLods};
+use argus_manylods::{CutMethod, CutSettings, CutTree, ManyLods};
 use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
-use argus_megaviews::many_views::{Knobs, ManyViews, MapSet, RasterViews, ViewList, ViewPoint};
+use argus_megaviews::many_views::{ManyViews, MapSet, RasterViews, Settings, ViewList, ViewPoint};
 use argus_plot::{Axis, Plot, Series};
 use argus_scene::metrics::compare;
 use argus_scene::particles::{Particle, glowing};
@@ -265,13 +265,13 @@ impl<'a> Stage<'a> {
     }
 
     fn traversed(&self, method: Method, count: u32, asked: &[usize]) -> Result<Made> {
-        let knobs = Knobs {
+        let settings = Settings {
             side: self.options.resolution,
             sharing: method == Method::MegaViews,
             view_depth: self.options.view_levels,
-            ..Knobs::default()
+            ..Settings::default()
         };
-        let mut many = ManyViews::new(self.gpu, Arc::clone(&self.octree), knobs)?;
+        let mut many = ManyViews::new(self.gpu, Arc::clone(&self.octree), settings)?;
         let mut last = None;
         let frame_ms = self.times(count, |list| {
             last = Some(many.render(list)?);
@@ -294,9 +294,12 @@ impl<'a> Stage<'a> {
     }
 
     fn cut(&self, count: u32, asked: &[usize], lights: &[Particle]) -> Result<Made> {
-        let knobs =
-            CutKnobs { method: CutMethod::Incremental, side: self.options.resolution, ..CutKnobs::default() };
-        let mut cuts = ManyLods::new(self.gpu, CutTree::of_octree(self.gpu, &self.octree)?, knobs)?;
+        let settings = CutSettings {
+            method: CutMethod::Incremental,
+            side: self.options.resolution,
+            ..CutSettings::default()
+        };
+        let mut cuts = ManyLods::new(self.gpu, CutTree::of_octree(self.gpu, &self.octree)?, settings)?;
         let mut last = None;
         let frame_ms = self.times(count, |list| {
             last = Some(cuts.render(list)?);
@@ -316,10 +319,10 @@ impl<'a> Stage<'a> {
     }
 
     fn rastered(&self, count: u32, lights: &[Particle]) -> Result<Made> {
-        let knobs = Knobs { side: self.options.resolution, ..Knobs::default() };
+        let settings = Settings { side: self.options.resolution, ..Settings::default() };
         let pose = self.scene.at(0.0);
         let triangles = stream::triangles(self.scene, &pose);
-        let mut raster = RasterViews::new(self.gpu, self.octree.root, triangles, knobs)?;
+        let mut raster = RasterViews::new(self.gpu, self.octree.root, triangles, settings)?;
         let views: Vec<ViewPoint> = lights.iter().map(|p| ViewPoint::everywhere(p.position)).collect();
         let list = ViewList::new(self.gpu, &self.octree.root, &views)?;
         raster.render(&list)?;

@@ -1,7 +1,7 @@
 //! Radiosity: the cost and the error of each approximation of instant radiosity.
 //!
 //! One view under indirect light is compared with two references: a path-traced one, and one that gathers all of as
-//! many VPLs, with maps as large, as fit the device. Each row changes one knob of the first row. All use one ray per
+//! many VPLs, with maps as large, as fit the device. Each row changes one setting of the first row. All use one ray per
 //! pixel, so that only light differs. Times are wall times: tracing VPLs and rendering their maps, once per pose, and
 //! a view with indirect light minus one without.
 //!
@@ -16,7 +16,7 @@ use std::time::Instant;
 use anyhow::{Context as _, Result};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::{GpuSampler, Indirect, MapSource, PointKnobs, SamplerKnobs, VplKnobs};
+use argus_sampler::{GpuSampler, Indirect, MapSource, PointSettings, SamplerSettings, VplSettings};
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
@@ -45,8 +45,8 @@ pub struct Options {
     pub camera: Option<Camera>,
     /// View size in pixels.
     pub size: [u32; 2],
-    /// Knobs of the first row; each other row changes one of them.
-    pub base: VplKnobs,
+    /// Settings of the first row; each other row changes one of them.
+    pub base: VplSettings,
     /// Numbers of VPLs.
     pub vpls: Vec<u32>,
     /// Sides of VPL maps in texels.
@@ -69,8 +69,8 @@ pub struct Options {
     pub biases: Vec<f64>,
     /// Points splatted into each imperfect map.
     pub points: Vec<u32>,
-    /// Knobs of the first row of points.
-    pub points_base: PointKnobs,
+    /// Settings of the first row of points.
+    pub points_base: PointSettings,
     /// Levels of the points' octree.
     pub point_levels: Vec<u32>,
     /// Sides of receivers' maps in texels.
@@ -95,7 +95,7 @@ impl Default for Options {
             light: None,
             camera: None,
             size: [192, 144],
-            base: VplKnobs::default(),
+            base: VplSettings::default(),
             vpls: vec![256, 1024, 4096, 16384],
             sides: vec![8, 16, 32, 64],
             sources: MapSource::ALL.to_vec(),
@@ -107,7 +107,7 @@ impl Default for Options {
             clamps: vec![0.0, 0.01, 0.05],
             biases: vec![0.0, 0.25, 1.0],
             points: vec![256, 4096],
-            points_base: PointKnobs::default(),
+            points_base: PointSettings::default(),
             point_levels: vec![6, 8, 9],
             point_sides: vec![8, 32],
             blocks: vec![4, 16],
@@ -124,7 +124,7 @@ impl Effort for Options {
         Self {
             scene: "terrain:2000".to_owned(),
             size: [48, 36],
-            base: VplKnobs { vpls: 256, ..VplKnobs::default() },
+            base: VplSettings { vpls: 256, ..VplSettings::default() },
             vpls: vec![64],
             sides: vec![8],
             levels: vec![4],
@@ -135,7 +135,7 @@ impl Effort for Options {
             clamps: vec![0.05],
             biases: vec![1.0],
             points: vec![64],
-            points_base: PointKnobs { levels: 5, ..PointKnobs::default() },
+            points_base: PointSettings { levels: 5, ..PointSettings::default() },
             point_levels: vec![4],
             point_sides: vec![8],
             blocks: vec![4],
@@ -148,42 +148,42 @@ impl Effort for Options {
 }
 
 impl Options {
-    /// The first row, and a row for each changed knob.
+    /// The first row, and a row for each changed setting.
     fn rows(&self) -> Vec<(&'static str, Indirect)> {
         let base = self.base;
         let mut rows = vec![("as given", base)];
-        rows.extend(self.vpls.iter().map(|&vpls| ("VPLs", VplKnobs { vpls, ..base })));
-        rows.extend(self.sides.iter().map(|&map_side| ("resolution", VplKnobs { map_side, ..base })));
-        rows.extend(self.sources.iter().map(|&maps| ("source", VplKnobs { maps, ..base })));
-        rows.extend(self.samples.iter().map(|&samples| ("samples", VplKnobs { samples, ..base })));
-        rows.extend(self.filters.iter().map(|&filter| ("filter", VplKnobs { filter, ..base })));
-        rows.extend(self.clamps.iter().map(|&clamp| ("clamp", VplKnobs { clamp, ..base })));
+        rows.extend(self.vpls.iter().map(|&vpls| ("VPLs", VplSettings { vpls, ..base })));
+        rows.extend(self.sides.iter().map(|&map_side| ("resolution", VplSettings { map_side, ..base })));
+        rows.extend(self.sources.iter().map(|&maps| ("source", VplSettings { maps, ..base })));
+        rows.extend(self.samples.iter().map(|&samples| ("samples", VplSettings { samples, ..base })));
+        rows.extend(self.filters.iter().map(|&filter| ("filter", VplSettings { filter, ..base })));
+        rows.extend(self.clamps.iter().map(|&clamp| ("clamp", VplSettings { clamp, ..base })));
         rows.extend(
             self.levels
                 .iter()
-                .map(|&levels| ("octree levels", VplKnobs { maps: MapSource::MegaViews, levels, ..base })),
+                .map(|&levels| ("octree levels", VplSettings { maps: MapSource::MegaViews, levels, ..base })),
         );
         // Culling and weighting are compared without the filter, which would hide their effect.
-        let bare = VplKnobs { filter: 0, ..base };
+        let bare = VplSettings { filter: 0, ..base };
         for (cull, weigh) in [(false, false), (true, false), (false, true), (true, true)] {
-            rows.push(("culling", VplKnobs { cull, weigh, ..bare }));
+            rows.push(("culling", VplSettings { cull, weigh, ..bare }));
         }
         for filter in [0, base.filter] {
-            rows.extend(self.groups.iter().map(|&groups| ("groups", VplKnobs { filter, groups, ..base })));
+            rows.extend(self.groups.iter().map(|&groups| ("groups", VplSettings { filter, groups, ..base })));
         }
         rows.extend(
-            self.cutoffs.iter().map(|&cutoff| ("cut-off", VplKnobs { cutoff, weigh: false, ..bare })),
+            self.cutoffs.iter().map(|&cutoff| ("cut-off", VplSettings { cutoff, weigh: false, ..bare })),
         );
         // As many texels as the first row, in a few large maps.
         let few = (base.vpls * base.map_side * base.map_side / (128 * 128)).max(1);
-        let large = VplKnobs { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
+        let large = VplSettings { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
         rows.push(("few large maps", large));
         let mut rows: Vec<_> =
-            rows.into_iter().map(|(differs, knobs)| (differs, Indirect::Vpl(knobs))).collect();
-        rows.extend(self.point_rows().map(|(differs, knobs)| (differs, Indirect::Points(knobs))));
+            rows.into_iter().map(|(differs, settings)| (differs, Indirect::Vpl(settings))).collect();
+        rows.extend(self.point_rows().map(|(differs, settings)| (differs, Indirect::Points(settings))));
         let mut unique: Vec<(&'static str, Indirect)> = Vec::new();
         for row in rows {
-            if unique.iter().all(|(_, knobs)| *knobs != row.1) {
+            if unique.iter().all(|(_, settings)| *settings != row.1) {
                 unique.push(row);
             }
         }
@@ -191,16 +191,16 @@ impl Options {
     }
 
     /// The rows of light by points.
-    fn point_rows(&self) -> impl Iterator<Item = (&'static str, PointKnobs)> {
-        let base = PointKnobs { bounces: self.base.bounces, ..self.points_base };
-        let levels = self.point_levels.iter().map(move |&levels| PointKnobs { levels, ..base });
-        let sides = self.point_sides.iter().map(move |&map_side| PointKnobs { map_side, ..base });
-        let blocks = self.blocks.iter().map(move |&block| PointKnobs { block, ..base });
-        let alone = PointKnobs { sharing: false, ..base };
+    fn point_rows(&self) -> impl Iterator<Item = (&'static str, PointSettings)> {
+        let base = PointSettings { bounces: self.base.bounces, ..self.points_base };
+        let levels = self.point_levels.iter().map(move |&levels| PointSettings { levels, ..base });
+        let sides = self.point_sides.iter().map(move |&map_side| PointSettings { map_side, ..base });
+        let blocks = self.blocks.iter().map(move |&block| PointSettings { block, ..base });
+        let alone = PointSettings { sharing: false, ..base };
         std::iter::once(("points", base))
-            .chain(levels.map(|knobs| ("points, levels", knobs)))
-            .chain(sides.map(|knobs| ("points, resolution", knobs)))
-            .chain(blocks.map(|knobs| ("points, block", knobs)))
+            .chain(levels.map(|settings| ("points, levels", settings)))
+            .chain(sides.map(|settings| ("points, resolution", settings)))
+            .chain(blocks.map(|settings| ("points, block", settings)))
             .chain(std::iter::once(("points, own maps", alone)))
     }
 }
@@ -232,9 +232,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     }
     let mut found = Vec::new();
     let mut points: Vec<(&'static str, f64, f64)> = Vec::new();
-    for (number, (differs, knobs)) in rows.into_iter().enumerate() {
+    for (number, (differs, settings)) in rows.into_iter().enumerate() {
         progress.set_message(differs);
-        stage.sampler.set_indirect(knobs)?;
+        stage.sampler.set_indirect(settings)?;
         let (image, view_ms, unlit_ms) = stage.measure(options.rounds)?;
         // On a busy machine the difference of small times may be negative.
         let gather_ms = (view_ms - unlit_ms).max(0.0);
@@ -243,14 +243,14 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         if let Some(folder) = &options.images {
             image.save(folder.join(format!("{number:02}-{}.png", differs.replace(' ', "-"))))?;
         }
-        let (mut row, before_ms) = match knobs {
-            Indirect::Vpl(knobs) => {
+        let (mut row, before_ms) = match settings {
+            Indirect::Vpl(settings) => {
                 let lit = vpl_report(&stage.sampler)?.context("nothing was lit")?;
-                (vpl_row(&knobs, &lit), lit.trace_ms + lit.maps_ms)
+                (vpl_row(&settings, &lit), lit.trace_ms + lit.maps_ms)
             }
-            Indirect::Points(knobs) => {
+            Indirect::Points(settings) => {
                 let lit = point_report(&stage.sampler).context("nothing was lit")?;
-                (point_row(&knobs, &lit), lit.light_ms)
+                (point_row(&settings, &lit), lit.light_ms)
             }
             Indirect::Off | Indirect::Paths(_) | Indirect::Cells(_) => {
                 unreachable!("every row is of VPLs or points")
@@ -281,23 +281,23 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
 
 type Row = serde_json::Map<String, serde_json::Value>;
 
-fn vpl_row(knobs: &VplKnobs, lit: &VplReport) -> Row {
-    let from_octree = matches!(knobs.maps, MapSource::MegaViews | MapSource::ManyLods);
+fn vpl_row(settings: &VplSettings, lit: &VplReport) -> Row {
+    let from_octree = matches!(settings.maps, MapSource::MegaViews | MapSource::ManyLods);
     report::row(json!({
         "way": "vpl",
         "vpls": lit.vpls,
-        "resolution": knobs.map_side,
-        "maps": knobs.maps.name(),
-        "levels": from_octree.then_some(knobs.levels),
-        "samples": knobs.samples,
-        "filter": knobs.filter,
-        "cull": knobs.cull,
-        "weigh": knobs.weigh,
-        "groups": knobs.groups,
-        "cutoff": knobs.cutoff,
-        "clamp": knobs.clamp,
-        "bias": knobs.bias,
-        "points": (knobs.maps == MapSource::Imperfect).then_some(knobs.points),
+        "resolution": settings.map_side,
+        "maps": settings.maps.name(),
+        "levels": from_octree.then_some(settings.levels),
+        "samples": settings.samples,
+        "filter": settings.filter,
+        "cull": settings.cull,
+        "weigh": settings.weigh,
+        "groups": settings.groups,
+        "cutoff": settings.cutoff,
+        "clamp": settings.clamp,
+        "bias": settings.bias,
+        "points": (settings.maps == MapSource::Imperfect).then_some(settings.points),
         "trace_ms": lit.trace_ms,
         "octree_ms": lit.octree_ms,
         "maps_ms": lit.maps_ms,
@@ -306,13 +306,13 @@ fn vpl_row(knobs: &VplKnobs, lit: &VplReport) -> Row {
     }))
 }
 
-fn point_row(knobs: &PointKnobs, lit: &PointReport) -> Row {
+fn point_row(settings: &PointSettings, lit: &PointReport) -> Row {
     report::row(json!({
         "way": "points",
-        "resolution": knobs.map_side,
-        "maps": if knobs.sharing { "megaviews" } else { "manylods" },
-        "levels": knobs.levels,
-        "block": knobs.block,
+        "resolution": settings.map_side,
+        "maps": if settings.sharing { "megaviews" } else { "manylods" },
+        "levels": settings.levels,
+        "block": settings.block,
         "receivers": lit.receivers,
         "octree_ms": lit.octree_ms,
         "light_ms": lit.light_ms,
@@ -408,16 +408,22 @@ impl Stage {
             history: None,
         };
         let sampler = |indirect| {
-            let knobs = SamplerKnobs { indirect, ..SamplerKnobs::default() };
-            GpuSampler::with_methods(Arc::clone(gpu), Arc::clone(&scene), knobs, crate::methods::methods())
+            let settings = SamplerSettings { indirect, ..SamplerSettings::default() };
+            GpuSampler::with_methods(Arc::clone(gpu), Arc::clone(&scene), settings, crate::methods::methods())
         };
         progress.set_message("without indirect light");
         let mut without = sampler(Indirect::Off)?;
         let unlit = image_of(&render(&mut without, &job)?)?;
         progress.set_message("all VPLs");
         let (vpls, map_side) = options.most;
-        let all =
-            VplKnobs { vpls, map_side, maps: MapSource::Exact, samples: 1 << 16, filter: 0, ..options.base };
+        let all = VplSettings {
+            vpls,
+            map_side,
+            maps: MapSource::Exact,
+            samples: 1 << 16,
+            filter: 0,
+            ..options.base
+        };
         let mut sampler = sampler(Indirect::Vpl(all))?;
         let by_vpls = image_of(&render(&mut sampler, &job)?)?;
         Ok(Self { sampler, without, job, path_traced: truth.display(exposure), by_vpls, unlit })
@@ -468,9 +474,9 @@ mod tests {
         let options = Options::default();
         let rows = options.rows();
         assert_eq!(rows[0].1, Indirect::Vpl(options.base));
-        for (index, (_, knobs)) in rows.iter().enumerate() {
-            SamplerKnobs { indirect: *knobs, ..SamplerKnobs::default() }.validate().unwrap();
-            assert!(rows[..index].iter().all(|(_, other)| other != knobs));
+        for (index, (_, settings)) in rows.iter().enumerate() {
+            SamplerSettings { indirect: *settings, ..SamplerSettings::default() }.validate().unwrap();
+            assert!(rows[..index].iter().all(|(_, other)| other != settings));
         }
         assert!(rows.len() > 15);
     }

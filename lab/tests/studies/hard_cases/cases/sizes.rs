@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
+use argus_compositor::{CompositorSettings, GpuCompositor, SearchBackend};
 use argus_scene::sample::SampleSet;
 use argus_scene::{Camera, Compositor as _, Search};
 use glam::DVec3;
@@ -33,13 +33,13 @@ pub(super) fn run(stages: &mut Stages) -> Result<Vec<Row>> {
     ];
     let stage = stages.prepare(world::garden(), &poses)?;
     // Tiles of 512 pixels, at most four per submission.
-    let knobs = CompositorKnobs {
+    let settings = CompositorSettings {
         piece_side: 512,
         chunk_pixels: 4 * 512 * 8,
         search_backend: SearchBackend::Fragment,
-        ..CompositorKnobs::default()
+        ..CompositorSettings::default()
     };
-    let mut tiled = GpuCompositor::with_knobs(Arc::clone(stages.gpu()), knobs)?;
+    let mut tiled = GpuCompositor::with_settings(Arc::clone(stages.gpu()), settings)?;
     tiled.hold(&SampleSet { info: Arc::clone(&stage.info), samples: stage.samples.clone() })?;
     let mut rows = Vec::new();
     for pose in &poses {

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, Result};
-use argus_compositor::{CompositorKnobs, GpuCompositor, SearchBackend};
+use argus_compositor::{CompositorSettings, GpuCompositor, SearchBackend};
 use argus_gpu::Gpu;
-use argus_sampler::{GpuSampler, SamplerKnobs};
+use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
@@ -123,9 +123,9 @@ impl Stages {
     /// The device lacks a feature that the passes need.
     pub(in super::super) fn new(gpu: &Arc<Gpu>) -> Result<Self> {
         let compositor = |search_backend| {
-            GpuCompositor::with_knobs(
+            GpuCompositor::with_settings(
                 Arc::clone(gpu),
-                CompositorKnobs { search_backend, ..CompositorKnobs::default() },
+                CompositorSettings { search_backend, ..CompositorSettings::default() },
             )
         };
         let compositors = [compositor(SearchBackend::Fragment)?, compositor(SearchBackend::Compute)?];
@@ -150,8 +150,8 @@ impl Stages {
         ids.sort();
         ids.dedup();
         // One sub-sample per texel, so that the sample sees exactly what the oracle sees.
-        let knobs = SamplerKnobs { sub_samples: 1, ..SamplerKnobs::default() };
-        let mut sampler = GpuSampler::with_knobs(Arc::clone(&self.gpu), Arc::clone(&scene), knobs)?;
+        let settings = SamplerSettings { sub_samples: 1, ..SamplerSettings::default() };
+        let mut sampler = GpuSampler::with_settings(Arc::clone(&self.gpu), Arc::clone(&scene), settings)?;
         let job = SampleJob::new(Arc::clone(&info), ids, true);
         let samples = sampler.render_samples(&job, &Cancel::new()).into_iter();
         let samples: Vec<Arc<Sample>> =

@@ -1,7 +1,7 @@
 //! Settings of cuts.
 
 use argus_megaviews::hierarchy::HierarchyError;
-use argus_megaviews::many_views::{Knobs, Texel};
+use argus_megaviews::many_views::{Settings, Texel};
 
 /// Method of finding cuts (ManyLoDs, sections 3.1 to 3.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,7 +11,7 @@ pub enum CutMethod {
     /// From the last frame's cuts, whose nodes are divided and merged until the cuts are those of the basic method.
     Incremental,
     /// Incremental, but a node is followed down by at most `edges` edges a frame, and cuts may lag behind by
-    /// [`CutKnobs::lag`] while views move; once they stand still, cuts come to be those of the basic method. Merges are
+    /// [`CutSettings::lag`] while views move; once they stand still, cuts come to be those of the basic method. Merges are
     /// followed to their end: nodes that rise part of the way would leave some of a view's scene in its cut twice.
     Lazy {
         /// 1 or more.
@@ -32,7 +32,7 @@ impl CutMethod {
 
 /// Settings of cuts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CutKnobs {
+pub struct CutSettings {
     /// Method of finding cuts.
     pub method: CutMethod,
     /// Texels on a side of a hemisphere: 8 to 1024.
@@ -41,7 +41,7 @@ pub struct CutKnobs {
     pub texel: Texel,
     /// Largest apparent size of a node of a cut, texels: 1 to a quarter of `side`, at most 8.
     pub threshold: f32,
-    /// Radius of the disc by which a node covers sample points; see [`Knobs::disc`].
+    /// Radius of the disc by which a node covers sample points; see [`Settings::disc`].
     pub disc: f32,
     /// Whether nodes outside a view are not divided.
     pub culling: bool,
@@ -53,14 +53,14 @@ pub struct CutKnobs {
     pub entries: Option<u32>,
 }
 
-impl Default for CutKnobs {
+impl Default for CutSettings {
     fn default() -> Self {
         Self {
             method: CutMethod::Incremental,
             side: 16,
             texel: Texel::Range,
             threshold: 1.0,
-            disc: Knobs::DISC,
+            disc: Settings::DISC,
             culling: true,
             jump: 1.0 / 32.0,
             lag: 0.005,
@@ -69,7 +69,7 @@ impl Default for CutKnobs {
     }
 }
 
-impl CutKnobs {
+impl CutSettings {
     /// Checks all ranges.
     ///
     /// # Errors

@@ -1,9 +1,9 @@
-//! Settings of the compositor. Only [`CompositorKnobs::splat_samples`] and, for views with a history,
-//! [`CompositorKnobs::max_reprojections`] change the bytes of frames.
+//! Settings of the compositor. Only [`CompositorSettings::splat_samples`] and, for views with a history,
+//! [`CompositorSettings::max_reprojections`] change the bytes of frames.
 
 /// Settings of a compositor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CompositorKnobs {
+pub struct CompositorSettings {
     /// Number of samples that are splatted, from the start of the plan's list. Colours are fetched from all samples.
     pub splat_samples: usize,
     /// Sub-pixels on a side of the pieces that large views are cut into.
@@ -33,7 +33,7 @@ pub enum SearchBackend {
     Compute,
 }
 
-impl Default for CompositorKnobs {
+impl Default for CompositorSettings {
     fn default() -> Self {
         Self {
             splat_samples: 2,

@@ -29,7 +29,7 @@ pub enum LightTracer {
 
 /// Rays of direct light. Samples of one set have the same: the service uses the defaults, studies compare others.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct LightKnobs {
+pub struct LightSettings {
     /// Rays of a texel to the sky, 1 to 64. Neighbours in a square of 8×8 cast different ones and share what they find.
     pub sky_rays: u32,
     /// Rays of a texel to emitting triangles, 1 to 64.
@@ -40,13 +40,13 @@ pub struct LightKnobs {
     pub tracer: LightTracer,
 }
 
-impl Default for LightKnobs {
+impl Default for LightSettings {
     fn default() -> Self {
         Self { sky_rays: 4, emitter_rays: 4, filter: true, tracer: LightTracer::Auto }
     }
 }
 
-impl LightKnobs {
+impl LightSettings {
     /// Most rays of a texel, to the sky and to emitters.
     pub const MOST_RAYS: u32 = 64;
 
@@ -59,7 +59,7 @@ impl LightKnobs {
 
 /// Settings of samples. Each trades quality for time or bytes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SamplerKnobs {
+pub struct SamplerSettings {
     /// Sub-samples of a texel, on a regular grid: 1, 4 or 16. Visibility costs time for each; shading costs time for each
     /// triangle that the texel shows.
     pub sub_samples: u32,
@@ -70,28 +70,28 @@ pub struct SamplerKnobs {
     /// Effects of direct light. They must go with the indirect light: [`Indirect::check_effects`].
     pub effects: LightEffects,
     /// Rays of direct light.
-    pub light: LightKnobs,
+    pub light: LightSettings,
     /// Indirect light.
     pub indirect: Indirect,
     /// Factor from radiance to display values of views from triangles; `None`: the scene's.
     pub exposure: Option<f32>,
 }
 
-impl Default for SamplerKnobs {
+impl Default for SamplerSettings {
     fn default() -> Self {
         Self {
             sub_samples: Specification::USUAL_SUB_SAMPLES,
             range_bits: 16,
             radiance: RadianceFormat::default(),
             effects: LightEffects::NONE,
-            light: LightKnobs::default(),
+            light: LightSettings::default(),
             indirect: Indirect::default(),
             exposure: None,
         }
     }
 }
 
-impl SamplerKnobs {
+impl SamplerSettings {
     /// Checks all ranges.
     ///
     /// # Errors
@@ -106,8 +106,8 @@ impl SamplerKnobs {
             ("sampler.light.sky_rays", self.light.sky_rays),
             ("sampler.light.emitter_rays", self.light.emitter_rays),
         ] {
-            if !(1..=LightKnobs::MOST_RAYS).contains(&rays) {
-                let most = LightKnobs::MOST_RAYS;
+            if !(1..=LightSettings::MOST_RAYS).contains(&rays) {
+                let most = LightSettings::MOST_RAYS;
                 return Err(InvalidField::new(field, format!("must be 1 to {most}, not {rays}")));
             }
         }

@@ -41,7 +41,7 @@ pub enum Bounding {
 
 /// What a traversal may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Knobs {
+pub struct Settings {
     /// Texels on a side of a hemisphere: 8 to 1024.
     pub side: u32,
     /// Format of texels.
@@ -49,7 +49,7 @@ pub struct Knobs {
     /// Largest apparent size of a node that is rendered, texels: 1 to 8.
     pub threshold: f32,
     /// Radius of the disc by which a rendered node covers sample points, in radii of its cell's sphere.
-    /// [`Knobs::COVERING`] leaves no gaps, as images need. Smaller discs cause fewer false shadows but leak light.
+    /// [`Settings::COVERING`] leaves no gaps, as images need. Smaller discs cause fewer false shadows but leak light.
     pub disc: f32,
     /// Radius of the disc of nodes that several views share.
     pub shared_disc: f32,
@@ -60,7 +60,7 @@ pub struct Knobs {
     /// measures the gain of the scene's hierarchy. Requires sharing without fallback.
     pub scene_hierarchy: bool,
     /// Whether views are traversed alone after a frame in which a rendered pair was shared by fewer than
-    /// [`Knobs::WORTH_SHARING`] views on average.
+    /// [`Settings::WORTH_SHARING`] views on average.
     pub falls_back: bool,
     /// Levels of the view octree that divide cells, 1 to [`MAX_DEPTH`]. `None` computes them from the views' positions
     /// (`view_depth.rs`).
@@ -84,7 +84,7 @@ pub struct Knobs {
     pub queue_pairs: Option<u32>,
 }
 
-impl Default for Knobs {
+impl Default for Settings {
     /// Maps of 16² texels, with sharing.
     fn default() -> Self {
         Self {
@@ -108,7 +108,7 @@ impl Default for Knobs {
     }
 }
 
-impl Knobs {
+impl Settings {
     /// Mean number of views that share a rendered pair, below which sharing costs more pairs than it saves.
     pub const WORTH_SHARING: f64 = 1.4;
 
