@@ -4,7 +4,9 @@
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 use std::alloc::{GlobalAlloc, Layout, System};
+use std::backtrace::Backtrace;
 use std::collections::BTreeSet;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
@@ -27,7 +29,7 @@ static LARGEST: AtomicUsize = AtomicUsize::new(0);
 // SAFETY: the system's allocator does all of the work.
 unsafe impl GlobalAlloc for Noting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        note(layout.size());
         // SAFETY: as the caller promised.
         unsafe { System.alloc(layout) }
     }
@@ -38,15 +40,25 @@ unsafe impl GlobalAlloc for Noting {
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        LARGEST.fetch_max(size, Ordering::Relaxed);
+        note(size);
         // SAFETY: as the caller promised.
         unsafe { System.realloc(block, layout, size) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        note(layout.size());
         // SAFETY: as the caller promised.
         unsafe { System.alloc_zeroed(layout) }
+    }
+}
+
+/// Where the first block that is too large was asked for.
+static ASKED_FROM: OnceLock<Backtrace> = OnceLock::new();
+
+fn note(size: usize) {
+    if LARGEST.fetch_max(size, Ordering::Relaxed) <= LARGEST_BLOCK && size > LARGEST_BLOCK {
+        // Blocks of the backtrace itself come here as well, but are no larger.
+        let _ = ASKED_FROM.set(Backtrace::force_capture());
     }
 }
 
@@ -59,7 +71,12 @@ fn bounded(run: impl FnOnce() -> Result<(), String>) -> Result<(), String> {
     let result = run();
     let largest = LARGEST.load(Ordering::Relaxed);
     // Targets that run at the same time share the largest block, and fail together.
-    assert!(largest <= LARGEST_BLOCK, "a block of {} MiB", largest >> 20);
+    assert!(
+        largest <= LARGEST_BLOCK,
+        "a block of {} MiB: {}",
+        largest >> 20,
+        ASKED_FROM.get().map_or_else(String::new, Backtrace::to_string)
+    );
     assert!(began.elapsed() <= LONGEST, "it took {:?}", began.elapsed());
     result
 }

@@ -17,7 +17,7 @@ use crate::WireError;
 /// The channels of a texel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// One byte: mask, source.
+    /// One byte: mask, source, confidence.
     R8,
     /// Three bytes: sRGB colour.
     Rgb8,

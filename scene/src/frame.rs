@@ -13,7 +13,7 @@ pub enum Output {
     Color,
     /// Distance from the eye, metres, +inf without a surface.
     Range,
-    /// 255 where no sample saw the pixel's surface, else 0.
+    /// 255 where no sample saw the pixel's surface and it is guessed, 128 where no sample saw it and it was traced, else 0.
     Mask,
     /// Sample of the pixel: 1 + its position in the plan's list; 0 for none.
     Source,

@@ -6,7 +6,7 @@ import package::shared::shading::{Surface};
 // Position relative to the eye (f32 bits), octahedral normal (2x16snorm).
 @group(0) @binding(20) var<storage, read_write> g_surfaces: array<vec4u>;
 // Diffuse albedo, rgb9e5; the triangle's normal on the visible side, octahedral (2x16snorm); height above the triangle at
-// which rays to lights begin, metres (f32 bits), with the sign bit if the surface looks a reflection probe up; F0 and
+// which rays to lights begin, metres (f32 bits), with the sign bit set where the surface takes its reflection from a probe; F0 and
 // roughness (4x8unorm).
 @group(0) @binding(21) var<storage, read_write> g_materials: array<vec4u>;
 

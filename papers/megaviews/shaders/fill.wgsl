@@ -1,4 +1,4 @@
-// Program of papers/megaviews/src/many_views/fill.rs: renders leaves that are near and cover many texels (MegaViews, section 3.2.4). A
+// Program of papers/megaviews/src/many_views/traverse.rs: renders leaves that are near and cover many texels (MegaViews, section 3.2.4). A
 // leaf is written to each texel whose ray hits its cell.
 
 import package::shared::linear::linear_index;

@@ -1,4 +1,4 @@
-// Program of papers/megaviews/src/many_views/queue.rs: computes the workgroups of the next step of a traversal, and the first pairs.
+// Program of papers/megaviews/src/many_views/traverse.rs: computes the workgroups of the next step of a traversal, and the first pairs.
 
 import package::shared::linear::{LINEAR_GROUP, linear_index};
 

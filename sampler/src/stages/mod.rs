@@ -1,7 +1,7 @@
-//! The stages of a frame, top to bottom. A stage records into the frame's commands.
+//! The frame, top to bottom. Each function here is a list of stages; a stage records into the frame's commands.
 //!
-//! Lists that wait for the device say so: they read buffers back, or submit and wait. The CPU then uses what it read, and later
-//! stages record new commands.
+//! Where the CPU waits for the device, the list shows it: it reads buffers back, or submits and waits. The CPU then uses what it
+//! read, and later stages record new commands.
 //!
 //! | list | what it renders |
 //! |---|---|

@@ -10,7 +10,7 @@ use argus_scene::rig::CoverageEstimate;
 use argus_scene::{FaceMask, Holes, Plan, Provenance, SampleSetInfo, View, Warp};
 
 use super::cluster::Cluster;
-use super::plan::samples_per_pixel;
+use super::explicit_plan::samples_per_pixel;
 use super::planner::{Aim, predicted_excess};
 
 /// Samples are rendered for a batch if this many times their price is saved: predictions are off by as much.

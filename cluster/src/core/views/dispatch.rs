@@ -109,7 +109,7 @@ impl Views {
         }
     }
 
-    /// Finds a worker for an explicit view.
+    /// Finds a worker for a view: by [`Self::place_open`] if it leaves the way open, else for the plan that it names.
     fn place(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime) -> Attempt {
         let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         if view.open.is_some() {

@@ -117,7 +117,7 @@ impl Load {
     pub(super) fn most_ms(&self, ms: f64, Work { queued_ms, processes }: Work, now: Uptime) -> f64 {
         let there_is = self.there_is(processes, now);
         let asked = self.open.at(now) + queued_ms / DRAIN_MS.max(DRAIN_VIEWS * ms);
-        // Written so that nothing asked is all carried.
+        // Where nothing is asked and no process is there, all that is asked is carried.
         if asked > there_is { ms * (there_is / asked).max(0.0) + self.left_ms } else { f64::INFINITY }
     }
 

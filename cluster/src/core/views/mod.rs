@@ -11,7 +11,7 @@
 
 mod admission;
 mod batch;
-mod choose;
+mod explicit_worker;
 mod cluster;
 mod dispatch;
 mod estimate_request;
@@ -23,7 +23,7 @@ mod open_view;
 mod outcome;
 mod output;
 mod pending;
-pub mod plan;
+pub mod explicit_plan;
 pub mod planner;
 mod session_memory;
 mod target_search;

@@ -9,7 +9,7 @@ use argus_scene::{Plan, Preset, SampleId, Version, View};
 
 use super::open_view::OpenView;
 use super::pending::Pending;
-use super::plan::plan;
+use super::explicit_plan::plan;
 use super::targets::Planned;
 use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Client, LastView, ViewId};

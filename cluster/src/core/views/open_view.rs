@@ -4,7 +4,7 @@ use argus_scene::frame::Decision;
 use argus_scene::rig::CoverageEstimate;
 use argus_scene::{FrameSource, View};
 
-use super::plan::samples_per_pixel;
+use super::explicit_plan::samples_per_pixel;
 use super::planner::Aim;
 use super::session_memory::Memory;
 use crate::core::event::{Fallback, LastView};

@@ -1,7 +1,7 @@
 //! Chooses plan and worker of a view that leaves the way open.
 //!
-//! Both are one decision, made at dispatch and at each retry. Each worker with room makes *offers*: from triangles,
-//! and from the samples that it holds. The offer with the earliest predicted finish wins, among those whose predicted
+//! Both are one decision, made at dispatch and at each retry. Each worker with room makes *offers*: from triangles
+//! (in full or in less detail), from the samples that it holds, and from its recent frames. The offer with the earliest predicted finish wins, among those whose predicted
 //! error is within the view's bound. Samples that a worker does not hold are no part of its offers, so no view waits
 //! for a sample.
 
