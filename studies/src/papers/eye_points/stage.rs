@@ -14,7 +14,7 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Where the eye is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Pose {
     /// At the scene's first viewpoint, looking at the balls' middle.
     Distant,

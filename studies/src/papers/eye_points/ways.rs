@@ -101,7 +101,7 @@ impl Memory {
 }
 
 /// How many of the taps a reflective pixel uses (section 4.1.3).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum TapRule {
     /// All.
     Fixed,
