@@ -72,5 +72,8 @@ pub(super) fn load(
 ) -> balance::Load {
     let costs = Parameters { sample_ms, direct_ms, view_ms, ..Parameters::default() };
     let (refreshed, direct) = (matches!(method, Method::Proposed | Method::Helping), method == Method::Naive);
-    load_of(&Case { processes: 1, views, refreshed, direct, helping: false, ticks: 1 }, &costs)
+    load_of(
+        &Case { processes: 1, views, refreshed, direct, helping: false, ticks: 1, settled_secs: 0.0 },
+        &costs,
+    )
 }

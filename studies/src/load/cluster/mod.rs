@@ -27,7 +27,7 @@ pub use self::method::Method;
 use self::method::PLAIN;
 use self::row::{Beside, Row};
 use crate::arguments::{count, is_quick, or_quick, positive, seconds, size};
-use crate::load::simulate::efficiency::{self, Case};
+use crate::load::simulate::efficiency::{self, Case, SETTLED_SECS};
 use crate::load::simulate::{Machines, Parameters, trouble};
 use crate::{Machine, Report};
 
@@ -60,7 +60,7 @@ pub struct Options {
     #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "2"))]
     pub ticks: usize,
     /// Smallest number of measured views; small ticks are repeated to reach it
-    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("1500", "200"))]
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("1500", "48"))]
     pub measured_views: usize,
     /// Seconds without role changes before measuring starts
     #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = or_quick("5", "0.5"))]
@@ -314,6 +314,7 @@ fn simulate_one(
         helping: method == Method::Helping,
         // Short ticks depend on chance: on the batch in work when the next samples become due. So they are repeated.
         ticks: ticks.max((40_000 / views as usize).min(40)),
+        settled_secs: or_quick(SETTLED_SECS, 10.0),
     };
     efficiency::run(&case, parameters)
 }

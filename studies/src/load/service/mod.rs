@@ -59,7 +59,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let (mut truths, mut measured, mut device) = (Truths::default(), Vec::new(), String::new());
     if !options.empty_caches {
         progress.set_message("filling caches");
-        fill_caches(argus, options).await.context("filling caches")?;
+        fill_caches(argus, options, &modes).await.context("filling caches")?;
     }
     for run in 0..runs {
         for turn in 0..modes.len() {
@@ -88,11 +88,11 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
 /// Renders a view of each mode on a cluster that is not measured. The driver's cache then holds all programs, whose
 /// compilation takes seconds.
-async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
+async fn fill_caches(argus: &Path, options: &Options, modes: &[Mode]) -> Result<()> {
     let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
     let client = connect(&cluster, options).await?;
     let ([width, height], description) = (options.size, client.description());
-    for mode in Mode::ALL {
+    for mode in modes {
         let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
         let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
         let patience = RenderOptions { deadline: FIRST_DEADLINE, ..RenderOptions::default() };
