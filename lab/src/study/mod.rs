@@ -63,7 +63,7 @@ enum Study {
     /// Methods of the papers, each measured by itself
     Method {
         #[command(subcommand)]
-        study: method::Study,
+        study: Box<method::Study>,
     },
     /// All figures and tables of a paper on one page, README.md, beside the paper's own numbers [--out: out/PAPER]
     Paper(page::Options),

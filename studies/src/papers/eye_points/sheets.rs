@@ -127,6 +127,20 @@ pub(super) fn grid(rows: &[Vec<&RgbImage>]) -> Option<RgbImage> {
     Some(sheet)
 }
 
+/// Writes an image, if images are wanted.
+pub(super) fn save(options: &Options, name: &str, image: &image::RgbImage) -> Result<()> {
+    let Some(folder) = &options.images else { return Ok(()) };
+    let path = folder.join(format!("eye-points-{}.png", slug(name)));
+    image.save(&path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// A name without spaces or signs, for arguments and files.
+pub(super) fn slug(name: &str) -> String {
+    let name = name.to_lowercase().replace('²', "");
+    let words = name.split(|c: char| !(c.is_alphanumeric() || c == '.')).filter(|word| !word.is_empty());
+    words.collect::<Vec<_>>().join("-")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -154,18 +168,4 @@ mod tests {
         assert_eq!(part.dimensions(), (320, 256));
         assert_eq!([part.get_pixel(2 * 64, 64)[0], part.get_pixel(2 * 64 - 1, 64)[0]], [200, 0]);
     }
-}
-
-/// Writes an image, if images are wanted.
-pub(super) fn save(options: &Options, name: &str, image: &image::RgbImage) -> Result<()> {
-    let Some(folder) = &options.images else { return Ok(()) };
-    let path = folder.join(format!("eye-points-{}.png", slug(name)));
-    image.save(&path).with_context(|| format!("cannot write {}", path.display()))
-}
-
-/// A name without spaces or signs, for arguments and files.
-pub(super) fn slug(name: &str) -> String {
-    let name = name.to_lowercase().replace('²', "");
-    let words = name.split(|c: char| !(c.is_alphanumeric() || c == '.')).filter(|word| !word.is_empty());
-    words.collect::<Vec<_>>().join("-")
 }

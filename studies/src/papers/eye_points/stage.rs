@@ -22,11 +22,6 @@ pub enum Pose {
     Close,
 }
 
-impl Pose {
-    /// All poses.
-    pub const ALL: [Self; 2] = [Self::Distant, Self::Close];
-}
-
 impl fmt::Display for Pose {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

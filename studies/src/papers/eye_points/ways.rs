@@ -109,11 +109,6 @@ pub enum TapRule {
     Adaptive,
 }
 
-impl TapRule {
-    /// All rules.
-    pub const ALL: [Self; 2] = [Self::Fixed, Self::Adaptive];
-}
-
 impl fmt::Display for TapRule {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

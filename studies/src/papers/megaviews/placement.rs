@@ -41,9 +41,6 @@ pub enum Emitter {
 }
 
 impl Placement {
-    /// All placements.
-    pub const ALL: [Self; 3] = [Self::SingleBounce, Self::FourBounce, Self::Random];
-
     /// The name in options and tables.
     pub fn name(self) -> &'static str {
         match self {
