@@ -9,7 +9,6 @@ mod arguments;
 mod bench;
 mod child;
 pub mod device;
-mod effort;
 pub mod light;
 pub mod load;
 mod median;
@@ -21,5 +20,4 @@ mod report;
 pub mod views;
 
 pub use arguments::set_quick;
-pub use effort::Effort;
 pub use report::{Machine, Report};

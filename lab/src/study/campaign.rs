@@ -6,7 +6,7 @@ use argus::{args, output, shutdown};
 use argus_studies::device::campaign::{Options, Outcome, PAGE, run};
 use indicatif::ProgressBar;
 
-use super::Form;
+use super::run::Form;
 
 /// Runs the self-test and the studies that need a GPU within a given time, most valuable first, each in its own process
 ///

@@ -2,8 +2,7 @@
 
 use argus_studies::light::{effects, equal_error, indirect, shadows};
 
-use super::arguments::blocking;
-use super::{Named, Run};
+use super::run::{Named, Run, blocking};
 
 #[derive(clap::Subcommand)]
 pub(super) enum Study {

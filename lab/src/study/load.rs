@@ -2,8 +2,7 @@
 
 use argus_studies::load::{break_even, burst, capacity, cluster, overload, service, soak};
 
-use super::arguments::blocking;
-use super::{Named, Run};
+use super::run::{Named, Run, blocking};
 
 #[derive(clap::Subcommand)]
 pub(super) enum Study {

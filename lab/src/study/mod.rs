@@ -1,19 +1,21 @@
 //! `argus-lab study`: the experiments behind the figures. A file for each kind, with the arguments of its studies.
 
-mod arguments;
 mod campaign;
 mod device;
 mod light;
 mod load;
 mod method;
+mod run;
 mod views;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use argus::{output, shutdown};
 use argus_studies::Report;
 use argus_studies::papers::page;
 use indicatif::{ProgressBar, ProgressStyle};
+
+use self::run::{Form, Run};
 
 /// Measures on this machine what approximations cost and how large their errors are.
 ///
@@ -61,37 +63,12 @@ enum Study {
     /// Methods of the papers, each measured by itself
     Method {
         #[command(subcommand)]
-        study: method::Study,
+        study: Box<method::Study>,
     },
     /// All figures and tables of a paper on one page, README.md, beside the paper's own numbers [--out: out/PAPER]
     Paper(page::Options),
     Campaign(campaign::Campaign),
 }
-
-/// Length of a study, and the form of its output.
-#[derive(clap::Args)]
-struct Form {
-    /// Run a few seconds only, to see that everything works; the figures are noise.
-    #[arg(long, global = true)]
-    quick: bool,
-    /// Print one JSON object: scene, machine, rows (one object per table row)
-    #[arg(long, global = true)]
-    json: bool,
-    /// Folder for the figures as Markdown, CSV and JSON, and for plots
-    #[arg(long, global = true, value_name = "DIR")]
-    out: Option<PathBuf>,
-}
-
-/// What every study gets beside its options.
-struct Run<'a> {
-    /// This program, of which studies start processes.
-    program: &'a Path,
-    form: &'a Form,
-    progress: &'a ProgressBar,
-}
-
-/// Name of a study's files, and its result.
-type Named = (&'static str, Report);
 
 pub(crate) async fn run(Args { study, form }: Args) -> anyhow::Result<()> {
     let progress = ProgressBar::no_length();

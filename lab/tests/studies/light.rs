@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::short_forms::{number, rows};
+use crate::short_forms::{number, paper_page, rows};
 use crate::support::json;
 
 #[test]
@@ -22,15 +22,15 @@ fn the_rays_study_measures_every_kind_of_rays_with_the_wide_tree() {
 
 #[test]
 fn the_reflections_study_compares_maps_with_the_sky_and_with_brute_force() {
-    let study = json(&["study", "method", "probes", "--quick", "--json"]);
-    let sky = &rows(&study)[0];
+    let study = &paper_page().probes;
+    let sky = &rows(study)[0];
     assert_eq!(number(sky, "maps"), 0.0);
     assert_eq!(
-        rows(&study).len(),
+        rows(study).len(),
         8,
         "as given, another resolution, other levels, points and rays at both resolutions"
     );
-    for row in &rows(&study)[1..] {
+    for row in &rows(study)[1..] {
         assert_eq!(number(row, "maps"), 4.0);
         assert!(
             ["maps_ms", "ready_ms", "brute_force_ms", "view_ms"].iter().all(|key| number(row, key) > 0.0)

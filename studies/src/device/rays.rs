@@ -14,33 +14,32 @@ use argus_scene::{Camera, path};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::median::median;
-use crate::{Effort, Machine, Report};
+use crate::{Machine, Report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures the tracers in millions of rays a second: primary rays, shadow rays to the sun and to a point light, sky rays
+/// and bounces, on one thread of the CPU, on all, and on the device
+///
+/// Without a device its rows are left out.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Example:
+  argus-lab study device rays --scene sponza.glb --json")]
 pub struct Options {
-    /// Scenes, as [`argus_scene::open`] takes them.
+    /// Scenes with commas between, each measured by itself: a file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or
+    /// `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls, `?environment=FILE` for another sky
+    #[arg(long = "scene", value_name = "S", value_delimiter = ',', default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scenes: Vec<String>,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("400x300", "64x48"))]
     pub size: [u32; 2],
-    /// Viewpoints whose visible points rays start from.
+    /// Number of viewpoints whose visible points rays start from
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub views: usize,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("5", "1"))]
     pub rounds: usize,
-}
-
-impl Default for Options {
-    /// Takes half a minute for each scene.
-    fn default() -> Self {
-        Self { scenes: vec!["terrain:500000".to_owned()], size: [400, 300], views: 4, rounds: 5 }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self { scenes: vec!["terrain:20000".to_owned()], size: [64, 48], views: 2, rounds: 1 }
-    }
 }
 
 /// Runs the study; `progress` counts scenes.

@@ -34,13 +34,13 @@ pub struct Options {
     #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
     pub workers: usize,
     /// Views of the burst that estimates capacity
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("600", "100"))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("600", "50"))]
     pub views: u32,
     /// Loads, as factors of the measured capacity
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("0.5,0.9,1,1.5,2,4", "0.5,2"))]
     pub factors: Vec<f64>,
     /// Seconds of each load
-    #[arg(long, value_name = "T", value_parser = positive, default_value = or_quick("15", "3"))]
+    #[arg(long, value_name = "T", value_parser = positive, default_value = or_quick("15", "2"))]
     pub seconds: f64,
     /// Seconds that a view may wait in the queue before the service rejects it
     #[arg(long = "wait", value_name = "SECONDS", value_parser = positive, default_value = "1")]

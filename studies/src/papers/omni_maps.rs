@@ -4,6 +4,7 @@
 use std::time::Instant;
 
 use anyhow::Result;
+use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerSettings;
@@ -14,67 +15,57 @@ use argus_scene::{
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, FrameErrors, Truth};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures omnidirectional samples from triangles beside those from maps of an octree (`argus serve --sampling
+/// megaviews`): their cost, and the error of views warped from them
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Example:
+  LP_NUM_THREADS=1 argus-lab study method omni-maps --scene sponza.glb --map-side 256,512,1024 --levels 8,9,10 --out figures")]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("400x300", "64x48"))]
     pub size: [u32; 2],
-    /// Views of the walk.
+    /// Number of views in the walk
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub views: usize,
-    /// The rig; its kind is always `Cell`.
-    pub rig: RigSettings,
-    /// Samples used for each warped view.
-    pub samples: usize,
-    /// Sides of a hemisphere's map in texels.
+    #[command(flatten)]
+    rig: args::Rig,
+    /// Side of a map's hemisphere in texels
+    #[arg(long = "map-side", value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(8..=1024), default_value = or_quick("256,512", "64,128"))]
     pub map_sides: Vec<u32>,
-    /// Levels of the octree.
+    /// Levels of the scene's octree below its root
+    #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10), default_value = or_quick("8,9", "7"))]
     pub levels: Vec<u32>,
-    /// Cameras along an edge of the blocks that share a traversal.
+    /// Cameras along an edge of the blocks that share maps: 1, 2 or 4
+    #[arg(long = "block", value_name = "N", value_delimiter = ',', value_parser = block, default_value = "1")]
     pub blocks: Vec<u32>,
-    /// Reference samples per pixel: a square number.
+    /// Samples a pixel of the reference: a square number
+    #[arg(skip = or_quick(16_u32, 4))]
     pub reference_samples: u32,
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
 }
 
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:500000".to_owned(),
-            size: [400, 300],
-            views: 4,
-            rig: RigSettings { face: Some(256), ..RigSettings::default() },
-            samples: 4,
-            map_sides: vec![256, 512],
-            levels: vec![8, 9],
-            blocks: vec![1],
-            reference_samples: 16,
-            rounds: 3,
-        }
+impl Options {
+    /// Samples that a view is warped from.
+    fn samples(&self) -> usize {
+        self.rig.samples(4)
     }
 }
 
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            size: [64, 48],
-            views: 2,
-            rig: RigSettings { face: Some(64), ..RigSettings::default() },
-            map_sides: vec![64, 128],
-            levels: vec![7],
-            reference_samples: 4,
-            rounds: 1,
-            ..Self::default()
-        }
-    }
+fn block(text: &str) -> Result<u32, String> {
+    let found = [1, 2, 4].into_iter().find(|block: &u32| block.to_string() == text);
+    found.ok_or_else(|| "must be 1, 2 or 4".to_owned())
 }
 
 /// One source of samples.
@@ -89,7 +80,9 @@ struct Source {
 /// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    let rig = RigSettings { kind: Some(RigKind::Cell), ..options.rig };
+    let rig = options.rig.settings();
+    let face = rig.face.or(Some(or_quick(256, 64)));
+    let rig = RigSettings { kind: Some(RigKind::Cell), face, ..rig };
     let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerSettings::default())?;
     let sources = sources(options);
     progress.set_length(sources.len() as u64);
@@ -110,7 +103,7 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         walk.len(),
         options.size[0],
         options.size[1],
-        options.samples
+        options.samples()
     ));
     report.plots = vec![plot(&bench.scene.name, &report.rows)];
     Ok(report)
@@ -140,14 +133,14 @@ fn row(
 ) -> Result<Map<String, Value>> {
     bench.set_visibility(source.visibility);
     bench.set_sampling(source.sampling)?;
-    let ids = bench.all_ids(walk, options.samples);
+    let ids = bench.all_ids(walk, options.samples());
     let (sample_ms, ready_ms) = time(bench, &ids, options.rounds)?;
     let held = ids.clone();
     bench.hold(&ids)?;
     let jobs: Vec<ViewJob> = walk
         .iter()
         .map(|camera| {
-            let samples = bench.sample_ids(camera, options.samples);
+            let samples = bench.sample_ids(camera, options.samples());
             let plan = Plan::Warp(Warp { samples, ..Warp::default() });
             bench.job(*camera, options.size, Outputs { range: true, ..Outputs::COLOR }, plan)
         })

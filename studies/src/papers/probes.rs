@@ -5,6 +5,7 @@
 //! light of its leaves and probes are rendered anew at each moment. A brute-force render of the same maps is timed
 //! beside them.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -24,68 +25,53 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use crate::arguments::{count, or_quick, size};
 use crate::bench::{Bench, compare};
 use crate::median::{mean, median};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures reflection probes (`argus serve --reflections maps` and `points`): their cost beside brute force, and their error
+/// against traced reflections
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Example:
+  LP_NUM_THREADS=1 argus-lab study method probes --scene mirrors:400 --images pictures --out figures")]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("mirrors:60", "mirrors:4"))]
     pub scene: String,
-    /// View size in pixels.
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("320x240", "64x48"))]
     pub size: [u32; 2],
-    /// The rig of omnidirectional cameras from which views are warped.
-    pub rig: RigSettings,
-    /// Settings of the first row; each other row changes one of them.
-    pub base: Reflections,
-    /// Sides of a probe's map in texels.
+    /// Side of a probe's map in texels, besides 64 (with --quick 32): powers of two
+    #[arg(long = "side", value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(16..=256), default_value = or_quick("16,32,128", "16"))]
     pub sides: Vec<u32>,
-    /// Levels of the octree.
+    /// Levels of the scene's octree, besides 8 (with --quick 6)
+    #[arg(long, value_name = "L", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=10), default_value = or_quick("6,7,9", "5"))]
     pub levels: Vec<u32>,
-    /// Rays per lobe and samples per pixel of the reference.
-    pub truth: (u32, u32),
-    /// Measured rounds; each time is their median.
+    /// Number of measured rounds, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Folder for the images of all rows.
-    pub images: Option<std::path::PathBuf>,
+    /// Folder for images of all views, rows and references
+    #[arg(long, value_name = "DIR")]
+    pub images: Option<PathBuf>,
+    /// Spacing in metres of the omnidirectional cameras that views are warped from, and texels of their faces
+    #[arg(skip = or_quick((1.0, 384), (2.0, 64)))]
+    pub rig: (f64, u32),
+    /// Settings of the first row; each other row changes one of them
+    #[arg(skip = base())]
+    pub base: Reflections,
+    /// Rays per lobe and samples per pixel of the reference
+    #[arg(skip = or_quick((64, 9), (8, 1)))]
+    pub truth: (u32, u32),
 }
 
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "mirrors:60".to_owned(),
-            size: [320, 240],
-            rig: RigSettings { spacing: Some(1.0), face: Some(384), ..RigSettings::default() },
-            base: Reflections::default(),
-            sides: vec![16, 32, 128],
-            levels: vec![6, 7, 9],
-            truth: (64, 9),
-            rounds: 3,
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "mirrors:4".to_owned(),
-            size: [64, 48],
-            rig: RigSettings { spacing: Some(2.0), face: Some(64), ..RigSettings::default() },
-            base: Reflections {
-                side: 32,
-                source: ProbeSource::Octree { levels: 6 },
-                ..Reflections::default()
-            },
-            sides: vec![16],
-            levels: vec![5],
-            truth: (8, 1),
-            rounds: 1,
-            ..Self::default()
-        }
-    }
+/// The first row's settings.
+fn base() -> Reflections {
+    let base = Reflections::default();
+    let source = ProbeSource::Octree { levels: 6 };
+    or_quick(base, Reflections { side: 32, source, ..base })
 }
 
 /// Seconds of scene time between the moments for which probes are rendered.
@@ -113,7 +99,13 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let rows = rows_of(options);
     progress.set_length(rows.len() as u64 + 1);
     progress.set_message(options.scene.clone());
-    let rig = RigSettings { kind: Some(RigKind::Cell), ..options.rig };
+    let (spacing, face) = options.rig;
+    let rig = RigSettings {
+        kind: Some(RigKind::Cell),
+        spacing: Some(spacing),
+        face: Some(face),
+        ..RigSettings::default()
+    };
     let mut bench = Bench::new(&gpu, &options.scene, &rig, SamplerSettings::default())?;
     bench.info = Arc::new(SampleSetInfo { epoch_secs: EPOCH_SECS, ..(*bench.info).clone() });
     let instances = bench.scene.reflectors(options.base.most);

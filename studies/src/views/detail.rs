@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn less_detail_takes_less_time_and_errs_more() {
-        let report = run(&crate::arguments::quick(), &ProgressBar::hidden()).unwrap();
+        let report = run(&crate::arguments::options(true), &ProgressBar::hidden()).unwrap();
         let column =
             |name: &str| -> Vec<f64> { report.rows.iter().map(|row| row[name].as_f64().unwrap()).collect() };
         let flips = column("flip");

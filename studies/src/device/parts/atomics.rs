@@ -5,7 +5,8 @@ use std::sync::Arc;
 use anyhow::Result;
 use argus_gpu::{Gpu, GpuError, ScatteredAtomics, Word};
 
-use super::{Measure, Options};
+use super::measure::Measure;
+use super::options::Options;
 use crate::median::median;
 
 /// Operations of the first dispatch.

@@ -10,7 +10,8 @@ use argus_scene::{
     Camera, Frame, Outputs, Plan, RenderError, RigSettings, Search, ViewJob, Visibility, Warp,
 };
 
-use super::{Measure, Options};
+use super::measure::Measure;
+use super::options::Options;
 use crate::bench::{Bench, device_ms};
 use crate::median::median;
 

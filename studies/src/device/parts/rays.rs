@@ -13,7 +13,8 @@ use rand::rngs::SmallRng;
 use rand::{Rng as _, SeedableRng as _};
 use rayon::prelude::*;
 
-use super::{Measure, Options};
+use super::measure::Measure;
+use super::options::Options;
 use crate::device::targets::SCATTERED_RAYS;
 use crate::median::median;
 

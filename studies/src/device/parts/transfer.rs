@@ -13,7 +13,8 @@ use argus_scene::{Cancel, Outputs, Plan, Sampler as _, SceneState, ViewJob, Visi
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 
-use super::{Measure, Options};
+use super::measure::Measure;
+use super::options::Options;
 use crate::median::median;
 
 /// Readbacks or encodings timed together in a round: a single one may be shorter than the clock's noise.

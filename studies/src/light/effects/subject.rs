@@ -14,10 +14,11 @@ use argus_scene::{
     SampleSetInfo, ViewJob, Visibility,
 };
 
+use super::options::Options;
 use super::rendering::{Images, Rendering, frames, images, sample};
+use super::scenes;
 use super::stages::mean_stages;
 use super::switches::{SWITCHABLE, is_on, neutral, switched};
-use super::{Options, scenes};
 use crate::bench::Bench;
 
 /// A scene and its renderings.

@@ -13,135 +13,32 @@
 
 mod curve;
 mod mitsuba;
+mod options;
 mod reuse;
 mod rivals;
+mod subject;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::{Indirect, PathSettings, SamplerSettings};
-use argus_scene::metrics::{FlipTiles, flip_tiles};
-use argus_scene::reference::{DirectLight, Indirect as Paths};
-use argus_scene::{
-    Camera, LightEffects, Outputs, Plan, RigKind, RigSettings, Scene, ViewJob, Visibility, Warp,
-};
-use image::RgbImage;
+use argus_sampler::{Indirect, SamplerSettings};
+use argus_scene::metrics::FlipTiles;
+use argus_scene::reference::DirectLight;
+use argus_scene::{Camera, Plan, RigKind, RigSettings, Scene, Visibility, Warp};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-use self::mitsuba::Mitsuba;
+pub use self::options::Options;
 use self::rivals::Rival;
-use crate::arguments::{count, or_quick, positive, size};
-use crate::bench::{Bench, image_of};
+use self::subject::{Errors, FromSamples, Subject, light};
+use crate::bench::Bench;
 use crate::light::radiance::{RadianceError, Reference};
 use crate::load::break_even::break_even;
-use crate::median::{mean, median};
+use crate::median::mean;
 use crate::metered::open_metered;
 use crate::{Machine, Report, report};
-
-/// Measures what a view with all light costs from samples, directly, by paths without a cache and by Mitsuba, at equal error
-#[derive(Debug, Clone, clap::Args)]
-#[command(after_help = "\
-Examples:
-  argus-lab study light equal-error --scene sponza.glb --mitsuba scripts/mitsuba --out figures")]
-pub struct Options {
-    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
-    /// `?environment=FILE` for another sky
-    #[arg(long, value_name = "S", default_value = "rooms")]
-    pub scene: String,
-    /// Size of a view in pixels
-    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("200x150", "48x36"))]
-    pub size: [u32; 2],
-    /// Number of views, along a walk from the scene's viewpoints
-    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
-    pub views: usize,
-    /// Samples that a view is warped from
-    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
-    pub samples: usize,
-    /// Distances in metres of direct frames that serve as samples, to the left and right of a view
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("0.05,0.2,0.8", "0.1"))]
-    pub frames_aside: Vec<f64>,
-    /// Resolutions of samples: texels along a cube's edge x sub-samples of a texel
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = size, default_value = or_quick("512x4,256x4,256x1,128x1,64x1", "64x1"))]
-    pub resolutions: Vec<[u32; 2]>,
-    /// Settings of the tracer without cache: samples a pixel x paths of each
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = size, default_value = or_quick("1x1,1x4,4x4,4x16,16x16", "1x1,1x4"))]
-    pub tracer: Vec<[u32; 2]>,
-    /// Samples a pixel of direct views
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = or_quick("1,4,16", "1,4"))]
-    pub direct: Vec<u32>,
-    /// Seconds of a view beyond which slower settings of the tracer are left out
-    #[arg(long, value_name = "SECONDS", value_parser = positive, default_value = "20")]
-    pub patience_secs: f64,
-    /// Measure Mitsuba 3, too, by this script: `scripts/mitsuba`, which installs it
-    #[arg(long, value_name = "SCRIPT")]
-    pub mitsuba: Option<PathBuf>,
-    /// Paths a pixel of Mitsuba's converged images, against which its noise is judged
-    #[arg(long, value_name = "N", default_value = "512", requires = "mitsuba", value_parser = clap::value_parser!(u32).range(2..=65536))]
-    pub mitsuba_converged: u32,
-    /// Samples a pixel of the reference
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("16", "4"))]
-    pub truth_samples: u32,
-    /// Paths of the reference for each of these samples; its time is proportional
-    #[arg(long = "paths", value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("8", "4"))]
-    pub truth_paths: u32,
-    /// Number of measured rounds, after one that is not counted; times are their median
-    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
-    pub rounds: usize,
-    /// Folder for all images
-    #[arg(long, value_name = "DIR")]
-    pub images: Option<PathBuf>,
-}
-
-impl Options {
-    /// Mitsuba, if it is to be measured.
-    fn mitsuba(&self) -> Option<Mitsuba> {
-        let (script, converged) = (self.mitsuba.clone()?, self.mitsuba_converged);
-        let paths = [1, 4, 16, 64, 256].into_iter().filter(|paths| *paths < converged).collect();
-        Some(Mitsuba { script, paths, converged })
-    }
-}
-
-/// The light of all ways: paths between leaf sides with the service's settings.
-fn light() -> (LightEffects, PathSettings) {
-    (LightEffects::ALL, PathSettings::default())
-}
-
-/// The scene, its views, and their references.
-struct Subject<'a> {
-    options: &'a Options,
-    gpu: Arc<Gpu>,
-    scene: Arc<Scene>,
-    views: Vec<Camera>,
-    references: Vec<Reference>,
-    truths: Vec<RgbImage>,
-}
-
-/// Mean errors of views.
-#[derive(Clone)]
-struct Errors {
-    flip: f64,
-    /// Of each view, by tiles of [`TILE`] pixels.
-    tiles: Vec<FlipTiles>,
-    radiance: RadianceError,
-}
-
-/// Views from samples.
-struct FromSamples {
-    /// The samples in a few words.
-    name: String,
-    view_ms: f64,
-    errors: Errors,
-    unresolved: f64,
-    /// Milliseconds of the samples of one view.
-    samples_ms: f64,
-}
-
-/// Edge of a tile in pixels, as the service judges views by tiles.
-const TILE: u32 = 32;
 
 /// Runs the study; `progress` counts settings.
 ///
@@ -197,51 +94,7 @@ fn bench(gpu: &Arc<Gpu>, scene: &Arc<Scene>, [face, sub_samples]: [u32; 2]) -> R
     Ok(bench)
 }
 
-impl<'a> Subject<'a> {
-    fn new(options: &'a Options, gpu: &Arc<Gpu>, bench: &Bench) -> Self {
-        let views = bench.walk(options.views);
-        // The halves share the paths.
-        let paths = Paths { paths: (options.truth_paths / 2).max(1), bounces: light().1.bounces };
-        let reference = |camera: &Camera| {
-            let (size, samples) = (options.size, options.truth_samples);
-            Reference::render(&bench.tracer, &bench.scene.lighting, camera, size, samples, Some(paths))
-        };
-        let references: Vec<Reference> = views.iter().map(reference).collect();
-        let truths = references.iter().map(Reference::display).collect();
-        Self { options, gpu: Arc::clone(gpu), scene: Arc::clone(&bench.scene), views, references, truths }
-    }
-
-    /// Mean errors of images against the references; saves the images.
-    fn judge(&self, name: &str, images: &[RgbImage]) -> Result<Errors> {
-        let tiles = self.truths.iter().zip(images).map(|(truth, image)| flip_tiles(truth, image, TILE));
-        let tiles = tiles.collect::<Result<Vec<_>, _>>()?;
-        let radiance: Vec<RadianceError> =
-            self.references.iter().zip(images).map(|(reference, image)| reference.errors(image)).collect();
-        self.save(name, images)?;
-        // A view without light has no relative error.
-        let of =
-            |field: fn(&RadianceError) -> f64| mean(radiance.iter().map(field).filter(|e| e.is_finite()));
-        let radiance =
-            RadianceError { error: of(|r| r.error), bias: of(|r| r.bias), energy: of(|r| r.energy) };
-        Ok(Errors { flip: mean(tiles.iter().map(|view| view.mean)), tiles, radiance })
-    }
-
-    fn save(&self, name: &str, images: &[RgbImage]) -> Result<()> {
-        let Some(folder) = &self.options.images else { return Ok(()) };
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
-        let name: String = name.chars().map(plain).collect();
-        for (view, image) in images.iter().enumerate() {
-            image.save(folder.join(format!("{name}-{view}.png")))?;
-        }
-        Ok(())
-    }
-
-    fn jobs(&self, bench: &Bench, plan: impl Fn(&Camera) -> Plan) -> Vec<ViewJob> {
-        let job = |view: &Camera| bench.job(*view, self.options.size, Outputs::COLOR, plan(view));
-        self.views.iter().map(job).collect()
-    }
-
+impl Subject<'_> {
     fn of_samples(&self, resolution: [u32; 2]) -> Result<FromSamples> {
         let mut bench = bench(&self.gpu, &self.scene, resolution)?;
         let ids = bench.all_ids(&self.views, self.options.samples);
@@ -254,27 +107,6 @@ impl<'a> Subject<'a> {
         let samples = mean(self.views.iter().map(|view| of_view(view).samples.len() as f64));
         let samples_ms = cost.ms / cost.count.max(1) as f64 * samples;
         self.composed(&mut bench, &jobs, name_of(resolution), samples_ms)
-    }
-
-    /// Times and judges views from samples that are held.
-    fn composed(
-        &self,
-        bench: &mut Bench,
-        jobs: &[ViewJob],
-        name: String,
-        samples_ms: f64,
-    ) -> Result<FromSamples> {
-        bench.decide_program(jobs)?;
-        let (mut times, mut frames) = (Vec::new(), Vec::new());
-        for _ in 0..self.options.rounds.max(1) {
-            let (ms, found) = bench.time(jobs)?;
-            times.push(ms / jobs.len() as f64);
-            frames = found;
-        }
-        let images = frames.iter().map(image_of).collect::<Result<Vec<_>>>()?;
-        let errors = self.judge(&format!("samples {name}"), &images)?;
-        let unresolved = mean(frames.iter().map(|frame| frame.unresolved_fraction));
-        Ok(FromSamples { name, view_ms: median(&times), errors, unresolved, samples_ms })
     }
 
     fn report(&self, found: &[FromSamples], rivals: &[Rival], base: &Errors) -> Report {

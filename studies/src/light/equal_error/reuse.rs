@@ -13,7 +13,7 @@ use argus_scene::{Camera, Compositor as _, FaceMask, Frame, Outputs, Plan, Sampl
 use glam::DVec3;
 use half::f16;
 
-use super::{FromSamples, Subject};
+use super::subject::{FromSamples, Subject};
 use crate::bench::Bench;
 
 impl Subject<'_> {

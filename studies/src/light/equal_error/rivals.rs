@@ -10,7 +10,7 @@ use indicatif::ProgressBar;
 
 use super::curve::Curve;
 use super::mitsuba::Mitsuba;
-use super::{Errors, Subject, light};
+use super::subject::{Errors, Subject, light};
 use crate::bench::{Bench, image_of};
 use crate::light::radiance::RadianceError;
 use crate::median::{mean, median};

@@ -18,7 +18,7 @@ use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 
-use super::{Method, PLAIN};
+use super::method::{Method, PLAIN};
 use crate::processes::cpu_secs;
 
 /// Longest time until pipelines are compiled, roles are stable, and a still scene has its samples.

@@ -8,6 +8,7 @@
 //! - *Still* is *proposed* in a scene that does not move, so samples are rendered once.
 
 mod measure;
+mod method;
 mod row;
 
 use std::path::{Path, PathBuf};
@@ -15,7 +16,6 @@ use std::time::Duration;
 
 use anyhow::{Context as _, Result};
 use argus_client::load::patient;
-use argus_cluster::core::balance::{self, Split};
 use argus_local::{LocalCluster, connect};
 use argus_scene::PlanRequest;
 use argus_scene::metrics::compare;
@@ -23,37 +23,13 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 
 use self::measure::{Measured, Run, measure};
+pub use self::method::Method;
+use self::method::PLAIN;
 use self::row::{Beside, Row};
 use crate::arguments::{count, is_quick, or_quick, positive, seconds, size};
-use crate::load::simulate::efficiency::{self, Case, load_of};
+use crate::load::simulate::efficiency::{self, Case, SETTLED_SECS};
 use crate::load::simulate::{Machines, Parameters, trouble};
 use crate::{Machine, Report};
-
-/// How views are answered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// All workers render all views directly.
-    Naive,
-    /// K workers render samples anew each tick; the rest compose.
-    Proposed,
-    /// Like [`Self::Proposed`], but samplers also compose in their spare time.
-    Helping,
-    /// Samples are rendered once; the scene does not move.
-    Still,
-}
-
-impl Method {
-    const ALL: [Self; 4] = [Self::Naive, Self::Proposed, Self::Helping, Self::Still];
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Naive => "naive",
-            Self::Proposed => "proposed",
-            Self::Helping => "proposed, samplers compose",
-            Self::Still => "proposed, still scene",
-        }
-    }
-}
 
 /// Measures or simulates the cluster paper's figures: the time of a tick against views and against processes
 ///
@@ -84,7 +60,7 @@ pub struct Options {
     #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "2"))]
     pub ticks: usize,
     /// Smallest number of measured views; small ticks are repeated to reach it
-    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("1500", "200"))]
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("1500", "48"))]
     pub measured_views: usize,
     /// Seconds without role changes before measuring starts
     #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = or_quick("5", "0.5"))]
@@ -167,17 +143,6 @@ impl Options {
         }
     }
 }
-
-/// Table 1 of the paper, at 1000 views: processes, efficiency proposed, efficiency naive.
-const PAPER: [(u32, f64, f64); 7] = [
-    (5, 0.715, 0.103),
-    (6, 0.757, 0.105),
-    (7, 0.792, 0.106),
-    (8, 0.812, 0.108),
-    (9, 0.818, 0.108),
-    (10, 0.826, 0.110),
-    (11, 0.829, 0.110),
-];
 
 /// The most ticks measured to reach [`Options::measured_views`].
 const MOST_TICKS: usize = 60;
@@ -270,9 +235,6 @@ async fn measured(argus: &Path, options: &Options, progress: &ProgressBar) -> Re
     Ok(report)
 }
 
-/// The paper's experiments have no effects of light.
-const PLAIN: &str = "--effects=none";
-
 /// Views compared for image quality.
 const JUDGED: usize = 4;
 
@@ -352,6 +314,7 @@ fn simulate_one(
         helping: method == Method::Helping,
         // Short ticks depend on chance: on the batch in work when the next samples become due. So they are repeated.
         ticks: ticks.max((40_000 / views as usize).min(40)),
+        settled_secs: or_quick(SETTLED_SECS, 10.0),
     };
     efficiency::run(&case, parameters)
 }
@@ -455,30 +418,4 @@ async fn simulated(options: &Options, parameters: Parameters, progress: &Progres
     ));
     report.notes.push(format!("Costs: {}", serde_json::to_string(&parameters)?));
     Ok(report)
-}
-
-/// The paper's efficiency for this many processes, if it has one.
-fn paper(processes: u32, method: Method) -> Option<f64> {
-    let (_, proposed, naive) = PAPER.into_iter().find(|row| row.0 == processes)?;
-    Some(if method == Method::Naive { naive } else { proposed })
-}
-
-/// The predicted seconds of a tick with the given number of samplers.
-fn predicted_secs(load: balance::Load, processes: u32, samplers: u32, method: Method) -> f64 {
-    let split = match method {
-        _ if processes < 2 => Split::Alone,
-        Method::Naive => Split::AllDirect,
-        _ => Split::Divided(samplers.clamp(1, processes - 1)),
-    };
-    match method {
-        Method::Helping => balance::helping_tick_secs(load, processes, split),
-        _ => balance::tick_secs(load, processes, split),
-    }
-}
-
-/// The work of a tick, from costs in milliseconds.
-fn load(views: u64, method: Method, (sample_ms, direct_ms, view_ms): (f64, f64, f64)) -> balance::Load {
-    let costs = Parameters { sample_ms, direct_ms, view_ms, ..Parameters::default() };
-    let (refreshed, direct) = (matches!(method, Method::Proposed | Method::Helping), method == Method::Naive);
-    load_of(&Case { processes: 1, views, refreshed, direct, helping: false, ticks: 1 }, &costs)
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::measure::Measured;
-use super::{Method, load, paper, predicted_secs};
+use super::method::{Method, load, paper, predicted_secs};
 use crate::load::simulate::efficiency::Outcome;
 use crate::load::simulate::{Parameters, trouble};
 use crate::report;

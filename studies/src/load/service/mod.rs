@@ -10,7 +10,9 @@
 //! method forced, to measure the planner's regret. Optionally, loads beyond the capacity of direct views follow.
 
 mod mode;
+mod options;
 mod overload;
+mod phase;
 mod predictions;
 mod regret;
 mod row;
@@ -20,118 +22,23 @@ mod watch;
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context as _, Result};
-use argus_client::load::{Ended, LoadOptions, run_along};
-use argus_client::{Client, ClusterStatus, ConnectOptions, RenderOptions};
+use argus_client::RenderOptions;
 use argus_local::{LocalCluster, settle};
-use argus_scene::{Frame, Outputs, Plan, View};
+use argus_scene::{Outputs, View};
 use indicatif::ProgressBar;
 
 pub use self::mode::Mode;
+pub use self::options::Options;
 pub use self::walk::Walk;
 
 use self::mode::Phase;
+use self::phase::{DEADLINE, FIRST_DEADLINE, Load, connect, of_phase};
 use self::row::{Measured, plot, row};
-use self::truth::{Judged, Truths};
-use self::watch::Samples;
-use crate::arguments::{count, or_quick, positive, size};
-use crate::median::mean;
+use self::truth::Truths;
 use crate::{Machine, Report};
-
-/// Measures the service from its users' side: time to the first view, latency and error under an open load, cold and
-/// warm; by default, and with direct or warped views forced
-///
-/// Each mode has a new cluster. Cold: clients send as soon as there is an address. Warm: the same walk again, after a warm-up
-/// walk and time to settle. Each view's due time is fixed beforehand, and its latency counts from then; a view without a frame
-/// after 30 s has failed and counts with that time. 24 views of each phase are compared with direct views of 16 samples a
-/// pixel. The planner's predictions are compared with the frames: time_predicted is the share of frames within 30% or 5 ms,
-/// error_bounded the share of frames from samples whose error is at most the predicted one, planning_us the coordinator's
-/// microseconds a view. Takes two or three minutes a run, more if views are late.
-#[derive(Debug, Clone, clap::Args)]
-#[command(after_help = "\
-Examples:
-  argus-lab study load service --scene sponza.glb --out figures
-  argus-lab study load service --scene sponza.glb --size 640x480 --rate 10 --walk jumps --runs 5
-  argus-lab study load service --scene sponza.glb --overload --regret-views 100
-  argus-lab study load service --scene room.glb -- --rig cell --cell 0.5")]
-pub struct Options {
-    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
-    /// `?environment=FILE` for another sky
-    #[arg(long, value_name = "S", default_value = or_quick("terrain:500000", "terrain:20000"))]
-    pub scene: String,
-    /// Size of a view in pixels
-    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("320x240", "96x72"))]
-    pub size: [u32; 2],
-    /// Number of clients at the same time, each on its own path
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value = or_quick("4", "2"))]
-    pub clients: u32,
-    /// Views per second of each client
-    #[arg(long, value_name = "R", value_parser = positive, default_value = "5")]
-    pub rate: f64,
-    /// How clients move: smoothly, from the recommended viewpoints through the scene or down to it (steady); to another
-    /// place each second (jumps); not at all (stand)
-    #[arg(long, value_name = "HOW", value_enum, hide_possible_values = true, default_value = "steady")]
-    pub walk: Walk,
-    /// Seconds of each phase
-    #[arg(long, value_name = "T", value_parser = positive, default_value = or_quick("10", "2"))]
-    pub seconds: f64,
-    /// Number of worker processes
-    #[arg(long, value_name = "P", value_parser = count, default_value = "2")]
-    pub workers: usize,
-    /// Number of repetitions; rows are their medians, and `spread` holds the minima and maxima
-    #[arg(long, value_name = "N", value_parser = count, default_value = "1")]
-    pub runs: usize,
-    /// Views per phase whose error is measured
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64), default_value = or_quick("24", "4"))]
-    pub judged: u64,
-    /// Longest time in seconds for the service to settle, before the warm-up and again before the warm phase
-    #[arg(long, value_name = "SECONDS", value_parser = positive, default_value = or_quick("15", "3"))]
-    pub settle_secs: f64,
-    /// Start each cluster with empty caches, like a machine that never ran Argus. Drivers then compile every program
-    /// anew, which takes the software driver seconds. Otherwise a start that is not measured fills them first
-    #[arg(long)]
-    pub empty_caches: bool,
-    /// Number of views to render one at a time with every method, to measure the planner's regret: the time by
-    /// default over that of the best method within the error bound, minus 1. Takes up to 90 s; 0 skips it
-    #[arg(long, value_name = "N", default_value = or_quick("24", "4"))]
-    pub regret_views: u32,
-    /// A way of requesting views; may be given more than once [default: all]
-    #[arg(long = "mode", value_name = "MODE", value_enum)]
-    pub modes: Vec<Mode>,
-    /// Also measure two and four times the capacity for direct views, in every mode: `share_of_peak` is the rate of
-    /// answered views over that of the best forced method that is as good. Takes two or three minutes more a run
-    #[arg(long)]
-    pub overload: bool,
-    /// Further arguments of `argus serve`
-    #[arg(last = true, value_name = "ARGUMENT")]
-    pub serve: Vec<String>,
-}
-
-/// A view without a frame after this time has failed.
-const DEADLINE: Duration = Duration::from_secs(30);
-/// Deadline of a view that fills caches.
-const FIRST_DEADLINE: Duration = Duration::from_secs(120);
-/// Largest number of connections that all clients share.
-const CONNECTIONS: u32 = 4;
-
-/// The load of a phase.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Load {
-    /// Views per second of each client.
-    rate: f64,
-    /// A view without a frame after this time has failed.
-    deadline: Duration,
-}
-
-impl Load {
-    /// The load that the options ask for.
-    fn of(options: &Options) -> Self {
-        Self { rate: options.rate, deadline: DEADLINE }
-    }
-}
 
 /// The phases of every mode, without overloads.
 const PHASES: [Phase; 2] = [Phase::Cold, Phase::Warm];
@@ -152,7 +59,7 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
     let (mut truths, mut measured, mut device) = (Truths::default(), Vec::new(), String::new());
     if !options.empty_caches {
         progress.set_message("filling caches");
-        fill_caches(argus, options).await.context("filling caches")?;
+        fill_caches(argus, options, &modes).await.context("filling caches")?;
     }
     for run in 0..runs {
         for turn in 0..modes.len() {
@@ -181,11 +88,11 @@ pub async fn run(argus: &Path, options: &Options, progress: &ProgressBar) -> Res
 
 /// Renders a view of each mode on a cluster that is not measured. The driver's cache then holds all programs, whose
 /// compilation takes seconds.
-async fn fill_caches(argus: &Path, options: &Options) -> Result<()> {
+async fn fill_caches(argus: &Path, options: &Options, modes: &[Mode]) -> Result<()> {
     let cluster = LocalCluster::start(argus, &options.scene, options.workers, &options.serve)?;
     let client = connect(&cluster, options).await?;
     let ([width, height], description) = (options.size, client.description());
-    for mode in Mode::ALL {
+    for mode in modes {
         let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
         let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
         let patience = RenderOptions { deadline: FIRST_DEADLINE, ..RenderOptions::default() };
@@ -242,101 +149,6 @@ async fn of_mode(
     Ok((device, [cold, warm]))
 }
 
-/// Connects a client with as many connections as the load needs.
-async fn connect(cluster: &LocalCluster, options: &Options) -> Result<Client> {
-    let connections = options.clients.clamp(1, CONNECTIONS) as usize;
-    let connect = ConnectOptions { connections, ..ConnectOptions::default() };
-    let until = Instant::now() + FIRST_DEADLINE;
-    loop {
-        // On a busy machine the service may answer late; try again.
-        match Client::connect_with(cluster.url(), &connect).await {
-            Err(_) if Instant::now() < until => tokio::time::sleep(Duration::from_millis(20)).await,
-            connected => return Ok(connected?),
-        }
-    }
-}
-
-/// Mean microseconds to plan a view, for views planned between two statuses.
-fn planning_us(before: &ClusterStatus, after: &ClusterStatus) -> Option<f64> {
-    let views = after.views_planned.checked_sub(before.views_planned).filter(|views| *views > 0)?;
-    Some((after.planning_us - before.planning_us) / views as f64)
-}
-
-/// What is kept of a phase's views.
-#[derive(Default)]
-struct Views {
-    /// When the first frame arrived.
-    first: Option<Instant>,
-    judged: Vec<Judged>,
-}
-
-/// Runs one load, from its first view to the last answer.
-async fn of_phase(client: &Client, options: &Options, mode: Mode, load: Load) -> Result<(Measured, Views)> {
-    let asked = LoadOptions {
-        clients: options.clients,
-        duration: Duration::try_from_secs_f64(options.seconds)?,
-        rate: load.rate,
-        size: options.size,
-        plan: mode.plan(),
-        deadline: load.deadline,
-        ..LoadOptions::default()
-    };
-    let judged = spread_over(asked.views_per_client(), options.clients, options.judged);
-    let (description, walk) = (client.description().clone(), options.walk);
-    let cameras = Arc::new(move |client, secs| walk.camera(&description, client, secs));
-    let (mut measured, mut views, mut unresolved) = (Measured::default(), Views::default(), Vec::new());
-    let before = client.status().await?;
-    let report = run_along(client, &asked, cameras, |ended: Ended| match ended.outcome {
-        Ok(frame) => {
-            measured.latencies_ms.push((ended.at - ended.due).as_secs_f64() * 1e3);
-            *measured.methods.entry(method_of(&frame)).or_default() += 1;
-            measured.timed.take(&frame);
-            unresolved.push(frame.unresolved_fraction);
-            let at = ended.at.into_std();
-            views.first = Some(views.first.map_or(at, |first| first.min(at)));
-            if judged.contains(&(ended.client, ended.index)) {
-                views.judged.push(Judged { camera: ended.view.camera, frame });
-            }
-        }
-        Err(error) => {
-            // A fast rejection counts as slow as the deadline.
-            measured.latencies_ms.push(load.deadline.as_secs_f64() * 1e3);
-            measured.first_error.get_or_insert_with(|| error.to_string());
-        }
-    });
-    let report = report.await?;
-    measured.latencies_ms.sort_by(f64::total_cmp);
-    (measured.sent, measured.answered, measured.rejected) = (report.sent, report.answered, report.rejected);
-    measured.views_per_sec = report.views_per_sec;
-    measured.unresolved = (!unresolved.is_empty()).then(|| mean(unresolved));
-    let after = client.status().await?;
-    measured.planning_us = planning_us(&before, &after);
-    measured.error_factor = (measured.timed.share().is_some()).then_some(after.error_factor);
-    measured.samples = Samples::of(client).await?;
-    Ok((measured, views))
-}
-
-/// How a frame was made: one of [`row::METHODS`].
-fn method_of(frame: &Frame) -> &'static str {
-    let [direct, warp, traced] = row::METHODS;
-    match frame.provenance.plan {
-        Plan::Direct { .. } => direct,
-        Plan::Warp(_) if frame.served.traced > 0 => traced,
-        Plan::Warp(_) => warp,
-    }
-}
-
-/// Picks `count` views to judge, as (client, index), evenly spread over time and clients.
-fn spread_over(views: u64, clients: u32, count: u64) -> BTreeSet<(u32, u64)> {
-    let count = count.min(views.saturating_mul(u64::from(clients)));
-    let step = (u64::from(clients) / count.max(1)).max(1);
-    let at = |k: u64| {
-        let client = (k * step) % u64::from(clients.max(1));
-        (client as u32, ((2 * k + 1) * views / (2 * count)).min(views.saturating_sub(1)))
-    };
-    (0..count).map(at).collect()
-}
-
 fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String> {
     let Options { clients, rate, size: [width, height], seconds, workers, .. } = options;
     let mut notes = vec![format!(
@@ -384,37 +196,4 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
         ));
     }
     notes
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn judged_views_are_spread_over_time_and_clients() {
-        let judged = spread_over(40, 4, 12);
-        assert_eq!(judged.len(), 12);
-        for client in 0..4 {
-            assert_eq!(judged.iter().filter(|(c, _)| *c == client).count(), 3, "{judged:?}");
-        }
-        let mut times: Vec<u64> = judged.iter().map(|(_, index)| *index).collect();
-        times.sort_unstable();
-        assert!(times.windows(2).all(|pair| (3..=4).contains(&(pair[1] - pair[0]))), "{times:?}");
-        assert!(times[0] < 3 && times[11] > 36, "{times:?}");
-    }
-
-    #[test]
-    fn with_many_clients_the_judged_clients_are_spread_too() {
-        let judged = spread_over(50, 100, 10);
-        let clients: Vec<u32> = judged.iter().map(|(client, _)| *client).collect();
-        assert_eq!(clients, [0, 10, 20, 30, 40, 50, 60, 70, 80, 90]);
-    }
-
-    #[test]
-    fn no_more_views_are_judged_than_there_are() {
-        assert_eq!(spread_over(1, 1, 12), BTreeSet::from([(0, 0)]));
-        assert!(spread_over(1, 3, 12).len() <= 3);
-        assert!(spread_over(40, 4, 0).is_empty() && spread_over(0, 4, 12).is_empty());
-        assert!(spread_over(3, 7, 12).iter().all(|(client, index)| *client < 7 && *index < 3));
-    }
 }

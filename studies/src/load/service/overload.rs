@@ -11,10 +11,11 @@ use argus_scene::{Outputs, View};
 use indicatif::ProgressBar;
 
 use super::mode::{Mode, Phase};
+use super::options::Options;
+use super::phase::{Load, connect, of_phase};
 use super::regret::BOUND;
 use super::row::Measured;
 use super::truth::Truths;
-use super::{Load, Options, connect, of_phase};
 
 /// Views of the first burst, which estimates the rate of the second.
 const FIRST: u32 = 16;

@@ -6,8 +6,8 @@ use anyhow::Result;
 use argus_client::{Client, RenderOptions};
 use argus_scene::{Camera, Frame, Outputs, View};
 
-use super::Options;
 use super::mode::Mode;
+use super::options::Options;
 use super::predictions::took_ms;
 use super::truth::{Judged, Truths};
 

@@ -14,7 +14,7 @@ use super::{Parameters, secs, set_info};
 const SAMPLES: f64 = 4.0;
 
 /// One simulated cluster.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
     /// P, the number of processes.
     pub processes: u32,
@@ -28,6 +28,8 @@ pub struct Case {
     pub helping: bool,
     /// Measured ticks.
     pub ticks: usize,
+    /// Simulated seconds without role changes before measuring; [`SETTLED_SECS`] for an outcome that does not depend on it.
+    pub settled_secs: f64,
 }
 
 /// The outcome of a case.
@@ -57,7 +59,7 @@ pub struct Outcome {
 const SETTLING_SECS: f64 = 240.0;
 /// Seconds without role changes after which the split has settled. The core remembers a change for less time than
 /// this, and until then it waits before small gains.
-const SETTLED_SECS: f64 = 85.0;
+pub(crate) const SETTLED_SECS: f64 = 85.0;
 /// From this many processes on, the split first settles under a part of the load: the stages' ratio is the same with
 /// fewer events. Workers with little to do keep their role, so it then settles again under the full load.
 const MANY: u32 = 48;
@@ -102,10 +104,10 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
     let (ticks, progress) = Ticks::new(case.views, few, case.direct, case.refreshed);
     let wanted = ticks.in_flight();
     world.with_load(Box::new(ticks));
-    settle(&mut world);
+    settle(&mut world, case.settled_secs);
     wanted.set(in_flight);
     if (MANY..TOO_MANY).contains(&case.processes) {
-        settle(&mut world);
+        settle(&mut world, case.settled_secs);
     }
     // Two ticks until the pipeline is full.
     let from = progress.borrow().ticks.len() + 2;
@@ -150,12 +152,12 @@ pub fn run(case: &Case, parameters: &Parameters) -> Outcome {
     }
 }
 
-/// Runs until roles have not changed for [`SETTLED_SECS`].
-fn settle(world: &mut World) {
+/// Runs until roles have not changed for some seconds.
+fn settle(world: &mut World, settled_secs: f64) {
     let mut changed = world.core.status().counts().roles_changed;
     let mut quiet = 0.0;
     let mut passed = 0.0;
-    while quiet < SETTLED_SECS && passed < SETTLING_SECS {
+    while quiet < settled_secs && passed < SETTLING_SECS {
         world.run_for(secs(0.5));
         passed += 0.5;
         quiet += 0.5;
@@ -172,7 +174,15 @@ mod tests {
     use crate::load::simulate::Machines;
 
     fn case(processes: u32, views: u64) -> Case {
-        Case { processes, views, refreshed: true, direct: false, helping: false, ticks: 40 }
+        Case {
+            processes,
+            views,
+            refreshed: true,
+            direct: false,
+            helping: false,
+            ticks: 40,
+            settled_secs: SETTLED_SECS,
+        }
     }
 
     /// Communication costs far below the paper's g and c, so that the core's decisions show.

@@ -10,6 +10,7 @@ mod host;
 mod load;
 mod parameters;
 pub mod trouble;
+mod work;
 mod worker;
 mod world;
 

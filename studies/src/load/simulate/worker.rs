@@ -9,14 +9,7 @@ use argus_cluster::worker::policy::{Kind, Policy, Waiting as Left, may_change_ro
 use argus_scene::SampleId;
 
 use super::Nanos;
-use super::world::Task;
-
-/// One attempt at a view.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Attempt {
-    pub(super) view_id: ViewId,
-    pub(super) attempt: u32,
-}
+use super::work::{Attempt, Task};
 
 /// Work of the render thread.
 #[derive(Debug, Clone)]

@@ -5,12 +5,10 @@ use std::collections::{BinaryHeap, HashMap};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_cluster::core::{
-    Action, Assignment, Config, Core, Event, Failure, Order, Uptime, ViewId, WorkerId,
-};
+use argus_cluster::core::{Action, Config, Core, Event, Failure, Uptime, ViewId, WorkerId};
 use argus_cluster::worker::policy::threads_beside;
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, PlanRequest, SampleId, SampleSetInfo, View};
+use argus_scene::{Camera, Outputs, PlanRequest, SampleSetInfo, View};
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 
@@ -21,7 +19,8 @@ mod worker_messages;
 use self::event_queue::{Due, SimEvent};
 use super::host::{Host, Link, transfer};
 use super::parameters::{Machines, Parameters};
-use super::worker::{Attempt, Worker};
+use super::work::{Attempt, Message, Task};
+use super::worker::Worker;
 use super::{Nanos, nanos};
 
 /// A load: what clients ask for, and what they do with the answers.
@@ -32,27 +31,6 @@ pub(super) trait Load {
     fn answered(&mut self, client: u64, latency: Nanos, world: &mut World);
     /// A client's view was refused; `overload` tells whether because of overload.
     fn refused(&mut self, client: u64, overload: bool, world: &mut World);
-}
-
-/// A message to a worker.
-#[derive(Debug, Clone)]
-pub(super) enum Message {
-    Order(ViewId, Box<Order>),
-    Assignment(Assignment),
-    Subscribe { id: SampleId, from: usize, prefetch: bool },
-    Sample { id: SampleId },
-    NoSample { id: SampleId, from: usize },
-}
-
-/// A task on a machine's cores.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Task {
-    Render { slot: usize, life: u32 },
-    Encode { slot: usize, life: u32, view: Attempt },
-    Pack { slot: usize, life: u32, id: SampleId },
-    Unpack { slot: usize, life: u32, id: SampleId },
-    Relay { view: Attempt },
-    Receive { view_id: ViewId },
 }
 
 /// A view that a client waits for.

@@ -11,12 +11,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use argus_client::load::{burst, path_views, patient};
-use argus_client::{Client, ConnectOptions, RenderOptions};
+use argus_client::{Client, ConnectOptions};
 use argus_local::{LocalCluster, connect};
 use argus_plot::{Axis, Plot, Series};
-use argus_scene::{PlanRequest, View};
+use argus_scene::PlanRequest;
 use indicatif::ProgressBar;
 use parking_lot::Mutex;
 use serde_json::json;
@@ -24,7 +24,7 @@ use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
 use self::chaos::Chaos;
-use self::session::SessionStats;
+use self::session::{PATIENCE, SessionStats};
 use crate::arguments::{count, is_quick, or_quick, positive, seconds, size};
 use crate::processes::resident_bytes;
 use crate::{Machine, Report, report};
@@ -96,9 +96,6 @@ const MOST_P99_PER_P50: f64 = 3.0;
 const MOST_SWING: f64 = 0.05;
 const LONGEST_GAP: Duration = Duration::from_secs(3);
 const DISTURBANCES_PER_SEC: f64 = 200.0 / 600.0;
-
-/// Longest wait for the answer to a session's last camera.
-const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Resident bytes of a process over time in seconds.
 #[derive(Debug, Clone, Default)]
@@ -401,21 +398,6 @@ fn latency_plot(sorted: &[f64]) -> Plot {
         }],
         ..Plot::default()
     }
-}
-
-/// Options of a pinned repeat, with its deadline.
-fn repeat_options() -> RenderOptions {
-    RenderOptions { deadline: Duration::from_secs(60), ..RenderOptions::default() }
-}
-
-/// The view, pinned to a frame's provenance.
-fn pinned(view: &View, provenance: argus_scene::Provenance) -> View {
-    View { pin: Some(provenance), ..view.clone() }
-}
-
-/// The colour of a frame.
-fn color(frame: &argus_scene::Frame) -> Result<bytes::Bytes> {
-    frame.color.clone().context("a frame without colour")
 }
 
 #[cfg(test)]

@@ -5,14 +5,16 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use argus_client::load::CameraPath;
-use argus_client::{Client, ClientError, SessionEvent, SessionOptions};
+use argus_client::{Client, ClientError, RenderOptions, SessionEvent, SessionOptions};
 use argus_scene::{Frame, Outputs, PlanRequest, Stage, View};
 use parking_lot::Mutex;
 use tokio::time::{sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
 
 use super::tail::Tail;
-use super::{PATIENCE, color, pinned, repeat_options};
+
+/// Longest wait for the answer to a session's last camera.
+pub(super) const PATIENCE: Duration = Duration::from_secs(30);
 
 /// What all sessions received.
 #[derive(Debug, Default)]
@@ -165,12 +167,13 @@ pub(super) async fn check(client: Client, stats: Arc<Mutex<SessionStats>>) {
         sleep(Duration::from_millis(500)).await;
         let taken = stats.lock().to_check.take();
         let Some((view, frame)) = taken else { continue };
-        let repeat = pinned(&view, frame.provenance.clone());
-        let Ok(Ok(answer)) = timeout(PATIENCE, client.render(&repeat, &repeat_options())).await else {
+        let repeat = View { pin: Some(frame.provenance.clone()), ..view };
+        let options = RenderOptions { deadline: 2 * PATIENCE, ..RenderOptions::default() };
+        let Ok(Ok(answer)) = timeout(PATIENCE, client.render(&repeat, &options)).await else {
             stats.lock().repeats_failed += 1;
             continue;
         };
-        let same = matches!((color(&frame), color(&answer.frame)), (Ok(a), Ok(b)) if a == b);
+        let same = frame.color.is_some() && frame.color == answer.frame.color;
         let mut stats = stats.lock();
         stats.checked += 1;
         stats.wrong += u64::from(!same);

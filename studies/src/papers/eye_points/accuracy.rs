@@ -9,9 +9,10 @@ use glam::{DVec2, DVec3};
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use super::options::Options;
+use super::sheets::save;
 use super::stage::{NEAR, Pose, Stage};
 use super::ways::{TapRule, Way, Ways};
-use super::{Options, save};
 use crate::report;
 
 /// Rows of the paper's views, which its sizes of reflectors are for.
@@ -158,8 +159,9 @@ impl Stage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arguments::options;
 
-    fn options() -> Options {
+    fn small() -> Options {
         Options {
             scene: "rooms:20".to_owned(),
             reflectors: vec![3],
@@ -167,13 +169,13 @@ mod tests {
             densities: vec![0.5],
             size: [120, 90],
             taps: 9,
-            ..Options::default()
+            ..options(false)
         }
     }
 
     #[test]
     fn larger_reflectors_have_more_pixels_and_adaptive_taps_make_fewer_lookups() {
-        let options = options();
+        let options = small();
         let rows = rows(&options, &ProgressBar::hidden()).unwrap();
         assert_eq!(rows.len(), 8);
         let number = |row: usize, key: &str| rows[row][key].as_f64().unwrap();

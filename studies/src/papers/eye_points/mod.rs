@@ -8,6 +8,7 @@ mod accuracy;
 mod fine;
 mod judge;
 mod motion;
+mod options;
 mod paper;
 mod recursion;
 mod shadowed_view;
@@ -17,8 +18,6 @@ mod stage;
 mod ways;
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use argus_eye_points::{PointDevice, PointScene};
@@ -30,120 +29,16 @@ use serde_json::{Map, Value, json};
 
 use crate::median::median;
 use crate::processes::{peak_bytes, reset_peak};
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 use judge::Truth;
+pub use options::{Options, Part};
 use paper::{Published, memory, published};
 pub(crate) use shadowed_view::{ShadowScene, ShadowedView};
-use sheets::Pictures;
+use sheets::{Pictures, save, slug};
 pub use stage::Pose;
 use stage::{Seen, Stage};
 pub use ways::TapRule;
 use ways::{Outcome, USUAL_DENSITY, Way, Ways};
-
-/// Parts of the study, each with a table of its own.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Part {
-    /// Points and their rivals: tables 1 and 2, figures 7 and 8.
-    Reflections,
-    /// Error against time for reflectors of several sizes, densities and rules for the number of taps: figure 6.
-    Accuracy,
-    /// Several bounces between two cylinders: figure 5.
-    Recursion,
-    /// Stability over time: the eye and all reflectors move.
-    Motion,
-    /// Shadows of a spherical light: table 3 and figure 10.
-    Shadows,
-}
-
-impl Part {
-    /// All parts.
-    pub const ALL: [Self; 5] =
-        [Self::Reflections, Self::Accuracy, Self::Recursion, Self::Motion, Self::Shadows];
-}
-
-impl fmt::Display for Part {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Reflections => "reflections",
-            Self::Accuracy => "accuracy",
-            Self::Recursion => "recursion",
-            Self::Motion => "motion",
-            Self::Shadows => "shadows",
-        })
-    }
-}
-
-/// What the study measures.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// The part that is measured.
-    pub part: Part,
-    /// A scene, as [`argus_scene::open`] takes it.
-    pub scene: String,
-    /// Numbers of balls that are added to it; 0 leaves the scene's own reflectors.
-    pub reflectors: Vec<u32>,
-    /// Where the eye is.
-    pub poses: Vec<Pose>,
-    /// Points for each pixel, by area: the paper's ρ_scale.
-    pub densities: Vec<f64>,
-    /// View size in pixels.
-    pub size: [u32; 2],
-    /// The rows of [`Part::Reflections`] by name, such as `points` or `mvr-512`; none for all.
-    pub ways: Vec<String>,
-    /// Lookups of each reflective pixel.
-    pub taps: u32,
-    /// Mean diameters of reflectors of [`Part::Accuracy`], in pixels of a view of 1080 rows; other heights scale them.
-    pub reflector_pixels: Vec<f64>,
-    /// Rules for the number of taps of [`Part::Accuracy`].
-    pub tap_rules: Vec<TapRule>,
-    /// Numbers of points of the light of [`Part::Shadows`].
-    pub light_samples: Vec<u32>,
-    /// Frames of [`Part::Motion`].
-    pub frames: u32,
-    /// Most points.
-    pub budget: u32,
-    /// Measured rounds; each time is their median.
-    pub rounds: usize,
-    /// Folder for the images of all rows.
-    pub images: Option<PathBuf>,
-}
-
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            part: Part::Reflections,
-            scene: "rooms".to_owned(),
-            reflectors: vec![1, 10, 50],
-            poses: Pose::ALL.to_vec(),
-            densities: vec![0.25, 0.5, 1.0],
-            size: [640, 360],
-            ways: Vec::new(),
-            taps: 25,
-            reflector_pixels: vec![68.0, 106.0, 128.0, 160.0, 208.0, 230.0, 260.0],
-            tap_rules: TapRule::ALL.to_vec(),
-            light_samples: vec![1, 5, 10, 20],
-            frames: 8,
-            budget: 1 << 25,
-            rounds: 1,
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            reflectors: vec![3],
-            densities: vec![0.5],
-            size: [96, 72],
-            taps: 4,
-            reflector_pixels: vec![128.0],
-            frames: 2,
-            ..Self::default()
-        }
-    }
-}
 
 /// The paper's fixed side of maps.
 const FIXED_SIDE: u32 = 512;
@@ -315,13 +210,6 @@ fn ways_of(options: &Options) -> Result<Vec<Way>> {
     Ok(all)
 }
 
-/// A name without spaces or signs, for arguments and files.
-fn slug(name: &str) -> String {
-    let name = name.to_lowercase().replace('²', "");
-    let words = name.split(|c: char| !(c.is_alphanumeric() || c == '.')).filter(|word| !word.is_empty());
-    words.collect::<Vec<_>>().join("-")
-}
-
 /// A number of reflectors and a pose.
 struct Subject<'a> {
     options: &'a Options,
@@ -425,13 +313,6 @@ fn mib(bytes: usize) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
 
-/// Writes an image, if images are wanted.
-fn save(options: &Options, name: &str, image: &image::RgbImage) -> Result<()> {
-    let Some(folder) = &options.images else { return Ok(()) };
-    let path = folder.join(format!("eye-points-{}.png", slug(name)));
-    image.save(&path).with_context(|| format!("cannot write {}", path.display()))
-}
-
 /// A plot of error against time, a series for each way.
 fn plot(options: &Options, rows: &[Map<String, Value>]) -> Plot {
     let number =
@@ -462,6 +343,7 @@ fn plot(options: &Options, rows: &[Map<String, Value>]) -> Plot {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arguments::options;
 
     #[test]
     fn more_than_two_gib_fails_eye_based_points_alone() {
@@ -475,7 +357,7 @@ mod tests {
     fn ways_are_chosen_by_name_and_an_unknown_name_is_refused() {
         let of = |names: &[&str]| {
             let ways = names.iter().map(|name| (*name).to_owned()).collect();
-            ways_of(&Options { ways, densities: vec![0.25, 0.5], ..Options::default() })
+            ways_of(&Options { ways, densities: vec![0.25, 0.5], ..options(false) })
         };
         assert_eq!(of(&["mvr-512", "points"]).unwrap().len(), 3, "a row for each density");
         assert!(of(&[]).unwrap().len() > 8);
@@ -487,7 +369,7 @@ mod tests {
         let stage = Stage::open("rooms:20", 300).unwrap();
         let points = PointScene::new(&stage.scene, 0.0);
         let rays = ReflectionRays::new(&stage.scene, 0.0).unwrap();
-        for pose in Pose::ALL {
+        for pose in [Pose::Distant, Pose::Close] {
             let seen = stage.see(&stage.camera(pose).unwrap(), [1920, 1080]);
             let taps = taps(25);
             let mut ways = Ways {

@@ -14,9 +14,10 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
+use super::options::Options;
+use super::sheets::save;
 use super::stage::{Pose, Seen, Stage};
 use super::ways::{TapRule, USUAL_DENSITY, Way, Ways};
-use super::{Options, save};
 use crate::report;
 
 const WAYS: [Way; 6] = [
@@ -189,6 +190,7 @@ fn turned(camera: &Camera, degrees: f64) -> Camera {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arguments::options;
 
     #[test]
     fn rays_change_as_the_truth_does_and_points_change_more() {
@@ -198,7 +200,7 @@ mod tests {
             size: [96, 64],
             taps: 4,
             frames: 3,
-            ..Options::default()
+            ..options(false)
         };
         let rows = rows(&options, &ProgressBar::hidden()).unwrap();
         let number = |way: &str, key: &str| {

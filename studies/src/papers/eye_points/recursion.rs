@@ -17,8 +17,10 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
+use super::judge;
+use super::options::Options;
+use super::sheets::save;
 use super::stage::{Seen, Stage};
-use super::{Options, judge, save};
 use crate::report;
 
 /// Taps of the second bounce and all after it (section 4.1.4).
@@ -91,7 +93,7 @@ pub(super) fn rows(options: &Options, progress: &ProgressBar) -> Result<Vec<Map<
 /// A scene with two mirroring cylinders side by side, where a ball would stand, and a camera in front of both.
 fn two_cylinders(spec: &str) -> Result<(Stage, Camera)> {
     let balls = Stage::open(spec, PLACES)?;
-    let distant = balls.camera(super::Pose::Distant)?;
+    let distant = balls.camera(super::stage::Pose::Distant)?;
     let (index, center, radius) = balls.nearest(&distant).context("there is no place for cylinders")?;
     let mut scene = Scene::clone(&balls.scene);
     let material = scene.meshes[scene.instances[index as usize].mesh as usize].material;
@@ -229,6 +231,7 @@ impl Stage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arguments::options;
 
     #[test]
     fn a_cylinder_is_closed_and_its_normals_point_outwards() {
@@ -246,7 +249,7 @@ mod tests {
 
     #[test]
     fn more_bounces_show_more_and_points_follow_rays() {
-        let options = Options { scene: "rooms:20".to_owned(), size: [96, 64], taps: 4, ..Options::default() };
+        let options = Options { scene: "rooms:20".to_owned(), size: [96, 64], taps: 4, ..options(false) };
         let rows = rows(&options, &ProgressBar::hidden()).unwrap();
         let number = |row: usize, key: &str| rows[row][key].as_f64().unwrap();
         assert_eq!(rows.len(), 3);

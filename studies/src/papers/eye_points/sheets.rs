@@ -1,12 +1,12 @@
 //! Sheets of pictures side by side: the paper's figures 7, 8 and 10.
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use argus_scene::metrics::flip_map;
 use image::RgbImage;
 use image::imageops::{FilterType, crop_imm, replace, resize};
 
+use super::options::Options;
 use super::stage::{Pose, Seen};
-use super::{Options, save};
 
 /// Pixels between pictures.
 const GAP: u32 = 4;
@@ -125,6 +125,20 @@ pub(super) fn grid(rows: &[Vec<&RgbImage>]) -> Option<RgbImage> {
         }
     }
     Some(sheet)
+}
+
+/// Writes an image, if images are wanted.
+pub(super) fn save(options: &Options, name: &str, image: &image::RgbImage) -> Result<()> {
+    let Some(folder) = &options.images else { return Ok(()) };
+    let path = folder.join(format!("eye-points-{}.png", slug(name)));
+    image.save(&path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// A name without spaces or signs, for arguments and files.
+pub(super) fn slug(name: &str) -> String {
+    let name = name.to_lowercase().replace('²', "");
+    let words = name.split(|c: char| !(c.is_alphanumeric() || c == '.')).filter(|word| !word.is_empty());
+    words.collect::<Vec<_>>().join("-")
 }
 
 #[cfg(test)]

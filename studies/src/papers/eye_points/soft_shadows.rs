@@ -16,11 +16,11 @@ use indicatif::ProgressBar;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
+use super::options::Options;
 use super::paper::shadows as published;
-use super::sheets::grid;
+use super::sheets::{grid, save};
 use super::stage::{NEAR, Pose, Stage};
 use super::ways::USUAL_DENSITY;
-use super::{Options, save};
 use crate::report;
 
 /// Balls among which a place for the light is looked for, and the light's radius in radii of that ball.
@@ -216,6 +216,7 @@ impl Places {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arguments::options;
 
     #[test]
     fn all_maps_shadow_nearly_what_rays_shadow_and_points_need_fewer_cells_than_texels_do() {
@@ -223,7 +224,7 @@ mod tests {
             scene: "rooms:20".to_owned(),
             light_samples: vec![1, 4],
             size: [96, 64],
-            ..Options::default()
+            ..options(false)
         };
         let rows = rows(&options, &ProgressBar::hidden()).unwrap();
         assert_eq!(rows.len(), 10);

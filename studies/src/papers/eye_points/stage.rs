@@ -14,17 +14,12 @@ use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Where the eye is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Pose {
     /// At the scene's first viewpoint, looking at the balls' middle.
     Distant,
     /// Three radii from the middle of the nearest ball that the distant eye sees.
     Close,
-}
-
-impl Pose {
-    /// All poses.
-    pub const ALL: [Self; 2] = [Self::Distant, Self::Close];
 }
 
 impl fmt::Display for Pose {

@@ -101,17 +101,12 @@ impl Memory {
 }
 
 /// How many of the taps a reflective pixel uses (section 4.1.3).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum TapRule {
     /// All.
     Fixed,
     /// Four more until the variance of their colour declines no more.
     Adaptive,
-}
-
-impl TapRule {
-    /// All rules.
-    pub const ALL: [Self; 2] = [Self::Fixed, Self::Adaptive];
 }
 
 impl fmt::Display for TapRule {

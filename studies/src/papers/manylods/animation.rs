@@ -10,7 +10,9 @@ use argus_plot::{Axis, Plot, Series};
 use indicatif::ProgressBar;
 
 use super::motion::{Path, triangles_at, views_at};
-use super::{Options, Row, Stage, Tree};
+use super::options::Options;
+use super::stage::{Stage, Tree};
+use super::table::Row;
 
 /// The number of steps that the progress bar counts.
 pub(super) fn length(options: &Options) -> usize {

@@ -6,7 +6,8 @@ use argus_megaviews::many_views::{RasterViews, Settings, ViewList, ViewPoint};
 use glam::DVec3;
 use indicatif::ProgressBar;
 
-use super::{Row, Stage, Tree, frames};
+use super::stage::{Stage, Tree, frames};
+use super::table::Row;
 use crate::median::median;
 
 /// Points per imperfect map in the first trial, which measures their cost.

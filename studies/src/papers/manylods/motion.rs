@@ -4,7 +4,7 @@ use argus_megaviews::hierarchy::{Triangle, stream};
 use argus_megaviews::many_views::ViewPoint;
 use glam::DVec3;
 
-use super::Stage;
+use super::stage::Stage;
 
 /// What moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

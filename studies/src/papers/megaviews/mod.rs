@@ -1,16 +1,19 @@
 //! MegaViews: time and memory of maps of many views, against the number, resolution and placement of views. One run
 //! compares MegaViews, ManyLoDs and brute force (the paper's figures 10 to 12).
 
+mod options;
 pub(crate) mod placement;
 pub(crate) mod shadows;
 mod texels;
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Result, ensure};
 use argus_gpu::{Gpu, GpuOptions};
 use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, stream};
-use argus_megaviews::many_views::{FrameStats, ManyViews, RasterViews, Settings, ViewList, ViewPoint};
+use argus_megaviews::many_views::{
+    FrameStats, ManyViews, Occlusion, RasterViews, Settings, Texel, ViewList, ViewPoint,
+};
 use argus_plot::{Axis, Plot, Series};
 use argus_scene::reference::Tracer;
 use argus_scene::{Bounds, Light, Pose, Scene};
@@ -18,115 +21,22 @@ use glam::DVec3;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
-pub use argus_megaviews::many_views::{Occlusion, Texel};
-
+pub(crate) use self::options::parse_light;
+pub use self::options::{Method, Options};
 pub use self::placement::{Emitter, Placement};
 use self::shadows::{Shadows, Wrong};
 use crate::median::median;
-use crate::{Effort, Machine, Report};
-
-/// How maps are rendered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// Scene octree and view octree are traversed together.
-    MegaViews,
-    /// The scene octree is traversed for each view.
-    ManyLods,
-    /// Every leaf of the scene octree descends the view octree: no scene hierarchy.
-    FlatScene,
-    /// Every triangle is rasterised for every view.
-    Raster,
-}
-
-impl Method {
-    /// All methods.
-    pub const ALL: [Self; 4] = [Self::MegaViews, Self::ManyLods, Self::FlatScene, Self::Raster];
-
-    /// The name in options and tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::MegaViews => "megaviews",
-            Self::ManyLods => "manylods",
-            Self::FlatScene => "flat-scene",
-            Self::Raster => "raster",
-        }
-    }
-}
-
-/// What the study measures.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
-    pub scene: String,
-    /// Numbers of views, ascending.
-    pub views: Vec<u32>,
-    /// Where views are placed.
-    pub placements: Vec<Placement>,
-    /// Sides of a hemisphere's map in texels.
-    pub resolutions: Vec<u32>,
-    /// Levels of the scene octree below its root.
-    pub levels: Vec<u32>,
-    /// Levels of the view octree; `None`: chosen by the number of views.
-    pub view_levels: Option<u32>,
-    /// The methods compared.
-    pub methods: Vec<Method>,
-    /// The light that places views; `None`: the scene's first point or spot light, or else a spot light high in the
-    /// middle of its bounds.
-    pub light: Option<Emitter>,
-    /// Measured frames; each time is their median.
-    pub rounds: usize,
-    /// Longest expected time of a frame in seconds. Slower rows are extrapolated.
-    pub patience_secs: f64,
-    /// Occlusion modes; each is measured.
-    pub occlusion: Vec<Occlusion>,
-    /// Texel formats; each is measured.
-    pub texels: Vec<Texel>,
-    /// Disc radii of nodes for single and for shared views; each pair is measured.
-    pub discs: Vec<[f32; 2]>,
-    /// Further settings of a traversal.
-    pub settings: Settings,
-}
-
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:50000".to_owned(),
-            views: vec![256, 1024, 4096, 16384, 65536],
-            placements: Placement::ALL.to_vec(),
-            resolutions: vec![16],
-            levels: vec![9],
-            view_levels: None,
-            methods: vec![Method::MegaViews, Method::ManyLods, Method::Raster],
-            light: None,
-            rounds: 3,
-            patience_secs: 60.0,
-            occlusion: vec![Occlusion::Off],
-            texels: vec![Texel::Range],
-            discs: vec![[Settings::default().disc, Settings::default().shared_disc]],
-            settings: Settings::default(),
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            views: vec![64, 256],
-            levels: vec![5],
-            methods: Method::ALL.to_vec(),
-            rounds: 1,
-            ..Self::default()
-        }
-    }
-}
+use crate::{Machine, Report};
 
 /// Runs the study; `progress` counts rows.
 ///
 /// # Errors
 /// A scene that cannot be opened, a light that reaches nothing, no GPU, or a frame that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let mut options = options.clone();
+    // A row may be extrapolated from the one before it.
+    options.views.sort_unstable();
+    let options = &options;
     let gpu = Gpu::new(&GpuOptions::default())?;
     let scene = Arc::new(argus_scene::open(&options.scene)?);
     let bench = Bench::new(&gpu, &scene, options)?;
@@ -277,12 +187,11 @@ impl<'a> Bench<'a> {
             sharing: method != Method::ManyLods,
             scene_hierarchy: method != Method::FlatScene,
             falls_back: method == Method::MegaViews,
-            view_depth: self.options.view_levels,
             occlusion,
             texel,
             disc: discs[0],
             shared_disc: discs[1],
-            ..self.options.settings
+            ..self.options.settings()
         };
         let shadows = Shadows::new(&self.tracer, &views, octree.root.edge / f64::from(1u32 << octree.depth));
         if method == Method::Raster {
@@ -479,74 +388,4 @@ fn plots(rows: &[Map<String, Value>], options: &Options) -> Vec<Plot> {
         .filter(|_| options.texels.len() > 1)
         .map(|p| texels::plot(rows, &options.texels, p, format!("Texels: {scene}, {}", p.name())));
     against_views.chain(against_resolution).chain(against_error).collect()
-}
-
-/// Parses `OWN:SHARED` in radii of a node's ball.
-///
-/// # Errors
-/// The text is not of this form.
-pub fn parse_discs(text: &str) -> Result<[f32; 2]> {
-    let both = text.split_once(':').and_then(|(own, shared)| Some([own.parse().ok()?, shared.parse().ok()?]));
-    both.filter(|discs: &[f32; 2]| discs.iter().all(|disc| *disc > 0.0 && *disc <= 1.0))
-        .with_context(|| format!("`{text}` is not OWN:SHARED, each above 0 and at most 1"))
-}
-
-/// Parses `point:X,Y,Z` or `spot:X,Y,Z:DX,DY,DZ:HALF_DEG`, in metres and degrees.
-///
-/// # Errors
-/// The text is not of this form.
-pub fn parse_light(text: &str) -> Result<Emitter> {
-    let vector = |text: &str| -> Result<DVec3> {
-        let parts = text.split(',').map(str::parse::<f64>).collect::<Result<Vec<_>, _>>();
-        let [x, y, z] =
-            parts.ok().and_then(|p| p.try_into().ok()).with_context(|| format!("`{text}` is not X,Y,Z"))?;
-        let vector = DVec3::new(x, y, z);
-        ensure!(vector.is_finite(), "`{text}` must be finite");
-        Ok(vector)
-    };
-    match text.split(':').collect::<Vec<_>>()[..] {
-        ["point", position] => Ok(Emitter::Point { position: vector(position)? }),
-        ["spot", position, direction, angle] => {
-            let half_deg: f64 =
-                angle.parse().with_context(|| format!("`{angle}` is not a number of degrees"))?;
-            ensure!(
-                half_deg > 0.0 && half_deg <= 180.0,
-                "the half angle must be above 0 and at most 180 degrees"
-            );
-            let direction = vector(direction)?;
-            ensure!(direction.length() > 0.0, "the direction must have a length");
-            Ok(Emitter::Spot { position: vector(position)?, direction, half_angle: half_deg.to_radians() })
-        }
-        _ => anyhow::bail!("a light is point:X,Y,Z or spot:X,Y,Z:DX,DY,DZ:HALF_DEG, not `{text}`"),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn discs_are_two_numbers_in_their_range() {
-        assert_eq!(parse_discs("0.5:0.25").unwrap(), [0.5, 0.25]);
-        for wrong in ["0.5", "0:1", "1:2", "nan:1", "a:b"] {
-            assert!(parse_discs(wrong).is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn lights_are_parsed_and_errors_name_the_expected_form() {
-        let spot = parse_light("spot:0,10,0:0,-1,0:35").unwrap();
-        let Emitter::Spot { position, half_angle, .. } = spot else { panic!("{spot:?}") };
-        assert_eq!(position, DVec3::new(0.0, 10.0, 0.0));
-        assert!((half_angle.to_degrees() - 35.0).abs() < 1e-12);
-        assert_eq!(
-            parse_light("point:1,2,-3").unwrap(),
-            Emitter::Point { position: DVec3::new(1.0, 2.0, -3.0) }
-        );
-        for wrong in
-            ["sun", "point:1,2", "point:1,2,nan", "spot:0,0,0:0,0,0:35", "spot:0,0,0:0,1,0:0", "spot:0,0,0"]
-        {
-            assert!(parse_light(wrong).is_err(), "{wrong}");
-        }
-    }
 }

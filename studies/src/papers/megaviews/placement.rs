@@ -11,7 +11,7 @@ use rand::rngs::SmallRng;
 use rand::{Rng as _, SeedableRng as _};
 
 /// How views are placed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Placement {
     /// Where rays from the light first hit a surface.
     SingleBounce,
@@ -41,9 +41,6 @@ pub enum Emitter {
 }
 
 impl Placement {
-    /// All placements.
-    pub const ALL: [Self; 3] = [Self::SingleBounce, Self::FourBounce, Self::Random];
-
     /// The name in options and tables.
     pub fn name(self) -> &'static str {
         match self {

@@ -18,75 +18,60 @@ use argus_plot::{Axis, Plot, Series};
 use argus_scene::metrics::compare;
 use argus_scene::particles::{Particle, glowing};
 use argus_scene::reference::Tracer;
-use argus_scene::{Bounds, Camera, Scene};
+use argus_scene::{Bounds, Scene};
 use glam::DVec3;
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use self::lit::{Lit, ParticleMap, Visible, exposure};
+use crate::arguments::{Viewer, count, or_quick, size};
 use crate::median::median;
-use crate::{Effort, Machine, Report, report};
+use crate::{Machine, Report, report};
 
-/// What the study measures.
-#[derive(Debug, Clone)]
+/// Measures glowing particles that drift through a scene: the time of their maps by MegaViews, ManyLoDs and exact
+/// maps, and the error of the shadows and of a view that they light
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus-lab study method particles --scene sponza.glb --eye=-11,3,0 --target 0,4,0 --out figures --images pictures
+  argus-lab study method particles --scene sponza.glb --particles 1024,4096 --levels 7 --json")]
 pub struct Options {
-    /// A scene, as [`argus_scene::open`] takes it.
+    /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`; `+balls:N` after it for mirroring balls,
+    /// `?environment=FILE` for another sky
+    #[arg(long, value_name = "S", default_value = or_quick("terrain:50000", "terrain:20000"))]
     pub scene: String,
-    /// Numbers of particles, ascending.
+    /// Numbers of particles
+    #[arg(long, value_name = "N", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=1 << 20), default_value = or_quick("4096,65536", "256,1024"))]
     pub particles: Vec<u32>,
-    /// Side of a hemisphere's map in texels.
+    /// Side of a hemisphere's map in texels
+    #[arg(long, value_name = "TEXELS", value_parser = clap::value_parser!(u32).range(8..=256), default_value = "16")]
     pub resolution: u32,
-    /// Levels of the scene octree.
+    /// Levels of the scene's octree below its root
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10), default_value = or_quick("8", "5"))]
     pub levels: u32,
-    /// Levels of the particle octree; `None`: chosen by the number of particles.
+    /// Levels of the octree over the particles [default: few enough that each particle lies within one or two cells
+    /// of the scene's octree of the point from which its map is rendered]
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub view_levels: Option<u32>,
-    /// Measured frames; each time is their median.
+    /// Number of measured frames, after one that is not counted; times are their median
+    #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
-    /// Seconds of scene time between frames.
-    pub frame_secs: f64,
-    /// Particles that light the judged view.
+    /// Number of particles that light the judged view
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536), default_value = or_quick("256", "64"))]
     pub lights: u32,
-    /// Camera of the view; `None`: the scene's first camera.
-    pub camera: Option<Camera>,
-    /// View size in pixels.
+    #[command(flatten)]
+    viewer: Viewer,
+    /// Size of a view in pixels
+    #[arg(long, value_name = "WxH", value_parser = size, default_value = or_quick("192x144", "64x48"))]
     pub size: [u32; 2],
-    /// Folder for the images of all rows.
+    /// Folder for the images of all rows
+    #[arg(long, value_name = "DIR")]
     pub images: Option<PathBuf>,
 }
 
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:50000".to_owned(),
-            particles: vec![4096, 65536],
-            resolution: 16,
-            levels: 8,
-            view_levels: None,
-            rounds: 3,
-            frame_secs: 1.0 / 60.0,
-            lights: 256,
-            camera: None,
-            size: [192, 144],
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:20000".to_owned(),
-            particles: vec![256, 1024],
-            levels: 5,
-            rounds: 1,
-            lights: 64,
-            size: [64, 48],
-            ..Self::default()
-        }
-    }
-}
+/// Seconds of scene time between frames.
+const FRAME_SECS: f64 = 1.0 / 60.0;
 
 /// How the particles' maps are rendered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -175,13 +160,13 @@ impl<'a> Stage<'a> {
         let root = RootCube::around(&bounds);
         let octree = OctreeBuilder::new(gpu).build(root, options.levels, stream::triangles(scene, &pose))?;
         let tracer = Tracer::new(Arc::clone(scene));
-        let camera = options.camera.unwrap_or_else(|| scene.default_camera());
+        let camera = options.viewer.camera(scene)?;
         let lit = Lit::new(&tracer, &camera, options.size, bounds.size().length());
         Ok(Self { gpu, scene, options, bounds, octree: Arc::new(octree), tracer, lit })
     }
 
     fn rows(&self, count: u32, progress: &ProgressBar) -> Result<Vec<Map<String, Value>>> {
-        let last = self.options.rounds as f64 * self.options.frame_secs;
+        let last = self.options.rounds as f64 * FRAME_SECS;
         let all = glowing(&self.bounds, count, 1, last);
         let asked: Vec<usize> = {
             let lights = self.options.lights.min(count);
@@ -245,7 +230,7 @@ impl<'a> Stage<'a> {
 
     /// The particles as views at a frame.
     fn views(&self, count: u32, frame: usize) -> Result<ViewList> {
-        let particles = glowing(&self.bounds, count, 1, frame as f64 * self.options.frame_secs);
+        let particles = glowing(&self.bounds, count, 1, frame as f64 * FRAME_SECS);
         let views: Vec<ViewPoint> = particles.iter().map(|p| ViewPoint::everywhere(p.position)).collect();
         Ok(ViewList::new(self.gpu, &self.octree.root, &views)?)
     }

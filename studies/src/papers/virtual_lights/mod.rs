@@ -8,8 +8,8 @@
 //! Rows of *points* compute the same light without VPLs, from small images of a scene octree seen from blocks of pixels.
 
 mod light;
+mod options;
 
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -20,9 +20,7 @@ use argus_sampler::{GpuSampler, Indirect, MapSource, PointSettings, SamplerSetti
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{
-    Camera, Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, SceneState, ViewJob, Visibility,
-};
+use argus_scene::{Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, SceneState, ViewJob, Visibility};
 use argus_virtual_lights::point_based::PointReport;
 use argus_virtual_lights::vpl::VplReport;
 use argus_virtual_lights::{point_report, vpl_report};
@@ -30,180 +28,9 @@ use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
 
+pub use self::options::Options;
 use crate::median::median;
-use crate::papers::megaviews::Emitter;
-use crate::{Effort, Machine, Report, report};
-
-/// What the study measures.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// Scene, as [`argus_scene::open`] takes it.
-    pub scene: String,
-    /// A light that replaces the scene's lights and sky.
-    pub light: Option<Emitter>,
-    /// Camera of the view; `None`: the scene's first camera.
-    pub camera: Option<Camera>,
-    /// View size in pixels.
-    pub size: [u32; 2],
-    /// Settings of the first row; each other row changes one of them.
-    pub base: VplSettings,
-    /// Numbers of VPLs.
-    pub vpls: Vec<u32>,
-    /// Sides of VPL maps in texels.
-    pub sides: Vec<u32>,
-    /// Sources of VPL maps.
-    pub sources: Vec<MapSource>,
-    /// Levels of the scene octree.
-    pub levels: Vec<u32>,
-    /// VPLs from which a pixel gathers.
-    pub samples: Vec<u32>,
-    /// Radii of the filter in pixels.
-    pub filters: Vec<u32>,
-    /// Groups of VPLs that a block keeps.
-    pub groups: Vec<u32>,
-    /// Cut-off distances, as shares of the scene's diagonal.
-    pub cutoffs: Vec<f64>,
-    /// Distances below which a VPL's light does not increase, as shares of the scene's diagonal.
-    pub clamps: Vec<f64>,
-    /// Depth biases of map lookups, in texel widths.
-    pub biases: Vec<f64>,
-    /// Points splatted into each imperfect map.
-    pub points: Vec<u32>,
-    /// Settings of the first row of points.
-    pub points_base: PointSettings,
-    /// Levels of the points' octree.
-    pub point_levels: Vec<u32>,
-    /// Sides of receivers' maps in texels.
-    pub point_sides: Vec<u32>,
-    /// Sides of pixel blocks in pixels.
-    pub blocks: Vec<u32>,
-    /// Number of VPLs and side of maps of the reference by VPLs.
-    pub most: (u32, u32),
-    /// Paths per pixel of the path-traced reference.
-    pub paths: u32,
-    /// Measured rounds; each time is their median.
-    pub rounds: usize,
-    /// Folder for the images of all rows.
-    pub images: Option<PathBuf>,
-}
-
-impl Default for Options {
-    /// Takes some minutes on two cores.
-    fn default() -> Self {
-        Self {
-            scene: "terrain:50000".to_owned(),
-            light: None,
-            camera: None,
-            size: [192, 144],
-            base: VplSettings::default(),
-            vpls: vec![256, 1024, 4096, 16384],
-            sides: vec![8, 16, 32, 64],
-            sources: MapSource::ALL.to_vec(),
-            levels: vec![7, 8, 9],
-            samples: vec![4, 16, 64, 256],
-            filters: vec![0, 4, 8],
-            groups: vec![16, 32, 64],
-            cutoffs: vec![0.1, 0.2, 0.4],
-            clamps: vec![0.0, 0.01, 0.05],
-            biases: vec![0.0, 0.25, 1.0],
-            points: vec![256, 4096],
-            points_base: PointSettings::default(),
-            point_levels: vec![6, 8, 9],
-            point_sides: vec![8, 32],
-            blocks: vec![4, 16],
-            most: (4096, 64),
-            paths: 1024,
-            rounds: 3,
-            images: None,
-        }
-    }
-}
-
-impl Effort for Options {
-    fn quick() -> Self {
-        Self {
-            scene: "terrain:2000".to_owned(),
-            size: [48, 36],
-            base: VplSettings { vpls: 256, ..VplSettings::default() },
-            vpls: vec![64],
-            sides: vec![8],
-            levels: vec![4],
-            samples: vec![64],
-            filters: vec![0],
-            groups: vec![32],
-            cutoffs: vec![0.2],
-            clamps: vec![0.05],
-            biases: vec![1.0],
-            points: vec![64],
-            points_base: PointSettings { levels: 5, ..PointSettings::default() },
-            point_levels: vec![4],
-            point_sides: vec![8],
-            blocks: vec![4],
-            most: (512, 32),
-            paths: 16,
-            rounds: 1,
-            ..Self::default()
-        }
-    }
-}
-
-impl Options {
-    /// The first row, and a row for each changed setting.
-    fn rows(&self) -> Vec<(&'static str, Indirect)> {
-        let base = self.base;
-        let mut rows = vec![("as given", base)];
-        rows.extend(self.vpls.iter().map(|&vpls| ("VPLs", VplSettings { vpls, ..base })));
-        rows.extend(self.sides.iter().map(|&map_side| ("resolution", VplSettings { map_side, ..base })));
-        rows.extend(self.sources.iter().map(|&maps| ("source", VplSettings { maps, ..base })));
-        rows.extend(self.samples.iter().map(|&samples| ("samples", VplSettings { samples, ..base })));
-        rows.extend(self.filters.iter().map(|&filter| ("filter", VplSettings { filter, ..base })));
-        rows.extend(self.clamps.iter().map(|&clamp| ("clamp", VplSettings { clamp, ..base })));
-        rows.extend(
-            self.levels
-                .iter()
-                .map(|&levels| ("octree levels", VplSettings { maps: MapSource::MegaViews, levels, ..base })),
-        );
-        // Culling and weighting are compared without the filter, which would hide their effect.
-        let bare = VplSettings { filter: 0, ..base };
-        for (cull, weigh) in [(false, false), (true, false), (false, true), (true, true)] {
-            rows.push(("culling", VplSettings { cull, weigh, ..bare }));
-        }
-        for filter in [0, base.filter] {
-            rows.extend(self.groups.iter().map(|&groups| ("groups", VplSettings { filter, groups, ..base })));
-        }
-        rows.extend(
-            self.cutoffs.iter().map(|&cutoff| ("cut-off", VplSettings { cutoff, weigh: false, ..bare })),
-        );
-        // As many texels as the first row, in a few large maps.
-        let few = (base.vpls * base.map_side * base.map_side / (128 * 128)).max(1);
-        let large = VplSettings { vpls: few, map_side: 128, samples: base.samples.min(few), ..base };
-        rows.push(("few large maps", large));
-        let mut rows: Vec<_> =
-            rows.into_iter().map(|(differs, settings)| (differs, Indirect::Vpl(settings))).collect();
-        rows.extend(self.point_rows().map(|(differs, settings)| (differs, Indirect::Points(settings))));
-        let mut unique: Vec<(&'static str, Indirect)> = Vec::new();
-        for row in rows {
-            if unique.iter().all(|(_, settings)| *settings != row.1) {
-                unique.push(row);
-            }
-        }
-        unique
-    }
-
-    /// The rows of light by points.
-    fn point_rows(&self) -> impl Iterator<Item = (&'static str, PointSettings)> {
-        let base = PointSettings { bounces: self.base.bounces, ..self.points_base };
-        let levels = self.point_levels.iter().map(move |&levels| PointSettings { levels, ..base });
-        let sides = self.point_sides.iter().map(move |&map_side| PointSettings { map_side, ..base });
-        let blocks = self.blocks.iter().map(move |&block| PointSettings { block, ..base });
-        let alone = PointSettings { sharing: false, ..base };
-        std::iter::once(("points", base))
-            .chain(levels.map(|settings| ("points, levels", settings)))
-            .chain(sides.map(|settings| ("points, resolution", settings)))
-            .chain(blocks.map(|settings| ("points, block", settings)))
-            .chain(std::iter::once(("points, own maps", alone)))
-    }
-}
+use crate::{Machine, Report, report};
 
 /// A scene with indirect light, and the references of its view.
 struct Stage {
@@ -377,10 +204,10 @@ impl Stage {
         if let Some(emitter) = &options.light {
             light::replace(&mut scene, emitter);
         }
-        let camera = options.camera.unwrap_or_else(|| scene.default_camera());
+        let camera = options.viewer.camera(&scene)?;
         progress.set_message("tracing the reference");
         let tracer = Tracer::new(Arc::new(scene.clone()));
-        let paths = Paths { paths: options.paths, bounces: options.base.bounces };
+        let paths = Paths { paths: options.paths, bounces: options.bounces };
         let folder = cache::directory();
         let truth =
             cache::render_with(folder.as_deref(), &tracer, &camera, options.size, 1, Some(paths), |_| ());
@@ -422,7 +249,7 @@ impl Stage {
             maps: MapSource::Exact,
             samples: 1 << 16,
             filter: 0,
-            ..options.base
+            ..options.base()
         };
         let mut sampler = sampler(Indirect::Vpl(all))?;
         let by_vpls = image_of(&render(&mut sampler, &job)?)?;
@@ -463,21 +290,4 @@ fn render(sampler: &mut GpuSampler, job: &ViewJob) -> Result<Frame, RenderError>
 fn image_of(frame: &Frame) -> Result<RgbImage> {
     let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
     RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_row_differs_from_all_rows_before_it() {
-        let options = Options::default();
-        let rows = options.rows();
-        assert_eq!(rows[0].1, Indirect::Vpl(options.base));
-        for (index, (_, settings)) in rows.iter().enumerate() {
-            SamplerSettings { indirect: *settings, ..SamplerSettings::default() }.validate().unwrap();
-            assert!(rows[..index].iter().all(|(_, other)| other != settings));
-        }
-        assert!(rows.len() > 15);
-    }
 }

@@ -15,20 +15,20 @@ const WHITE: u8 = 254;
 
 /// What a picture shows of the surfaces in it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shown {
+pub(super) struct Shown {
     /// Share of the pixels that show a surface.
-    pub visible: f64,
+    pub(super) visible: f64,
     /// Mean display value of those pixels, 0 to 1; NaN if there is none.
-    pub mean: f64,
+    pub(super) mean: f64,
     /// Share of those pixels that is clipped white.
-    pub white: f64,
+    pub(super) white: f64,
     /// Share of those pixels that is nearly black.
-    pub dark: f64,
+    pub(super) dark: f64,
 }
 
 impl Shown {
     /// Measures a picture. `ranges` has metres to the surface of each pixel, +inf for the sky.
-    pub fn of(image: &RgbImage, ranges: &[f32]) -> Self {
+    pub(super) fn of(image: &RgbImage, ranges: &[f32]) -> Self {
         let surfaces = image.pixels().zip(ranges).filter(|(_, range)| range.is_finite());
         let (mut count, mut sum, mut white, mut dark) = (0u64, 0u64, 0u64, 0u64);
         for (pixel, _) in surfaces {
@@ -47,7 +47,7 @@ impl Shown {
     }
 
     /// Whether surfaces are visible, neither dark nor washed out.
-    pub fn passed(&self) -> bool {
+    pub(super) fn passed(&self) -> bool {
         // NaN passes no comparison.
         (MEAN[0]..=MEAN[1]).contains(&self.mean) && self.white <= MOST_WHITE && self.dark <= MOST_DARK
     }

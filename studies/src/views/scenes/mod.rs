@@ -9,11 +9,16 @@ mod judgement;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
+use argus::wiring::Alone;
+use argus::{output, sheet};
+use argus_cluster::coordinator::Config;
+use argus_scene::{LightLevel, Output, Outputs, PlanRequest, View};
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::json;
 
-pub use self::judgement::Shown;
+use self::judgement::Shown;
+use crate::arguments::size;
 use crate::report::row;
 use crate::{Machine, Report};
 
@@ -23,32 +28,58 @@ const ENDINGS: [&str; 4] = ["glb", "gltf", "obj", "ply"];
 const BROKEN: &str = "nasty";
 /// Seconds that the first view may take beyond opening the scene.
 const FIRST_VIEW_SECS: f64 = 2.0;
+/// Columns of the contact sheet.
+const COLUMNS: u32 = 5;
+/// Sub-pixels on a side of each pixel.
+const SUPERSAMPLING: u32 = 2;
+
+/// Shows each scene file of a folder in its default view, and says whether the picture is too dark or too bright
+///
+/// Files are .glb, .gltf, .obj and .ply in the folder and its folders, except those whose name begins with `nasty`. Each is
+/// rendered in this process, in the light that `argus serve` gives it. With --out, the folder also gets all pictures as one
+/// contact sheet, scenes.png. The command fails if a picture is out of bounds.
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = "\
+Examples:
+  argus-lab study views scenes --scenes models --out pictures
+  argus-lab study views scenes --scenes models --size 640x400 --json")]
+pub struct Options {
+    /// Folder of scene files
+    #[arg(long, value_name = "DIR")]
+    pub scenes: PathBuf,
+    /// Size of each picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "320x200", value_parser = size)]
+    pub size: [u32; 2],
+    /// Folder for the contact sheet.
+    #[arg(skip)]
+    pub pictures: Option<PathBuf>,
+}
 
 /// What was rendered of a scene.
-pub struct Picture {
+struct Picture {
     /// The default view, in all light.
-    pub image: RgbImage,
+    image: RgbImage,
     /// Metres to the surface of each pixel, +inf for the sky.
-    pub ranges: Vec<f32>,
+    ranges: Vec<f32>,
     /// The chosen light, in words.
-    pub light: String,
+    light: String,
     /// Factor from radiance to display-linear values.
-    pub exposure: f32,
+    exposure: f32,
     /// Seconds to open the file.
-    pub open_secs: f64,
+    open_secs: f64,
     /// Seconds from the start to the first view, in direct light.
-    pub first_view_secs: f64,
+    first_view_secs: f64,
     /// Seconds from the start to the view in all light.
-    pub picture_secs: f64,
+    picture_secs: f64,
     /// Number of the loader's warnings.
-    pub warnings: usize,
+    warnings: usize,
 }
 
 /// The scene files of a folder and its folders, sorted. Folders of deliberately broken files are left out.
 ///
 /// # Errors
 /// A folder that cannot be read.
-pub fn files(folder: &Path) -> Result<Vec<PathBuf>> {
+fn files(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut found = Vec::new();
     let mut folders = vec![folder.to_path_buf()];
     while let Some(folder) = folders.pop() {
@@ -69,12 +100,56 @@ pub fn files(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(found)
 }
 
-/// Shows each scene file of a folder. Returns the report, and each picture under its file's name within the folder;
-/// `progress` counts scenes. A file that cannot be shown is a row that failed.
+/// Runs the study; `progress` counts scenes. A file that cannot be shown is a row that failed.
 ///
 /// # Errors
-/// A folder that cannot be read.
-pub fn run(
+/// A folder that cannot be read or has no scene, or a contact sheet that cannot be written.
+pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
+    let (effects, exposure) = Default::default();
+    let config = Config { effects, exposure, indirect: None, ..Alone::usual_config() };
+    let (report, pictures) = report_of(&options.scenes, |file| show(file, options.size, &config), progress)?;
+    if let Some(folder) = &options.pictures {
+        output::write_small_png(&folder.join("scenes.png"), &sheet::tiles(&pictures, COLUMNS))?;
+    }
+    Ok(report)
+}
+
+/// Renders the default view of a scene, first in direct light and then in all of it.
+fn show(file: &str, [width, height]: [u32; 2], config: &Config) -> Result<Picture> {
+    // Opened by itself first: below, its light is chosen as well.
+    let opening = std::time::Instant::now();
+    drop(argus_scene::open(file)?);
+    let open_secs = opening.elapsed().as_secs_f64();
+    let began = std::time::Instant::now();
+    let mut alone = Alone::open(file, config)?;
+    let scene = alone.scene().clone();
+    let plan = PlanRequest { direct: true, ..PlanRequest::default() };
+    let (camera, outputs) = (scene.default_camera(), Outputs::COLOR);
+    let view = View { camera, width, height, outputs, plan, pin: None };
+    alone.render(&view, LightLevel::Direct.min(alone.full_light()), 0.0)?;
+    let first_view_secs = began.elapsed().as_secs_f64();
+    let plan = PlanRequest { supersampling: Some(SUPERSAMPLING), ..plan };
+    let frame = alone.render(
+        &View { outputs: outputs.with(Output::Range), plan, ..view },
+        alone.full_light(),
+        0.0,
+    )?;
+    let set = &alone.prepared().set;
+    let (color, range) = frame.color.zip(frame.range).context("the frame lacks an image")?;
+    Ok(Picture {
+        image: RgbImage::from_raw(width, height, color.to_vec()).context("the frame is short")?,
+        ranges: range.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),
+        light: alone.light.clone(),
+        exposure: set.lighting.exposure,
+        open_secs,
+        first_view_secs,
+        picture_secs: began.elapsed().as_secs_f64(),
+        warnings: scene.warnings.len(),
+    })
+}
+
+/// The report of a folder's scenes, and each picture under its file's name within the folder.
+fn report_of(
     folder: &Path,
     mut show: impl FnMut(&str) -> Result<Picture>,
     progress: &ProgressBar,
@@ -165,7 +240,7 @@ mod tests {
                 warnings: 0,
             })
         };
-        let (report, pictures) = run(folder.path(), show, &ProgressBar::hidden()).unwrap();
+        let (report, pictures) = report_of(folder.path(), show, &ProgressBar::hidden()).unwrap();
         let said: Vec<(&str, bool)> =
             report.rows.iter().map(|row| (row["file"].as_str().unwrap(), row["passed"] == true)).collect();
         assert_eq!(said, [("a/dark.OBJ", false), ("a/lost.ply", false), ("b.glb", true)]);
@@ -173,6 +248,6 @@ mod tests {
         assert!(report.rows[1]["light"].as_str().unwrap().contains("it is lost"));
         let keys = |row: usize| report.rows[row].keys().collect::<Vec<_>>();
         assert_eq!(keys(0), keys(1));
-        assert!(run(&folder.path().join("nasty_gltf/none"), show, &ProgressBar::hidden()).is_err());
+        assert!(report_of(&folder.path().join("nasty_gltf/none"), show, &ProgressBar::hidden()).is_err());
     }
 }

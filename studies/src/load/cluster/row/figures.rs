@@ -1,7 +1,7 @@
 //! Plots of the cluster study's rows, and the notes beside them.
 
 use super::{AGREEMENT, Row};
-use crate::load::cluster::Method;
+use crate::load::cluster::method::Method;
 use argus_plot::{Axis, Plot, Series};
 
 /// One part of a tick, in milliseconds.

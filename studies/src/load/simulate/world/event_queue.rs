@@ -3,9 +3,8 @@
 use argus_cluster::core::{Event, ViewId};
 use argus_scene::SampleId;
 
-use super::Message;
 use crate::load::simulate::Nanos;
-use crate::load::simulate::worker::Attempt;
+use crate::load::simulate::work::{Attempt, Message};
 
 /// The kinds of event.
 pub(super) enum SimEvent {

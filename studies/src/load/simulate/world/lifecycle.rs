@@ -3,8 +3,9 @@
 use argus_cluster::core::{Event, Hello, WorkerId};
 use rand::Rng;
 
+use super::World;
 use super::event_queue::SimEvent;
-use super::{Message, World};
+use crate::load::simulate::work::Message;
 
 impl World {
     /// Starts a worker's process, which joins.

@@ -8,8 +8,9 @@ use argus_proto::v1;
 use argus_scene::SampleId;
 
 use super::event_queue::SimEvent;
-use super::{Message, Task, WORKERS, World};
-use crate::load::simulate::worker::{Attempt, Busy, Fetch, Rendering, Waiting};
+use super::{WORKERS, World};
+use crate::load::simulate::work::{Attempt, Message, Task};
+use crate::load::simulate::worker::{Busy, Fetch, Rendering, Waiting};
 use crate::load::simulate::{Parameters, nanos};
 
 impl World {

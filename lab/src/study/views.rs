@@ -1,11 +1,8 @@
 //! `argus-lab study views`: what images cost, and how far they are from the converged ones.
 
-mod scenes;
+use argus_studies::views::{baseline, bounds, detail, reprojection, scenes, walk, warp};
 
-use argus_studies::views::{baseline, bounds, detail, reprojection, walk, warp};
-
-use super::arguments::blocking;
-use super::{Named, Run};
+use super::run::{Named, Run, blocking};
 
 #[derive(clap::Subcommand)]
 pub(super) enum Study {
@@ -15,7 +12,7 @@ pub(super) enum Study {
     Detail(detail::Options),
     Reprojection(reprojection::Options),
     Walk(walk::Options),
-    Scenes(scenes::Scenes),
+    Scenes(scenes::Options),
 }
 
 impl Study {
@@ -30,7 +27,10 @@ impl Study {
                 ("reprojection", blocking(options, progress, reprojection::run).await?)
             }
             Self::Walk(options) => ("walk", walk::run(run.program, &options, progress).await?),
-            Self::Scenes(study) => ("scenes", study.run(run.form.out.clone(), progress).await?),
+            Self::Scenes(options) => {
+                let options = scenes::Options { pictures: run.form.out.clone(), ..options };
+                ("scenes", blocking(options, progress, scenes::run).await?)
+            }
         })
     }
 }
