@@ -15,6 +15,8 @@ pub enum SurfaceLight {
     Cells {
         /// Rays of each side of a cell.
         rays: u32,
+        /// Whether what reflections show is lit by cells, too: of [`crate::CellSettings::FIRST_RAYS`]. Else rays light it.
+        reflected: bool,
     },
 }
 
@@ -36,11 +38,13 @@ pub struct CellReport {
 }
 
 impl fmt::Display for SurfaceLight {
-    /// `rays` or `cells:N`.
+    /// `rays`, `cells:N`, or `cells:N+rays` where rays light what reflections show.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Rays => f.write_str("rays"),
-            Self::Cells { rays } => write!(f, "cells:{rays}"),
+            Self::Cells { rays, reflected } => {
+                write!(f, "cells:{rays}{}", if *reflected { "" } else { "+rays" })
+            }
         }
     }
 }

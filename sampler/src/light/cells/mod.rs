@@ -19,8 +19,8 @@
 //! 6. [`lookup`]: pixels take the mean of the sides around them.
 //! 7. [`alone`]: pixels that no side describes cast rays of their own.
 //!
-//! A view is lit by cells of one tier throughout, or by rays throughout, so that a frame can be repeated. [`CellUse`] says
-//! which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
+//! A view's own pixels are lit by cells of one tier throughout, or by rays throughout, and so is all that its reflections show,
+//! so that a frame can be repeated. [`CellUse`] says which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
 
 mod alone;
 mod corner;
@@ -84,6 +84,8 @@ pub(crate) enum CellUse {
     Whole {
         /// 16, 64 or 256; others count as the next lower one.
         rays: u32,
+        /// Whether reflected points take cells, too, of the first tier; else they cast rays.
+        reflected: bool,
     },
 }
 
@@ -92,7 +94,7 @@ impl From<Option<SurfaceLight>> for CellUse {
         match asked {
             None => Self::Open,
             Some(SurfaceLight::Rays) => Self::Rays,
-            Some(SurfaceLight::Cells { rays }) => Self::Whole { rays },
+            Some(SurfaceLight::Cells { rays, reflected }) => Self::Whole { rays, reflected },
         }
     }
 }
@@ -116,6 +118,8 @@ pub(super) struct Eye<'a> {
     pub(super) about: &'a LightRaysAbout<'a>,
     /// Angle of a pixel, radians.
     pub(super) pixel: f32,
+    /// Whether its reflections are looked up instead of its own pixels.
+    pub(super) reflected: bool,
 }
 
 /// The light cells of one scene.
@@ -145,8 +149,10 @@ struct State {
 /// The light of the present job.
 struct Job {
     asked: CellUse,
-    /// What it is lit by, once that is known.
-    found: Option<SurfaceLight>,
+    /// The tier of its own pixels, once that is known; `None` within for rays.
+    found: Option<Option<usize>>,
+    /// Whether its reflected points take cells, once that is known.
+    reflected: Option<bool>,
 }
 
 impl LightCells {
@@ -157,7 +163,7 @@ impl LightCells {
             refined: Vec::new(),
             may_refine: false,
             lighting: None,
-            job: Job { asked: CellUse::Rays, found: None },
+            job: Job::new(CellUse::Rays),
             costs: [FIRST_GUESS_MS; TIERS],
             filled: 0,
             fill_ms: 0.0,
@@ -177,13 +183,18 @@ impl LightCells {
     /// Begins a job.
     pub(crate) fn begin(&self, asked: CellUse) {
         let mut state = self.state();
-        state.job = Job { asked, found: None };
+        state.job = Job::new(asked);
         state.store.begin_job();
     }
 
     /// What the job is lit by so far; rays before any of it is.
     pub(crate) fn light(&self) -> SurfaceLight {
-        self.state().job.found.unwrap_or_default()
+        let state = self.state();
+        let cells = |tier: usize| SurfaceLight::Cells {
+            rays: RAYS[tier] as u32,
+            reflected: state.job.reflected.unwrap_or(true),
+        };
+        state.job.found.flatten().map_or(SurfaceLight::Rays, cells)
     }
 
     /// What the cells are.
@@ -209,19 +220,62 @@ impl LightCells {
         let mut state = self.state();
         let scene = self.scene(parts);
         state.relight(parts.lighting);
-        let light = match (state.job.asked, state.job.found) {
-            (CellUse::Rays, _) | (_, Some(SurfaceLight::Rays)) => None,
-            (CellUse::Whole { rays }, _) | (_, Some(SurfaceLight::Cells { rays })) => {
-                let tier = tier_of(rays);
-                let answers = self.answers(&mut state, &scene, points, eye, tier, f64::INFINITY);
-                Some((tier, answers.unwrap_or_default()))
-            }
-            (CellUse::Open, None) => self.best(&mut state, &scene, points, eye),
+        let answers = match eye.reflected {
+            true => self.of_reflected(&mut state, &scene, points, eye),
+            false => self.of_pixels(&mut state, &scene, points, eye),
         };
-        let found = light.as_ref().map(|(tier, _)| SurfaceLight::Cells { rays: RAYS[*tier] as u32 });
-        state.job.found = Some(found.unwrap_or(SurfaceLight::Rays));
-        let (_, answers) = light?;
-        Some(with_alone(&scene, points, eye, &answers))
+        Some(with_alone(&scene, points, eye, &answers?))
+    }
+
+    /// The answers of the job's own pixels; `None` if it is lit by rays.
+    fn of_pixels(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+    ) -> Option<Vec<Answer>> {
+        let light = match (state.job.asked, state.job.found) {
+            (CellUse::Rays, _) | (_, Some(None)) => None,
+            (CellUse::Whole { rays, .. }, _) => Some((tier_of(rays), None)),
+            (_, Some(Some(tier))) => Some((tier, None)),
+            (CellUse::Open, None) => {
+                self.best(state, scene, points, eye).map(|(tier, answers)| (tier, Some(answers)))
+            }
+        };
+        state.job.found = Some(light.as_ref().map(|(tier, _)| *tier));
+        match light? {
+            (_, Some(answers)) => Some(answers),
+            (tier, None) => self.answers(state, scene, points, eye, tier, f64::INFINITY),
+        }
+    }
+
+    /// The answers of points that the job's reflections show, always of the first tier; `None` if rays light them. An open view
+    /// whose own pixels have cells does not wait for those of its reflections.
+    fn of_reflected(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+    ) -> Option<Vec<Answer>> {
+        let has_cells = match (state.job.asked, state.job.reflected) {
+            (CellUse::Rays, _) => return None,
+            (CellUse::Whole { reflected, .. }, _) => Some(reflected),
+            (CellUse::Open, _) if state.job.found.flatten().is_none() => Some(false),
+            (CellUse::Open, known) => known,
+        };
+        let answers = match has_cells {
+            Some(true) => self.answers(state, scene, points, eye, 0, f64::INFINITY),
+            Some(false) => None,
+            None => self.answers_soon(state, scene, points, eye, 0),
+        };
+        if state.job.asked == CellUse::Open && has_cells == Some(false) {
+            let missing = self.lookup(&state.store, scene, eye, 0).missing(points, ASKED);
+            state.queue.add(missing);
+        }
+        state.job.reflected = Some(answers.is_some());
+        answers
     }
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
@@ -233,22 +287,35 @@ impl LightCells {
         eye: Eye<'_>,
     ) -> Option<(usize, Vec<Answer>)> {
         for tier in (0..=tier_of(self.settings.rays)).rev() {
-            let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
-            let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
-            // Better light is no reason to wait.
-            let found = match within && (tier == 0 || missing.is_empty()) {
-                true => self.answers(state, scene, points, eye, tier, VIEW_FILLS_MS),
-                false => None,
-            };
-            if let Some(answers) = found {
+            if let Some(answers) = self.answers_soon(state, scene, points, eye, tier) {
                 state.may_refine |= tier < tier_of(self.settings.rays);
                 return Some((tier, answers));
             }
-            if tier == 0 {
-                state.queue.add(missing);
-            }
         }
         None
+    }
+
+    /// The answers of a tier if they are there, or for the first tier soon would be; else `None`, and cells of the first tier wait
+    /// in the queue.
+    fn answers_soon(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+        tier: usize,
+    ) -> Option<Vec<Answer>> {
+        let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
+        let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
+        // Better light is no reason to wait.
+        let found = match within && (tier == 0 || missing.is_empty()) {
+            true => self.answers(state, scene, points, eye, tier, VIEW_FILLS_MS),
+            false => None,
+        };
+        if found.is_none() && tier == 0 {
+            state.queue.add(missing);
+        }
+        found
     }
 
     /// The answers of a tier; cells that lack are filled if that is predicted to take no longer than `most_ms`, else they wait
@@ -311,14 +378,28 @@ impl LightCells {
     }
 
     fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'a>, tier: usize) -> Lookup<'a> {
-        let spread = self.settings.pixels as f32 * eye.pixel;
         let places = scene.lattice.about(eye.position - scene.leaves.center());
-        Lookup { store, lattice: scene.lattice, about: eye.about, eye: places, tier, spread }
+        let pixels = self.settings.pixels as f32;
+        Lookup {
+            store,
+            lattice: scene.lattice,
+            about: eye.about,
+            eye: places,
+            tier,
+            pixels,
+            pixel: eye.pixel,
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
         // A panic leaves no cell half filled.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Job {
+    fn new(asked: CellUse) -> Self {
+        Self { asked, found: None, reflected: None }
     }
 }
 
