@@ -21,8 +21,10 @@ pub enum SurfaceLight {
 }
 
 /// What the light cells of a sampler are.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct CellReport {
+    /// Pages of 8³ cells held.
+    pub pages: usize,
     /// Cells held, those without surfaces included.
     pub cells: usize,
     /// Bytes of them.
@@ -33,6 +35,10 @@ pub struct CellReport {
     pub fill_ms: f64,
     /// Corners of cells that wait to be filled, since views lacked them.
     pub waiting: usize,
+    /// Pixels, reflected points and texels that asked for cells since the sampler was made.
+    pub pixels: u64,
+    /// Those of them that cells lit. Rays lit all others.
+    pub pixels_lit: u64,
     /// Whether there is anything to fill, or to refine.
     pub is_due: bool,
 }
