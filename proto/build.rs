@@ -7,7 +7,8 @@ use prost::Message;
 use prost_types::field_descriptor_proto::Type;
 
 /// The messages of a cluster's status. Serialised, they are the output of `argus status --json`.
-const STATUS: [&str; 6] = ["StatusResponse", "WorkerStatus", "Counters", "Refinements", "Pressure", "Cost"];
+const STATUS: [&str; 7] =
+    ["StatusResponse", "WorkerStatus", "Counters", "Refinements", "Pressure", "Cost", "LightCells"];
 
 /// Fields of a status whose JSON is not the field's value, and the attribute that says what it is.
 const OWN_JSON: [(&str, &str); 7] = [

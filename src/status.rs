@@ -204,5 +204,18 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
             worker.device
         )?;
     }
+    for worker in &status.workers {
+        let Some(cells) = &worker.light_cells else { continue };
+        writeln!(
+            text,
+            "  light cells    {}: {} pages, {} MiB, lit {:.0} % of pixels, {} corners wait, {:.1} s of filling",
+            worker.id,
+            cells.pages,
+            cells.bytes >> 20,
+            100.0 * cells.lit_share(),
+            cells.waiting,
+            cells.fill_ms * 1e-3
+        )?;
+    }
     Ok(text)
 }

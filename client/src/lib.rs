@@ -35,7 +35,7 @@ mod unanswered;
 pub use argus_proto::Description;
 pub use argus_proto::chunks::FrameMeta;
 pub use argus_proto::network::Network;
-pub use argus_proto::v1::{Encoding, StatusResponse as ClusterStatus, WorkerStatus};
+pub use argus_proto::v1::{Encoding, LightCells, StatusResponse as ClusterStatus, WorkerStatus};
 pub use batch::Batch;
 pub use connect::{Client, ConnectOptions};
 pub use credentials::{Credentials, Key, Token};

@@ -96,6 +96,7 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         effect_costs: wire.effect_costs.into_iter().filter_map(|cost| cost.try_into().ok()).collect(),
         frames_held: wire.frames_held,
         frames_bytes: wire.frames_bytes,
+        light_cells: wire.light_cells.map(|cells| v1::LightCells { fill_ms: busy(cells.fill_ms), ..cells }),
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
         backend_costs: wire
             .backend_costs
@@ -141,6 +142,7 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         effect_costs: report.effect_costs.into_iter().map(Into::into).collect(),
         frames_held: report.frames_held,
         frames_bytes: report.frames_bytes,
+        light_cells: report.light_cells,
         probes: report.probed.count,
         probed_error: report.probed.error,
         probed_predicted: report.probed.predicted,

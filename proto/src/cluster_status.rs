@@ -1,6 +1,6 @@
 //! The status of a cluster, as JSON and tables show it. Its one definition is [`v1::StatusResponse`].
 
-use argus_scene::Visibility;
+use argus_scene::{CellReport, Visibility};
 use serde::{Serialize, Serializer};
 
 use crate::convert::{self, WireEnum as _};
@@ -42,6 +42,28 @@ impl v1::WorkerStatus {
     /// `sampler`, `compositor`, `both`, `draining`, `idle`, or `unknown` to this release.
     pub fn role_name(&self) -> &'static str {
         role_name(self.role)
+    }
+}
+
+impl v1::LightCells {
+    /// Share of the pixels that asked for cells which cells lit, 0 to 1; 0 if none asked.
+    pub fn lit_share(&self) -> f64 {
+        self.pixels_lit as f64 / self.pixels.max(1) as f64
+    }
+}
+
+impl From<CellReport> for v1::LightCells {
+    fn from(of: CellReport) -> Self {
+        Self {
+            pages: of.pages as u64,
+            cells: of.cells as u64,
+            bytes: of.bytes as u64,
+            filled: of.filled,
+            fill_ms: of.fill_ms,
+            waiting: of.waiting as u64,
+            pixels: of.pixels,
+            pixels_lit: of.pixels_lit,
+        }
     }
 }
 

@@ -15,6 +15,8 @@ pub struct Frame<'a> {
     pub context: TileContext<'a>,
     /// Which sub-samples share light.
     pub sharing: LightSharing,
+    /// What the sub-samples stand for on surfaces.
+    pub footprint: Footprint,
     /// Whether light that depends on the viewer is added, too.
     pub(crate) is_view: bool,
     /// What is recorded since the last submission.
@@ -34,7 +36,8 @@ impl<'a> Frame<'a> {
         stages: &'a mut Vec<Stage>,
     ) -> Self {
         let commands = context.gpu.commands(label);
-        Self { context, sharing, is_view: false, commands, stages, arriving: None }
+        let footprint = Footprint::Pixels;
+        Self { context, sharing, footprint, is_view: false, commands, stages, arriving: None }
     }
 
     /// Submits what is recorded and waits for it. Later stages record commands with a label.
@@ -86,11 +89,22 @@ impl<'a> Frame<'a> {
         self.sharing.neighbours(&self.context.tile)
     }
 
-    /// Whether indirect light may be looked up in light cells. Their level follows from pixels, but points of reflections and of
-    /// octrees are seen from elsewhere.
+    /// Whether indirect light may be looked up in light cells. Their level follows from what a sub-sample stands for.
     pub(crate) fn uses_cells(&self) -> bool {
-        self.is_view || matches!(self.sharing, LightSharing::Texels { .. })
+        let is_image = self.is_view || matches!(self.sharing, LightSharing::Texels { .. });
+        is_image || self.footprint != Footprint::Pixels
     }
+}
+
+/// What sub-samples stand for on surfaces.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Footprint {
+    /// What pixels show from the eye.
+    Pixels,
+    /// Areas of points that were found from elsewhere. The mean side of each, metres; 0 where there is no point.
+    Areas(Vec<f32>),
+    /// Areas of this side, metres.
+    Equal(f32),
 }
 
 /// Which sub-samples of a tile share received light.

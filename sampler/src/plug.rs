@@ -18,7 +18,7 @@ use argus_scene::{
 };
 
 pub use crate::eye::Eye;
-pub use crate::frame::{Frame, LightSharing};
+pub use crate::frame::{Footprint, Frame, LightSharing};
 pub use crate::index_maps::{
     FACES, HalfSpace, IndexMaps, MappedReflector, Requests, face_of, from_face, in_face,
 };

@@ -9,7 +9,7 @@ use bytes::Bytes;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::frame::LightSharing;
+use crate::frame::{Footprint, LightSharing};
 use crate::tile::Tile;
 
 /// Columns and most rows of the image that points are shaded in.
@@ -82,8 +82,14 @@ pub(crate) struct PointChunk {
 
 impl Points {
     /// Where an image has no point.
-    pub const NOTHING: ProbePoint =
-        ProbePoint { instance: u32::MAX, primitive: 0, width: 0.0, front: 0, position: [0.0; 3], _pad: 0 };
+    pub const NOTHING: ProbePoint = ProbePoint {
+        instance: u32::MAX,
+        primitive: 0,
+        width: 0.0,
+        front: 0,
+        position: [0.0; 3],
+        across: 0.0,
+    };
 
     /// Which sub-samples share light.
     pub(crate) fn sharing(&self) -> LightSharing {
@@ -119,13 +125,14 @@ pub fn image_of(size: [u32; 2]) -> Tile {
 
 /// A surface for the device, relative to a place.
 pub fn probe_point(point: &SurfacePoint, middle: DVec3) -> ProbePoint {
+    let [first, second] = point.footprint.map(DVec3::length);
     ProbePoint {
         instance: point.instance,
         primitive: point.primitive,
-        width: point.footprint[0].length() as f32,
+        width: first as f32,
         front: u32::from(point.side == Side::Front),
         position: (point.position - middle).as_vec3().to_array(),
-        _pad: 0,
+        across: (first * second).sqrt() as f32,
     }
 }
 
@@ -137,6 +144,17 @@ impl PointChunk {
             [0, 1].map(|which| bytemuck::pod_read_unaligned(&read[which][at..at + 16]))
         };
         self.range.clone().into_par_iter().with_min_len(4096).map(texel)
+    }
+
+    /// The areas of points that stand for more than none, in the order of the image's sub-samples.
+    pub(crate) fn footprint(&self, points: &[ProbePoint]) -> Footprint {
+        let [columns, rows] = self.tile.size;
+        let of_points = &points[self.range.start as usize..self.range.end as usize];
+        let across = |at: u32| {
+            let index = index_in_blocks([at % columns, at / columns], columns);
+            of_points.get(index).map_or(0.0, |point| point.across)
+        };
+        Footprint::Areas((0..columns * rows).into_par_iter().with_min_len(4096).map(across).collect())
     }
 
     /// Where the image has a point: the number of its sub-sample, row by row. The inverse of `leaf_side` in

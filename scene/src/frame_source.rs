@@ -225,7 +225,7 @@ mod tests {
             FrameSource { height: 4, ..usual },
             FrameSource { samples_per_pixel: 1, ..usual },
             FrameSource { light: Some(SurfaceLight::Rays), ..usual },
-            FrameSource { light: Some(SurfaceLight::Cells { rays: 16 }), ..usual },
+            FrameSource { light: Some(SurfaceLight::Cells { rays: 16, reflected: true }), ..usual },
         ];
         assert!(others.iter().all(|other| other.id() != usual.id()));
         assert_eq!(moved(DVec3::ZERO).id(), usual.id());

@@ -15,12 +15,16 @@ pub enum SurfaceLight {
     Cells {
         /// Rays of each side of a cell.
         rays: u32,
+        /// Whether what reflections show is lit by cells, too: of [`crate::CellSettings::FIRST_RAYS`]. Else rays light it.
+        reflected: bool,
     },
 }
 
 /// What the light cells of a sampler are.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct CellReport {
+    /// Pages of 8³ cells held.
+    pub pages: usize,
     /// Cells held, those without surfaces included.
     pub cells: usize,
     /// Bytes of them.
@@ -31,16 +35,22 @@ pub struct CellReport {
     pub fill_ms: f64,
     /// Corners of cells that wait to be filled, since views lacked them.
     pub waiting: usize,
+    /// Pixels, reflected points and texels that asked for cells since the sampler was made.
+    pub pixels: u64,
+    /// Those of them that cells lit. Rays lit all others.
+    pub pixels_lit: u64,
     /// Whether there is anything to fill, or to refine.
     pub is_due: bool,
 }
 
 impl fmt::Display for SurfaceLight {
-    /// `rays` or `cells:N`.
+    /// `rays`, `cells:N`, or `cells:N+rays` where rays light what reflections show.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Rays => f.write_str("rays"),
-            Self::Cells { rays } => write!(f, "cells:{rays}"),
+            Self::Cells { rays, reflected } => {
+                write!(f, "cells:{rays}{}", if *reflected { "" } else { "+rays" })
+            }
         }
     }
 }

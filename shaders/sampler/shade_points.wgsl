@@ -19,6 +19,8 @@ struct ProbePoint {
     front: u32,
     // Relative to the eye, metres.
     position: vec3f,
+    // Mean side of the area that it stands for on its surface, metres. Light cells are chosen by it.
+    across: f32,
 }
 
 const NOTHING: u32 = 0xffffffffu;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::{ClientError, RenderOptions};
+use argus_client::{ClientError, LightCells, RenderOptions};
 use argus_scene::LightLevel;
 use axum::Router;
 use axum::extract::ws::{WebSocketUpgrade, close_code};
@@ -27,9 +27,10 @@ pub(super) fn router(site: Arc<Site>) -> Router {
     Router::new()
         .route("/", get(async || Html(include_str!("page.html"))))
         .route("/scene", get(scene))
+        .route("/cells", get(cells))
         .route("/frame", get(frame))
         .route("/session", get(session))
-        .fallback(async || (StatusCode::NOT_FOUND, "the paths are /, /scene, /session and /frame\n"))
+        .fallback(async || (StatusCode::NOT_FOUND, "the paths are /, /scene, /cells, /session and /frame\n"))
         .layer(middleware::from_fn_with_state(site.clone(), of_this_machine))
         .with_state(site)
 }
@@ -87,6 +88,27 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
         "effects": effects,
     });
     ([(header::CONTENT_TYPE, "application/json")], scene.to_string()).into_response()
+}
+
+/// The light cells of all workers together, as in the cluster's status; `null` without any.
+async fn cells(State(site): State<Arc<Site>>) -> Response {
+    let status = match site.client.status().await {
+        Ok(status) => status,
+        Err(error) => return reply(StatusCode::BAD_GATEWAY, error),
+    };
+    let of_workers: Vec<_> = status.workers.iter().filter_map(|worker| worker.light_cells).collect();
+    let sum = |count: fn(&LightCells) -> u64| of_workers.iter().map(count).sum::<u64>();
+    let (pixels, pixels_lit) = (sum(|cells| cells.pixels), sum(|cells| cells.pixels_lit));
+    let all = (!of_workers.is_empty()).then(|| {
+        json!({
+            "pages": sum(|cells| cells.pages),
+            "bytes": sum(|cells| cells.bytes),
+            "waiting": sum(|cells| cells.waiting),
+            "fill_ms": of_workers.iter().map(|cells| cells.fill_ms).sum::<f64>(),
+            "lit_share": LightCells { pixels, pixels_lit, ..LightCells::default() }.lit_share(),
+        })
+    });
+    ([(header::CONTENT_TYPE, "application/json")], json!(all).to_string()).into_response()
 }
 
 async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Response {

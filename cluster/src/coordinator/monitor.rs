@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::v1::{StatusResponse, WorkerStatus};
+use argus_proto::v1::{LightCells, StatusResponse, WorkerStatus};
 
 use super::shared_core::SharedCore;
 use crate::observe::{Exposition, Monitored};
@@ -139,5 +139,20 @@ fn workers(to: &mut Exposition<'_>, status: &StatusResponse) -> fmt::Result {
         rows(|worker| worker.samples_held as f64),
     )?;
     let bytes = rows(|worker| worker.frames_bytes as f64);
-    to.gauges("worker_frames_bytes", "Bytes of a worker's recent frames, from which views are warped", bytes)
+    to.gauges(
+        "worker_frames_bytes",
+        "Bytes of a worker's recent frames, from which views are warped",
+        bytes,
+    )?;
+    let cells = |value: fn(&LightCells) -> f64| {
+        let held = status.workers.iter().filter_map(|worker| Some((worker, worker.light_cells.as_ref()?)));
+        held.map(move |(worker, cells)| ([("worker", worker.id.as_str())], value(cells)))
+    };
+    to.gauges(
+        "worker_light_cell_bytes",
+        "Bytes of a worker's light cells",
+        cells(|cells| cells.bytes as f64),
+    )?;
+    let share = "Share of the pixels asking for light cells that cells lit at a worker, 0 to 1";
+    to.gauges("worker_light_cells_lit_share", share, cells(LightCells::lit_share))
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::Fault;
+use argus_proto::v1::LightCells;
 use argus_scene::effects::EffectCost;
 use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::CoverageEstimate;
@@ -169,6 +170,8 @@ pub struct Report {
     pub frames_held: u64,
     /// Their bytes.
     pub frames_bytes: u64,
+    /// The light cells of its sampler; `None` without any.
+    pub light_cells: Option<LightCells>,
     /// Measured and predicted errors of probed frames.
     pub probed: Probed,
     /// Cost of each visibility backend, milliseconds for a tile of a sample, if the assignment asked for them.

@@ -93,6 +93,7 @@ fn worker_status(worker: &Worker) -> WorkerStatus {
         samples_held: report.held.len() as u64,
         frames_held: report.frames_held,
         frames_bytes: report.frames_bytes,
+        light_cells: report.light_cells,
         sample_progress: report.sample_progress,
         direct_cost: report.direct_cost.map(Into::into),
         few_rays_cost: report.few_rays_cost.map(Into::into),

@@ -172,6 +172,7 @@ impl Node {
         report.probed = self.probes.found();
         let (frames_held, frames_bytes) = self.frames.held();
         (report.frames_held, report.frames_bytes) = (frames_held as u64, frames_bytes);
+        report.light_cells = self.health.cells().map(Into::into);
         report
     }
 

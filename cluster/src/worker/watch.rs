@@ -3,6 +3,8 @@
 use std::fmt;
 use std::sync::Arc;
 
+use argus_scene::CellReport;
+
 use super::node::Node;
 use crate::core::Role;
 use crate::observe::{Exposition, Monitored};
@@ -97,12 +99,31 @@ impl Monitored for Watch {
         let composed_from = self.0.health.held() as f64;
         to.gauge("worker_samples_composed_from", "Samples that its compositor holds", composed_from)?;
         if let Some(cells) = self.0.health.cells() {
-            to.gauge("worker_light_cells", "Light cells that its sampler holds", cells.cells as f64)?;
-            to.gauge("worker_light_cell_bytes", "Bytes of its light cells", cells.bytes as f64)?;
-            to.counter("worker_light_cells_filled", "Light cells filled or refined", cells.filled)?;
+            light_cells(to, cells)?;
         }
         to.gauge("worker_requests", "Requests in progress", self.0.requests() as f64)?;
         let frames = "Bytes reserved for frames that are rendered, packed or sent";
         to.gauge("worker_frame_bytes", frames, self.0.frame_memory.reserved() as f64)
     }
+}
+
+fn light_cells(to: &mut Exposition<'_>, cells: CellReport) -> fmt::Result {
+    to.gauge(
+        "worker_light_cell_pages",
+        "Pages of 8x8x8 light cells that its sampler holds",
+        cells.pages as f64,
+    )?;
+    to.gauge("worker_light_cells", "Light cells that its sampler holds", cells.cells as f64)?;
+    to.gauge("worker_light_cell_bytes", "Bytes of its light cells", cells.bytes as f64)?;
+    let waiting = "Corners of light cells that views lacked and that wait to be filled";
+    to.gauge("worker_light_cells_waiting", waiting, cells.waiting as f64)?;
+    to.counter("worker_light_cells_filled", "Light cells filled or refined", cells.filled)?;
+    let seconds = [([("stage", "fill")], cells.fill_ms * 1e-3)];
+    to.counters("worker_light_cells_seconds", "Time spent on light cells, by stage", seconds)?;
+    let by_rays = cells.pixels.saturating_sub(cells.pixels_lit);
+    to.counters(
+        "worker_light_cell_pixels",
+        "Pixels that asked for light cells, by what lit them",
+        [([("light", "cells")], cells.pixels_lit as f64), ([("light", "rays")], by_rays as f64)],
+    )
 }

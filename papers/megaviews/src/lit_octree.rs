@@ -17,8 +17,8 @@ use bytemuck::Zeroable;
 use glam::{DVec3, Vec3};
 
 use argus_sampler::plug::{
-    CHUNK_SIDE, Cull, Frame, GBufferUse, LightSharing, LitScene, Placement, Resident, Tile, TileContext,
-    image_of, timing, upload,
+    CHUNK_SIDE, Cull, Footprint, Frame, GBufferUse, LightSharing, LitScene, Placement, Resident, Tile,
+    TileContext, image_of, timing, upload,
 };
 
 use crate::passes::{Leaves, NodeSurfaces, OwnNodes, ShadeLeaves, Surfels};
@@ -57,6 +57,8 @@ struct Lit {
 pub struct Chunk {
     /// The image that they are shaded in, as a tile.
     pub tile: Tile,
+    /// Edge of a leaf, metres.
+    cell: f32,
     uniform: wgpu::Buffer,
 }
 
@@ -181,6 +183,7 @@ impl LitOctree {
             scene.check_wanted()?;
             let context = TileContext { places: self.places(), ..scene.context(&eye, &chunk.tile, g_buffer) };
             let mut frame = Frame::new(context, LightSharing::Leaves, "shade leaves", &mut stages);
+            frame.footprint = Footprint::Equal(chunk.cell);
             self.shade(&mut frame.commands, &frame.context, chunk, &surfels);
             scene.add_light(&mut frame)?;
             self.keep(&mut frame.commands, &frame.context, chunk, &surfels);
@@ -230,17 +233,18 @@ impl LitOctree {
         let chunk = |first: u32| {
             let texels = 2 * most.min(octree.leaf_count() - first);
             let size = [CHUNK_SIDE, texels.div_ceil(CHUNK_SIDE).next_multiple_of(LEAF_BLOCK)];
+            let cell = (edge * (-f64::from(octree.depth)).exp2()) as f32;
             let params = LeafChunk {
                 root_about_eye: [-0.5 * edge as f32; 3],
                 edge: edge as f32,
                 size,
                 first,
                 leaves: octree.leaf_count(),
-                cell: (edge * (-f64::from(octree.depth)).exp2()) as f32,
+                cell,
                 ..LeafChunk::zeroed()
             };
             let uniform = gpu.upload("leaves", &[params], wgpu::BufferUsages::UNIFORM);
-            Chunk { tile: image_of(size), uniform }
+            Chunk { tile: image_of(size), cell, uniform }
         };
         (0..octree.leaf_count()).step_by(most as usize).map(chunk).collect()
     }

@@ -256,7 +256,7 @@ fn wire_surface_light(light: Option<SurfaceLight>) -> u32 {
     match light {
         None => 0,
         Some(SurfaceLight::Rays) => 1,
-        Some(SurfaceLight::Cells { rays }) => rays,
+        Some(SurfaceLight::Cells { rays, reflected }) => rays + u32::from(!reflected),
     }
 }
 
@@ -264,9 +264,13 @@ fn surface_light(wire: u32) -> Result<Option<SurfaceLight>, InvalidField> {
     match wire {
         0 => Ok(None),
         1 => Ok(Some(SurfaceLight::Rays)),
-        rays if CellSettings::RAYS.contains(&rays) => Ok(Some(SurfaceLight::Cells { rays })),
         other => {
-            let reason = format!("must be 0, 1, 16, 64 or 256, not {other}");
+            let (rays, reflected) = (other & !1, other & 1 == 0);
+            if CellSettings::RAYS.contains(&rays) {
+                return Ok(Some(SurfaceLight::Cells { rays, reflected }));
+            }
+            let reason =
+                format!("must be 0, 1, 16, 64 or 256, or one more than one of the latter, not {other}");
             Err(InvalidField::new("plan.direct.light", reason))
         }
     }

@@ -349,8 +349,9 @@ fn frame_source() -> impl Strategy<Value = FrameSource> {
 }
 
 fn surface_light() -> impl Strategy<Value = Option<SurfaceLight>> {
-    let cells = CellSettings::RAYS.map(|rays| Some(SurfaceLight::Cells { rays }));
-    prop::sample::select([vec![None, Some(SurfaceLight::Rays)], cells.to_vec()].concat())
+    let cells = [true, false]
+        .map(|reflected| CellSettings::RAYS.map(|rays| Some(SurfaceLight::Cells { rays, reflected })));
+    prop::sample::select([vec![None, Some(SurfaceLight::Rays)], cells.concat()].concat())
 }
 
 pub(crate) fn plan() -> impl Strategy<Value = Plan> {

@@ -16,7 +16,7 @@ use super::shadows::VisibilityWords;
 use super::sky;
 use super::tracing::LightTracing;
 use crate::LightSettings;
-use crate::frame::Frame;
+use crate::frame::{Footprint, Frame};
 use crate::light_rays::LightRaysAbout;
 use crate::lit_tile::Arriving;
 use crate::resident::upload;
@@ -44,6 +44,8 @@ pub(crate) struct OnCpu<'a> {
     ray_divisor: u32,
     paths: Option<&'a PathLight>,
     uses_cells: bool,
+    /// Whether these are points that a view's reflections show, or that maps show.
+    reflected: bool,
     /// Angle of a pixel, radians.
     pixel: f32,
     /// Whether the device finds the light of lights and of the sky.
@@ -79,8 +81,9 @@ impl<'a> OnCpu<'a> {
         let (tile_of, eye) = (&frame.context.tile, frame.context.eye.position);
         let about = tracing.rays.about(eye);
         let [surfaces, materials] = g_buffer;
-        let points =
+        let mut points =
             ShadingPoints::new(surfaces, materials, tile_of.sub_samples(), frame.neighbours(), &about);
+        points.stand_for(&frame.footprint);
         Self {
             words: is_glossy.then(|| VisibilityWords::new(&tracing.lighting, points.all.len())),
             tracing,
@@ -91,6 +94,7 @@ impl<'a> OnCpu<'a> {
             ray_divisor,
             paths,
             uses_cells: frame.uses_cells(),
+            reflected: frame.footprint != Footprint::Pixels,
             pixel: tile_of.pixel_angle(),
             has_device,
             cells: None,
@@ -108,7 +112,8 @@ impl<'a> OnCpu<'a> {
         let Some(paths) = self.paths.filter(|_| self.uses_cells) else { return };
         let begin = Instant::now();
         if self.tracing.effects.sky_visibility {
-            let eye = Eye { position: self.eye, about: &self.about, pixel: self.pixel };
+            let (about, pixel, reflected) = (&self.about, self.pixel, self.reflected);
+            let eye = Eye { position: self.eye, about, pixel, reflected };
             self.cells = paths.look_up(self.tracing, &self.points, eye);
         }
         if paths.cells().is_some() {

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::pattern::{self, SLOTS, slot};
-use crate::frame::Neighbours;
+use crate::frame::{Footprint, Neighbours};
 use crate::light_rays::LightRaysAbout;
 
 /// A visible surface. Positions are metres about the eye.
@@ -21,6 +21,8 @@ pub(crate) struct ShadingPoint {
     pub(crate) start: Vec3,
     /// Whether `start` is so high above the triangle that rays may go below its plane.
     pub(crate) is_lifted: bool,
+    /// Mean side of the area that it stands for, metres; 0 if that is what a pixel shows from the eye.
+    pub(crate) across: f32,
 }
 
 /// Which rays of the pattern a texel casts.
@@ -66,6 +68,17 @@ impl ShadingPoints {
             Neighbours::None { rays } => (None, Effort::Whole { rays }),
         };
         Self { size: size.map(|n| n as usize), first, effort, all, bounds }
+    }
+
+    /// Says what the texels stand for.
+    pub(super) fn stand_for(&mut self, footprint: &Footprint) {
+        match footprint {
+            Footprint::Pixels => {}
+            Footprint::Equal(side) => self.all.iter_mut().for_each(|point| point.across = *side),
+            Footprint::Areas(sides) => {
+                self.all.iter_mut().zip(sides).for_each(|(point, side)| point.across = *side);
+            }
+        }
     }
 
     /// Coordinates of a texel in its image; for texels without neighbours, their number.
@@ -142,6 +155,7 @@ pub(crate) fn of_g_buffer(
         side,
         start: position + side * off.max(lift),
         is_lifted: lift > 4.0 * off,
+        across: 0.0,
     }
 }
 

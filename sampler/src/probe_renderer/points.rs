@@ -131,7 +131,8 @@ impl PointProbes {
                 at,
                 is_through: false,
             };
-            Some((probe_point(&rays.shading_of(&met, spread * met.range), middle), ray))
+            let point = rays.shading_of(&met, direction.normalize(), spread * met.range);
+            Some((probe_point(&point, middle), ray))
         };
         let (points, found) = (0..).zip(shown.ids()).filter_map(point).unzip();
         FilledMaps { rays: found, ..FilledMaps::new(&maps, &shown, points) }

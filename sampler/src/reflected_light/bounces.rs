@@ -182,7 +182,8 @@ impl Bounces<'_> {
             let met = met.as_ref()?;
             let Path { ray, .. } = path;
             let width_there = ray.width + ray.spread * met.range as f32;
-            let point = probe_point(&tracer.shading_of(met, f64::from(width_there)), self.eye);
+            let met = tracer.shading_of(met, ray.direction.as_dvec3(), f64::from(width_there));
+            let point = probe_point(&met, self.eye);
             let [x, y] = place(ray);
             let row = y - begin[1] + height * u32::from(ray.is_through);
             Some((index_in_blocks([x - begin[0], row], width) as u32, point))

@@ -19,6 +19,8 @@ pub struct ReflectionRays {
     rays: LightRays,
 }
 
+/// Least cosine between a ray and the normal of what it met: at a smaller one, what the ray stands for grows no longer.
+const LEAST_COSINE: f64 = 0.05;
 /// Most surfaces of its own reflector that a ray passes.
 const MOST_PASSED: u32 = 64;
 
@@ -167,8 +169,8 @@ impl ReflectionRays {
         (maps, met)
     }
 
-    /// What a ray met, for shading; `width` is that of the area which the ray stands for, metres.
-    pub fn shading_of(&self, met: &MetByRay, width: f64) -> SurfacePoint {
+    /// What a ray of a unit direction met, for shading; `width` is that of the ray there, metres.
+    pub fn shading_of(&self, met: &MetByRay, direction: DVec3, width: f64) -> SurfacePoint {
         let instance = &self.instances[met.instance as usize];
         let mesh = &self.scene.meshes[instance.mesh as usize];
         let first = 3 * met.primitive as usize;
@@ -181,13 +183,14 @@ impl ReflectionRays {
         let [second, third] = met.weights;
         let normal = (b - a).cross(c - a).normalize_or(DVec3::Y);
         let right = normal.any_orthonormal_vector();
+        let cosine = normal.dot(direction).abs().max(LEAST_COSINE);
         SurfacePoint {
             instance: met.instance,
             primitive: met.primitive,
             weights: met.weights,
             position: a + (b - a) * second + (c - a) * third,
             side: met.side,
-            footprint: [right * width, normal.cross(right) * width],
+            footprint: [right * width, normal.cross(right) * (width / cosine)],
         }
     }
 }

@@ -20,10 +20,10 @@ impl GpuSampler {
         self.path_light().map_or(SurfaceLight::Rays, PathLight::surface_light)
     }
 
-    /// What samples and lists of pixels ask of light cells: the same tier everywhere, so that their bytes do not depend on what is
+    /// What samples, maps and lists of pixels ask of light cells: the same tier everywhere, so that their bytes do not depend on what is
     /// filled.
     pub(super) fn cells_of_samples(&self) -> CellUse {
-        CellUse::Whole { rays: CellSettings::FIRST_RAYS }
+        CellUse::Whole { rays: CellSettings::FIRST_RAYS, reflected: true }
     }
 
     /// What a view asks of light cells.

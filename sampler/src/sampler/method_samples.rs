@@ -69,6 +69,7 @@ impl GpuSampler {
         let time_secs = job.info.time_secs();
         let mut stages = self.pose(time_secs)?;
         timing::add(&mut stages, self.light(lighting, light, time_secs)?);
+        self.begin_cells(self.cells_of_samples());
         Ok(stages)
     }
 }

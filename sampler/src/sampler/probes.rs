@@ -131,6 +131,7 @@ impl GpuSampler {
         cancel: &Cancel,
     ) -> Result<Vec<Stage>, RenderError> {
         check_wanted(cancel)?;
+        self.begin_cells(self.cells_of_samples());
         let (gpu, LitAt { lighting, time_secs, .. }) = (self.gpu.clone(), lit);
         let places = probes.places(&gpu, &self.scene, time_secs)?;
         let (side, mut stages) = (probes.set.settings.side, Vec::new());

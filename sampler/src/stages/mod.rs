@@ -74,10 +74,12 @@ pub(crate) fn part(mut frame: Frame<'_>, job: &mut PartJob<'_>) -> Result<Render
 /// Shades and lights what is visible.
 fn surfaces(frame: &mut Frame<'_>, job: &mut PartJob<'_>) -> Result<(), RenderError> {
     shade::visible(frame, &job.programs);
+    // First, so that what lights the view's own pixels is known when points of reflections are lit.
+    light(frame, job.lights)?;
     if let Some(reflecting) = &mut job.reflecting {
         reflections(frame, reflecting, job.lights)?;
     }
-    light(frame, job.lights)
+    Ok(())
 }
 
 /// Adds what reflective surfaces of a view show, by rays that start where the device saw them.
@@ -160,6 +162,7 @@ pub(crate) fn points(
         check_wanted(shading.cancel)?;
         let mut frame = shading.begin(&chunk, points.sharing(), extras, &mut of_light);
         shading.programs.record(&mut frame.commands, &frame.context, &chunk.chunk, &on_device.points);
+        frame.footprint = chunk.footprint(&points.all);
         light(&mut frame, shading.lights)?;
         shading.programs.keep(&mut frame.commands, &frame.context, &chunk.chunk, &on_device.radiance);
         let kept = frame.context.targets.g_buffer.as_ref().filter(|_| wants_g_buffer);

@@ -303,8 +303,15 @@ mod tests {
 
     fn mirror(normal: Vec3) -> Mirror {
         let position = Vec3::new(0.0, 0.0, -4.0);
-        let point =
-            ShadingPoint { exists: true, position, normal, side: Vec3::Z, start: position, is_lifted: false };
+        let point = ShadingPoint {
+            exists: true,
+            position,
+            normal,
+            side: Vec3::Z,
+            start: position,
+            is_lifted: false,
+            across: 0.0,
+        };
         Mirror { point, reflector: 0, f0: Vec3::ONE, roughness: 0.0, eta: None }
     }
 

@@ -328,8 +328,8 @@ mirror! {
         pub front: u32,
         /// Relative to the eye, metres.
         pub position: [f32; 3],
-        /// WGSL rounds the struct up to 16 bytes.
-        pub _pad: u32,
+        /// Mean side of the area that it stands for on its surface, metres. Light cells are chosen by it.
+        pub across: f32,
     }
 }
 

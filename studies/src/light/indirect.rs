@@ -295,7 +295,7 @@ impl Subject {
 /// A view by the best light of a method.
 fn lit_by(job: &ViewJob, method: Indirect) -> ViewJob {
     let light = match method {
-        Indirect::Cells(settings) => Some(SurfaceLight::Cells { rays: settings.rays }),
+        Indirect::Cells(settings) => Some(SurfaceLight::Cells { rays: settings.rays, reflected: true }),
         _ => None,
     };
     ViewJob { plan: job.plan.clone().with_light(light), ..job.clone() }

@@ -8,6 +8,7 @@ mod socket;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::process::Stdio;
+use std::time::Instant;
 
 use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus, run, stderr};
 use argus_scene::metrics;
@@ -39,7 +40,13 @@ impl Page {
 
     /// A request for `path` with the host name `host`.
     fn get_as(&self, path: &str, host: &str) -> Answer {
-        let mut stream = TcpStream::connect(&self.address).unwrap();
+        get_from(&self.address, path, host)
+    }
+}
+
+/// The answer of an address to a request for `path` with the host name `host`.
+fn get_from(address: &str, path: &str, host: &str) -> Answer {
+        let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
         let mut answer = Vec::new();
@@ -49,7 +56,6 @@ impl Page {
         assert!(!head.contains("chunked"), "answers are whole: {head}");
         let status = head.split(' ').nth(1).unwrap().parse().unwrap();
         (status, head, answer[end + 4..].to_vec())
-    }
 }
 
 fn field(head: &str, name: &str) -> String {
@@ -103,7 +109,7 @@ fn a_browser_walks_through_a_scene() {
     }
     assert_eq!(page.get("/elsewhere").0, 404);
     // A foreign host name that resolves to this machine.
-    for path in ["/", "/scene", "/frame", "/session"] {
+    for path in ["/", "/scene", "/cells", "/frame", "/session"] {
         assert_eq!(page.get_as(path, "example.org").0, 421, "{path}");
     }
     assert!(page.process.stop().success());
@@ -117,4 +123,40 @@ fn a_page_is_local_by_default_and_a_missing_service_is_an_error() {
     let nobody = run(&["browse", "--listen", "127.0.0.1:0", "--server", "http://127.0.0.1:9"]);
     assert_eq!(nobody.status.code(), Some(1), "{}", stderr(&nobody));
     assert!(stderr(&nobody).contains("127.0.0.1:9"), "{}", stderr(&nobody));
+}
+
+#[test]
+fn the_page_the_status_and_metrics_show_light_cells() {
+    let coordinator = Coordinator::start(SMALL, &["--indirect=cells", "--refining-share=0", "--exposure=0"]);
+    let _worker = coordinator.workers(1);
+    coordinator.wait_for_workers(1);
+    let page = Page::open(&coordinator.url, &[]);
+    let read = |bytes: &[u8]| serde_json::from_slice::<Value>(bytes).unwrap();
+    let began = Instant::now();
+    let shown = loop {
+        assert_eq!(page.get("/frame?size=160x120&direct").0, 200);
+        let (status, _, cells) = page.get("/cells");
+        let cells = read(&cells);
+        assert!(status == 200 && began.elapsed() < 2 * PATIENCE, "{status} {cells}");
+        if cells["lit_share"].as_f64() > Some(0.0) {
+            break cells;
+        }
+    };
+    assert!(shown["pages"].as_u64() > Some(0) && shown["fill_ms"].as_f64() > Some(0.0), "{shown}");
+    let status = |more: &[&str]| run(&[&["status", "--server", &coordinator.url], more].concat()).stdout;
+    let (table, status) = (String::from_utf8(status(&[])).unwrap(), read(&status(&["--json"])));
+    assert!(table.contains("light cells") && table.contains("s of filling"), "{table}");
+    let worker = &status["workers"][0];
+    let count = |name: &str| worker["light_cells"][name].as_u64().unwrap_or_else(|| panic!("no {name}: {worker}"));
+    assert!(count("bytes") > 0 && count("cells") >= count("pages") && count("filled") > 0, "{worker}");
+    assert!(count("pixels") >= count("pixels_lit") && count("waiting") < 1 << 30, "{worker}");
+    for (url, metric) in [
+        (coordinator.url.as_str(), "argus_worker_light_cells_lit_share{"),
+        (worker["address"].as_str().unwrap(), "argus_worker_light_cell_pixels_total{light=\"cells\"}"),
+    ] {
+        let address = url.strip_prefix("http://").unwrap();
+        let text = String::from_utf8(get_from(address, "/metrics", address).2).unwrap();
+        let row = text.lines().find(|row| row.starts_with(metric)).unwrap_or_else(|| panic!("no {metric}: {text}"));
+        assert!(row.rsplit(' ').next().unwrap().parse::<f64>().unwrap() > 0.0, "{row}");
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use argus_scene::CellReport;
 use tracing::{info, warn};
 
 use super::Renderer;
@@ -39,18 +40,24 @@ impl Renderer {
 
     /// Queues the filling of light cells, once views lacked some.
     pub(super) fn seek_cells(&mut self) {
-        let cells = self.sampler.as_ref().and_then(|sampler| sampler.light_cells());
-        self.health.has_cells(cells);
-        let is_due = cells.is_some_and(|cells| cells.is_due);
+        let is_due = self.report_cells().is_some_and(|cells| cells.is_due);
         if is_due && !std::mem::replace(&mut self.fills_light, is_due) {
             self.queue.push_background(Background::FillLight);
         }
+    }
+
+    /// Notes what the sampler's light cells are, for reports.
+    fn report_cells(&self) -> Option<CellReport> {
+        let cells = self.sampler.as_ref().and_then(|sampler| sampler.light_cells());
+        self.health.has_cells(cells);
+        cells
     }
 
     /// Fills light cells for a slice, and queues the rest behind other background work.
     pub(super) fn fill_light(&mut self) {
         let refines = self.queue.is_idle();
         let filled = self.guarded(|own| Ok(vec![Ok(own.sampler()?.fill_light(FILL_SLICE, refines))]));
+        self.report_cells();
         match filled {
             Ok(more) => {
                 self.fills_light = more.into_iter().any(|more| more.unwrap_or(false));

@@ -1,7 +1,7 @@
 //! Looks the light of pixels up in filled cells.
 //!
 //! A pixel takes the eight cells of the level whose cells are a few pixels wide there; near the next level it blends into
-//! that. Each side counts by how near it is, how alike it faces, and how close the pixel is to its plane. What a pixel
+//! that. A point that a ray found, such as one seen in a mirror, takes cells a few times as wide as that ray is there. Each side counts by how near it is, how alike it faces, and how close the pixel is to its plane. What a pixel
 //! gets depends on the pixel and on cells alone, never on its neighbours.
 
 use std::ops::Range;
@@ -69,8 +69,10 @@ pub(super) struct Lookup<'a> {
     /// The eye's cell of each level, and its place within: [`Lattice::about`].
     pub(super) eye: Vec<Option<(IVec3, Vec3)>>,
     pub(super) tier: usize,
-    /// Edge of a cell over the distance from the eye, where the surface is seen face on.
-    pub(super) spread: f32,
+    /// Edge of a cell in pixels.
+    pub(super) pixels: f32,
+    /// Angle of a pixel, radians.
+    pub(super) pixel: f32,
 }
 
 /// A side of one of a corner's cells, ready to be weighted.
@@ -223,14 +225,20 @@ impl Lookup<'_> {
 
     /// The level of a pixel, and the share of the next finer one.
     fn level(&self, point: &ShadingPoint) -> (u32, f32) {
-        let distance = point.position.length();
-        let cosine = (point.side.dot(point.position).abs() / distance).max(LEAST_COSINE);
-        let spacing = self.spread * distance / cosine.sqrt();
+        let across = if point.across > 0.0 { point.across } else { self.seen_across(point) };
+        let spacing = self.pixels * across;
         // NaN becomes 0.
         let level = (self.lattice.edge / spacing).log2().max(0.0).min(MOST_LEVEL as f32);
         let whole = level.floor();
         let blend = if whole < MOST_LEVEL as f32 { (level - whole - (1.0 - BLEND)) / BLEND } else { 0.0 };
         (whole as u32, blend.max(0.0))
+    }
+
+    /// The mean side of the area that a pixel shows from the eye, metres.
+    fn seen_across(&self, point: &ShadingPoint) -> f32 {
+        let distance = point.position.length();
+        let cosine = (point.side.dot(point.position).abs() / distance).max(LEAST_COSINE);
+        self.pixel * distance / cosine.sqrt()
     }
 
     /// The corner of a pixel on a level, and the pixel's place from its lowest cell's lowest corner, in edges of a cell: 0.5

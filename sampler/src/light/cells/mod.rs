@@ -19,11 +19,12 @@
 //! 6. [`lookup`]: pixels take the mean of the sides around them.
 //! 7. [`alone`]: pixels that no side describes cast rays of their own.
 //!
-//! A view is lit by cells of one tier throughout, or by rays throughout, so that a frame can be repeated. [`CellUse`] says
-//! which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
+//! A view's own pixels are lit by cells of one tier throughout, or by rays throughout, and so is all that its reflections show,
+//! so that a frame can be repeated. [`CellUse`] says which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
 
 mod alone;
 mod corner;
+mod filling;
 mod lookup;
 mod queue;
 mod rays;
@@ -47,9 +48,7 @@ use crate::surfaces::Surfaces;
 use alone::Surroundings;
 use lookup::{Answer, Lookup, only};
 use queue::Queue;
-use rays::Sums;
 use scene::{CellScene, RAYS, Sequence};
-use sides::Side;
 use store::{Store, TIERS};
 
 pub(super) use lookup::CellLight;
@@ -66,10 +65,6 @@ const ASKED: usize = 4;
 const LACKS_MORE: f64 = 1.5;
 /// Corners that are filled between two looks at the clock.
 const CORNERS_AT_ONCE: usize = 48;
-/// Cells that are refined between two looks at the clock.
-const REFINED_AT_ONCE: usize = 48;
-/// Cells that a search for cells to refine returns at most.
-const REFINED: usize = 1 << 14;
 /// Milliseconds of a corner or refined cell, before any is measured.
 const FIRST_GUESS_MS: f64 = 0.05;
 
@@ -84,6 +79,8 @@ pub(crate) enum CellUse {
     Whole {
         /// 16, 64 or 256; others count as the next lower one.
         rays: u32,
+        /// Whether reflected points take cells, too, of the first tier; else they cast rays.
+        reflected: bool,
     },
 }
 
@@ -92,7 +89,7 @@ impl From<Option<SurfaceLight>> for CellUse {
         match asked {
             None => Self::Open,
             Some(SurfaceLight::Rays) => Self::Rays,
-            Some(SurfaceLight::Cells { rays }) => Self::Whole { rays },
+            Some(SurfaceLight::Cells { rays, reflected }) => Self::Whole { rays, reflected },
         }
     }
 }
@@ -116,6 +113,8 @@ pub(super) struct Eye<'a> {
     pub(super) about: &'a LightRaysAbout<'a>,
     /// Angle of a pixel, radians.
     pub(super) pixel: f32,
+    /// Whether its reflections are looked up instead of its own pixels.
+    pub(super) reflected: bool,
 }
 
 /// The light cells of one scene.
@@ -140,13 +139,18 @@ struct State {
     costs: [f64; TIERS],
     filled: u64,
     fill_ms: f64,
+    /// Pixels that asked for cells, and those that cells lit.
+    pixels: u64,
+    pixels_lit: u64,
 }
 
 /// The light of the present job.
 struct Job {
     asked: CellUse,
-    /// What it is lit by, once that is known.
-    found: Option<SurfaceLight>,
+    /// The tier of its own pixels, once that is known; `None` within for rays.
+    found: Option<Option<usize>>,
+    /// Whether its reflected points take cells, once that is known.
+    reflected: Option<bool>,
 }
 
 impl LightCells {
@@ -157,10 +161,12 @@ impl LightCells {
             refined: Vec::new(),
             may_refine: false,
             lighting: None,
-            job: Job { asked: CellUse::Rays, found: None },
+            job: Job::new(CellUse::Rays),
             costs: [FIRST_GUESS_MS; TIERS],
             filled: 0,
             fill_ms: 0.0,
+            pixels: 0,
+            pixels_lit: 0,
         };
         Self { settings, sequence: Sequence::new(), state: Mutex::new(state) }
     }
@@ -177,24 +183,32 @@ impl LightCells {
     /// Begins a job.
     pub(crate) fn begin(&self, asked: CellUse) {
         let mut state = self.state();
-        state.job = Job { asked, found: None };
+        state.job = Job::new(asked);
         state.store.begin_job();
     }
 
     /// What the job is lit by so far; rays before any of it is.
     pub(crate) fn light(&self) -> SurfaceLight {
-        self.state().job.found.unwrap_or_default()
+        let state = self.state();
+        let cells = |tier: usize| SurfaceLight::Cells {
+            rays: RAYS[tier] as u32,
+            reflected: state.job.reflected.unwrap_or(true),
+        };
+        state.job.found.flatten().map_or(SurfaceLight::Rays, cells)
     }
 
     /// What the cells are.
     pub(crate) fn report(&self) -> CellReport {
         let state = self.state();
         CellReport {
+            pages: state.store.pages(),
             cells: state.store.cells(),
             bytes: state.store.bytes(),
             filled: state.filled,
             fill_ms: state.fill_ms,
             waiting: state.queue.len(),
+            pixels: state.pixels,
+            pixels_lit: state.pixels_lit,
             is_due: state.queue.len() > 0 || state.may_refine,
         }
     }
@@ -209,19 +223,65 @@ impl LightCells {
         let mut state = self.state();
         let scene = self.scene(parts);
         state.relight(parts.lighting);
-        let light = match (state.job.asked, state.job.found) {
-            (CellUse::Rays, _) | (_, Some(SurfaceLight::Rays)) => None,
-            (CellUse::Whole { rays }, _) | (_, Some(SurfaceLight::Cells { rays })) => {
-                let tier = tier_of(rays);
-                let answers = self.answers(&mut state, &scene, points, eye, tier, f64::INFINITY);
-                Some((tier, answers.unwrap_or_default()))
-            }
-            (CellUse::Open, None) => self.best(&mut state, &scene, points, eye),
+        let answers = match eye.reflected {
+            true => self.of_reflected(&mut state, &scene, points, eye),
+            false => self.of_pixels(&mut state, &scene, points, eye),
         };
-        let found = light.as_ref().map(|(tier, _)| SurfaceLight::Cells { rays: RAYS[*tier] as u32 });
-        state.job.found = Some(found.unwrap_or(SurfaceLight::Rays));
-        let (_, answers) = light?;
-        Some(with_alone(&scene, points, eye, &answers))
+        if state.job.asked != CellUse::Rays {
+            state.count(points, answers.as_deref().unwrap_or_default());
+        }
+        Some(with_alone(&scene, points, eye, &answers?))
+    }
+
+    /// The answers of the job's own pixels; `None` if it is lit by rays.
+    fn of_pixels(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+    ) -> Option<Vec<Answer>> {
+        let light = match (state.job.asked, state.job.found) {
+            (CellUse::Rays, _) | (_, Some(None)) => None,
+            (CellUse::Whole { rays, .. }, _) => Some((tier_of(rays), None)),
+            (_, Some(Some(tier))) => Some((tier, None)),
+            (CellUse::Open, None) => {
+                self.best(state, scene, points, eye).map(|(tier, answers)| (tier, Some(answers)))
+            }
+        };
+        state.job.found = Some(light.as_ref().map(|(tier, _)| *tier));
+        match light? {
+            (_, Some(answers)) => Some(answers),
+            (tier, None) => self.answers(state, scene, points, eye, tier, f64::INFINITY),
+        }
+    }
+
+    /// The answers of points that the job's reflections show, always of the first tier; `None` if rays light them. An open view
+    /// whose own pixels have cells does not wait for those of its reflections.
+    fn of_reflected(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+    ) -> Option<Vec<Answer>> {
+        let has_cells = match (state.job.asked, state.job.reflected) {
+            (CellUse::Rays, _) => return None,
+            (CellUse::Whole { reflected, .. }, _) => Some(reflected),
+            (CellUse::Open, _) if state.job.found.flatten().is_none() => Some(false),
+            (CellUse::Open, known) => known,
+        };
+        let answers = match has_cells {
+            Some(true) => self.answers(state, scene, points, eye, 0, f64::INFINITY),
+            Some(false) => None,
+            None => self.answers_soon(state, scene, points, eye, 0),
+        };
+        if state.job.asked == CellUse::Open && has_cells == Some(false) {
+            let missing = self.lookup(&state.store, scene, eye, 0).missing(points, ASKED);
+            state.queue.add(missing);
+        }
+        state.job.reflected = Some(answers.is_some());
+        answers
     }
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
@@ -233,22 +293,35 @@ impl LightCells {
         eye: Eye<'_>,
     ) -> Option<(usize, Vec<Answer>)> {
         for tier in (0..=tier_of(self.settings.rays)).rev() {
-            let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
-            let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
-            // Better light is no reason to wait.
-            let found = match within && (tier == 0 || missing.is_empty()) {
-                true => self.answers(state, scene, points, eye, tier, VIEW_FILLS_MS),
-                false => None,
-            };
-            if let Some(answers) = found {
+            if let Some(answers) = self.answers_soon(state, scene, points, eye, tier) {
                 state.may_refine |= tier < tier_of(self.settings.rays);
                 return Some((tier, answers));
             }
-            if tier == 0 {
-                state.queue.add(missing);
-            }
         }
         None
+    }
+
+    /// The answers of a tier if they are there, or for the first tier soon would be; else `None`, and cells of the first tier wait
+    /// in the queue.
+    fn answers_soon(
+        &self,
+        state: &mut State,
+        scene: &CellScene<'_>,
+        points: &ShadingPoints,
+        eye: Eye<'_>,
+        tier: usize,
+    ) -> Option<Vec<Answer>> {
+        let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
+        let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
+        // Better light is no reason to wait.
+        let found = match within && (tier == 0 || missing.is_empty()) {
+            true => self.answers(state, scene, points, eye, tier, VIEW_FILLS_MS),
+            false => None,
+        };
+        if found.is_none() && tier == 0 {
+            state.queue.add(missing);
+        }
+        found
     }
 
     /// The answers of a tier; cells that lack are filled if that is predicted to take no longer than `most_ms`, else they wait
@@ -311,14 +384,28 @@ impl LightCells {
     }
 
     fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'a>, tier: usize) -> Lookup<'a> {
-        let spread = self.settings.pixels as f32 * eye.pixel;
         let places = scene.lattice.about(eye.position - scene.leaves.center());
-        Lookup { store, lattice: scene.lattice, about: eye.about, eye: places, tier, spread }
+        let pixels = self.settings.pixels as f32;
+        Lookup {
+            store,
+            lattice: scene.lattice,
+            about: eye.about,
+            eye: places,
+            tier,
+            pixels,
+            pixel: eye.pixel,
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
         // A panic leaves no cell half filled.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Job {
+    fn new(asked: CellUse) -> Self {
+        Self { asked, found: None, reflected: None }
     }
 }
 
@@ -348,19 +435,18 @@ fn tier_of(rays: u32) -> usize {
     RAYS.iter().rposition(|most| *most <= rays as usize).unwrap_or(0)
 }
 
-/// A cell that was filled: its sides, and their sums at each new tier.
-struct NewCell {
-    key: CellKey,
-    sides: Vec<Side>,
-    tiers: Vec<(usize, Vec<Sums>)>,
-}
-
 impl State {
     fn forget(&mut self) {
         self.store.clear();
         self.queue = Queue::default();
         self.refined.clear();
         self.may_refine = false;
+    }
+
+    /// Counts points that asked for cells, and answers that are light of cells.
+    fn count(&mut self, points: &ShadingPoints, answers: &[Answer]) {
+        self.pixels += points.all.iter().filter(|point| point.exists).count() as u64;
+        self.pixels_lit += answers.iter().filter(|answer| matches!(answer, Answer::Light(_))).count() as u64;
     }
 
     /// Forgets the cells of another lighting.
@@ -370,86 +456,4 @@ impl State {
             self.lighting = Some(lighting.clone());
         }
     }
-
-    /// Fills the cells of corners up to a tier, and finds out which of their sides see one another.
-    fn fill_corners(&mut self, scene: &CellScene<'_>, corners: &[CellKey], tier: usize) {
-        let begin = Instant::now();
-        let lacks = |key: &CellKey| self.store.tier(*key).is_none_or(|has| has < tier);
-        let around = corners.iter().flat_map(|corner| corner.corner().map(|(_, key)| key));
-        let mut cells: Vec<CellKey> = around.filter(lacks).collect();
-        cells.sort_unstable();
-        cells.dedup();
-        self.fill(scene, &cells, tier);
-        let unknown: Vec<CellKey> =
-            corners.iter().copied().filter(|corner| self.store.groups(*corner).is_none()).collect();
-        let store = &self.store;
-        let groups = |corner: &CellKey| corner::groups(scene, *corner, &store.sides(*corner));
-        let found: Vec<Box<[u8]>> = unknown.par_iter().with_min_len(8).map(groups).collect();
-        unknown.iter().zip(found).for_each(|(corner, groups)| self.store.set_groups(*corner, groups));
-        self.took(begin, corners.len(), tier);
-    }
-
-    /// Refines some cells that were used lately. Returns whether there were any.
-    fn refine(&mut self, scene: &CellScene<'_>, most_tier: usize) -> bool {
-        if self.refined.is_empty() && self.may_refine {
-            let below = (1..=most_tier).map(|tier| self.store.below(tier, REFINED));
-            self.refined = below.into_iter().find(|cells| !cells.is_empty()).unwrap_or_default();
-            // Those used last are at the end.
-            self.refined.reverse();
-        }
-        let rest = self.refined.len().saturating_sub(REFINED_AT_ONCE);
-        let cells = self.refined.split_off(rest);
-        self.may_refine = !cells.is_empty();
-        let of_tier = |key: &CellKey| self.store.tier(*key);
-        let Some(tier) = cells.iter().filter_map(of_tier).min() else { return self.may_refine };
-        let tier = (tier + 1).min(most_tier);
-        let begin = Instant::now();
-        self.fill(scene, &cells, tier);
-        self.took(begin, cells.len(), tier);
-        true
-    }
-
-    /// Fills cells up to a tier.
-    fn fill(&mut self, scene: &CellScene<'_>, cells: &[CellKey], tier: usize) {
-        let store = &self.store;
-        let filled = |key: &CellKey| new_cell(scene, store, *key, tier);
-        let filled: Vec<NewCell> = cells.par_iter().with_min_len(4).map(filled).collect();
-        self.filled += filled.len() as u64;
-        for NewCell { key, sides, tiers } in filled {
-            for (tier, sums) in tiers {
-                match tier {
-                    0 => {
-                        let sides: Vec<(Side, Sums)> = sides.iter().copied().zip(sums).collect();
-                        self.store.insert(key, &sides);
-                    }
-                    _ => self.store.refine(key, tier, &sums),
-                }
-            }
-        }
-    }
-
-    /// Learns what filling costs.
-    fn took(&mut self, begin: Instant, count: usize, tier: usize) {
-        /// Share of the newest measurement.
-        const NEW: f64 = 0.1;
-        let ms = begin.elapsed().as_secs_f64() * 1e3;
-        self.fill_ms += ms;
-        self.costs[tier] += (ms / count.max(1) as f64 - self.costs[tier]) * NEW;
-    }
-}
-
-/// Casts the rays that a cell lacks up to a tier.
-fn new_cell(scene: &CellScene<'_>, store: &Store, key: CellKey, tier: usize) -> NewCell {
-    let shapes = sides::shapes_of(scene, key);
-    let has = store.tier(key);
-    let before = has.and_then(|has| store.filled(key, has));
-    let mut sums = before.map_or_else(|| vec![Sums::default(); shapes.len()], |cell| cell.sums.to_vec());
-    let mut tiers = Vec::new();
-    for tier in has.map_or(0, |has| has + 1)..=tier {
-        for (shape, sums) in shapes.iter().zip(&mut sums) {
-            rays::add_tier(scene, key, shape, tier, sums);
-        }
-        tiers.push((tier, sums.clone()));
-    }
-    NewCell { key, sides: shapes.into_iter().map(|shape| shape.side).collect(), tiers }
 }

@@ -82,6 +82,10 @@ impl Store {
         self.bytes
     }
 
+    pub(super) fn pages(&self) -> usize {
+        self.pages.len()
+    }
+
     /// Begins another job, of which all pages that it uses are kept.
     pub(super) fn begin_job(&mut self) {
         self.job = self.job.wrapping_add(1);

@@ -161,7 +161,15 @@ mod tests {
             let side = if odd(index / size) { Vec3::Y } else { Vec3::Z };
             let place = Vec3::new((index % size) as f32, -((index / size) as f32), 0.0) * 0.01;
             let position = place - Vec3::Z * 10.0;
-            ShadingPoint { exists: true, position, normal: side, side, start: position, is_lifted: false }
+            ShadingPoint {
+                exists: true,
+                position,
+                normal: side,
+                side,
+                start: position,
+                is_lifted: false,
+                across: 0.0,
+            }
         };
         ShadingPoints {
             size: [size; 2],

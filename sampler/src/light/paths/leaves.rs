@@ -349,6 +349,7 @@ impl Leaves {
             side,
             start: position + side * (2.0 * about.offset(position, 0.0)),
             is_lifted: false,
+            across: 0.0,
         }
     }
 

@@ -301,9 +301,9 @@ impl Ways<'_> {
         let lookups = self.lookups(&maps, reflectors, STEPS);
         let shade = |texel: u32| {
             let Some(met) = &met[texel as usize] else { return Vec3::ZERO };
-            let (map, _) = maps.direction_of(texel as usize);
+            let (map, direction) = maps.direction_of(texel as usize);
             let width = 2.0 * met.range / f64::from(maps.side(map));
-            self.stage.shade(&self.rays.shading_of(met, width))
+            self.stage.shade(&self.rays.shading_of(met, direction.normalize(), width))
         };
         let sky = &self.stage.scene.lighting.sky;
         let reflected = reflect(&lookups, sky, maps.texels(), |texel, _| texel as u32, shade);
@@ -341,7 +341,7 @@ impl Ways<'_> {
             let begin = Instant::now();
             let radiance = |(ray, found): (&(DVec3, DVec3, u32), &Option<_>)| match found {
                 // Unfiltered, as the truth is.
-                Some(found) => self.stage.shade(&self.rays.shading_of(found, 0.0)),
+                Some(found) => self.stage.shade(&self.rays.shading_of(found, ray.1, 0.0)),
                 None => sky_radiance(sky, ray.1.as_vec3()),
             };
             let shaded: Vec<Vec3> = rays.par_iter().zip(&found).with_min_len(64).map(radiance).collect();
