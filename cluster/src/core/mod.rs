@@ -42,7 +42,7 @@ pub use event::{
 };
 pub use machine::Core;
 pub use time::Uptime;
-pub use views::{EstimateRequest, plan, planner};
+pub use views::{EstimateRequest, explicit_plan, planner};
 pub use workers::{balance, hysteresis};
 
 #[cfg(test)]

@@ -11,10 +11,11 @@
 
 mod admission;
 mod batch;
-mod explicit_worker;
 mod cluster;
 mod dispatch;
 mod estimate_request;
+pub mod explicit_plan;
+mod explicit_worker;
 mod frames;
 mod load;
 mod new_view;
@@ -23,7 +24,6 @@ mod open_view;
 mod outcome;
 mod output;
 mod pending;
-pub mod explicit_plan;
 pub mod planner;
 mod session_memory;
 mod target_search;

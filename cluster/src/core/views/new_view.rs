@@ -7,9 +7,9 @@ use argus_proto::Fault;
 use argus_scene::rig::CoverageEstimate;
 use argus_scene::{Plan, Preset, SampleId, Version, View};
 
+use super::explicit_plan::plan;
 use super::open_view::OpenView;
 use super::pending::Pending;
-use super::explicit_plan::plan;
 use super::targets::Planned;
 use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Client, LastView, ViewId};
