@@ -37,8 +37,6 @@ pub struct Options {
     /// Number of views in the walk
     #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("4", "2"))]
     pub views: usize,
-    #[command(flatten)]
-    rig: args::Rig,
     /// Side of a map's hemisphere in texels
     #[arg(long = "map-side", value_name = "TEXELS", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(8..=1024), default_value = or_quick("256,512", "64,128"))]
     pub map_sides: Vec<u32>,
@@ -54,6 +52,8 @@ pub struct Options {
     /// Number of measured rounds, after one that is not counted; times are their median
     #[arg(long, value_name = "N", value_parser = count, default_value = or_quick("3", "1"))]
     pub rounds: usize,
+    #[command(flatten)]
+    rig: args::Rig,
 }
 
 impl Options {
