@@ -56,7 +56,7 @@ messages! {
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
 
-    StatusResponse, Refinements, Pressure, WorkerStatus, Counters,
+    StatusResponse, LightCells, Refinements, Pressure, WorkerStatus, Counters,
     SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
     HeldSample, PartialSample, PlaneHeader, SampleHeader,
     SampleChunk => |m| begun(super::chunks::samples, m),
@@ -175,8 +175,13 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     messages.push(("Camera", camera().encode_to_vec()));
     let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp_plan())) };
     messages.push(("Plan", plan.encode_to_vec()));
-    let source =
-        v1::FrameSource { camera: wire.camera, width: 64, height: 48, samples_per_pixel: 1, light: 0 };
+    let source = v1::FrameSource {
+        camera: wire.camera,
+        width: 64,
+        height: 48,
+        samples_per_pixel: 1,
+        ..v1::FrameSource::default()
+    };
     messages.push(("FrameSource", source.encode_to_vec()));
     let frames = v1::WarpPlan { frames: vec![source], samples: Vec::new(), ..warp_plan() };
     let frames = v1::Plan { kind: Some(v1::plan::Kind::Warp(frames)) };

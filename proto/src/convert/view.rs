@@ -142,8 +142,9 @@ pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<
 impl From<&FrameSource> for v1::FrameSource {
     fn from(source: &FrameSource) -> Self {
         let FrameSource { camera, width, height, samples_per_pixel, light } = *source;
-        let light = wire_surface_light(light);
-        Self { camera: Some((&camera).into()), width, height, samples_per_pixel, light }
+        let (light, reflections_by_rays) = wire_surface_light(light);
+        let camera = Some((&camera).into());
+        Self { camera, width, height, samples_per_pixel, light, reflections_by_rays }
     }
 }
 
@@ -152,9 +153,9 @@ impl TryFrom<v1::FrameSource> for FrameSource {
 
     /// A frame within the limits of every service; a service checks its own limits.
     fn try_from(wire: v1::FrameSource) -> Result<Self, InvalidField> {
-        let v1::FrameSource { camera, width, height, samples_per_pixel, light } = wire;
+        let v1::FrameSource { camera, width, height, samples_per_pixel, light, reflections_by_rays } = wire;
         let camera = required(camera, "camera")?.try_into()?;
-        let light = surface_light(light)?;
+        let light = surface_light(light, reflections_by_rays)?;
         let source = Self { camera, width, height, samples_per_pixel, light };
         source.validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX }).map(|()| source)
     }
@@ -182,11 +183,11 @@ impl From<&Plan> for v1::Plan {
     fn from(plan: &Plan) -> Self {
         use v1::plan::Kind;
         let kind = match plan {
-            Plan::Direct { samples_per_pixel, detail, light } => Kind::Direct(v1::DirectPlan {
-                samples_per_pixel: *samples_per_pixel,
-                detail: detail.number(),
-                light: wire_surface_light(*light),
-            }),
+            Plan::Direct { samples_per_pixel, detail, light } => {
+                let (light, reflections_by_rays) = wire_surface_light(*light);
+                let (samples_per_pixel, detail) = (*samples_per_pixel, detail.number());
+                Kind::Direct(v1::DirectPlan { samples_per_pixel, detail, light, reflections_by_rays })
+            }
             Plan::Warp(warp) => Kind::Warp(v1::WarpPlan {
                 search: warp.search.number(),
                 steps: warp.steps,
@@ -216,7 +217,11 @@ impl TryFrom<v1::Plan> for Plan {
                     return Err(InvalidField::new(field, reason));
                 }
                 let detail = detail(plan.detail, "plan.direct.detail")?;
-                Self::Direct { samples_per_pixel, detail, light: surface_light(plan.light)? }
+                Self::Direct {
+                    samples_per_pixel,
+                    detail,
+                    light: surface_light(plan.light, plan.reflections_by_rays)?,
+                }
             }
             Kind::Warp(plan) => {
                 // Reflection maps come on top, and at most once.
@@ -252,25 +257,24 @@ impl TryFrom<v1::Plan> for Plan {
     }
 }
 
-fn wire_surface_light(light: Option<SurfaceLight>) -> u32 {
+/// The fields `light` and `reflections_by_rays` of a plan.
+fn wire_surface_light(light: Option<SurfaceLight>) -> (u32, bool) {
     match light {
-        None => 0,
-        Some(SurfaceLight::Rays) => 1,
-        Some(SurfaceLight::Cells { rays, reflected }) => rays + u32::from(!reflected),
+        None => (0, false),
+        Some(SurfaceLight::Rays) => (1, false),
+        Some(SurfaceLight::Cells { rays, reflected }) => (rays, !reflected),
     }
 }
 
-fn surface_light(wire: u32) -> Result<Option<SurfaceLight>, InvalidField> {
-    match wire {
+fn surface_light(light: u32, reflections_by_rays: bool) -> Result<Option<SurfaceLight>, InvalidField> {
+    match light {
         0 => Ok(None),
         1 => Ok(Some(SurfaceLight::Rays)),
+        rays if CellSettings::RAYS.contains(&rays) => {
+            Ok(Some(SurfaceLight::Cells { rays, reflected: !reflections_by_rays }))
+        }
         other => {
-            let (rays, reflected) = (other & !1, other & 1 == 0);
-            if CellSettings::RAYS.contains(&rays) {
-                return Ok(Some(SurfaceLight::Cells { rays, reflected }));
-            }
-            let reason =
-                format!("must be 0, 1, 16, 64 or 256, or one more than one of the latter, not {other}");
+            let reason = format!("must be 0, 1, 16, 64 or 256, not {other}");
             Err(InvalidField::new("plan.direct.light", reason))
         }
     }
