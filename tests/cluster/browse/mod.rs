@@ -46,16 +46,16 @@ impl Page {
 
 /// The answer of an address to a request for `path` with the host name `host`.
 fn get_from(address: &str, path: &str, host: &str) -> Answer {
-        let mut stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
-        let mut answer = Vec::new();
-        stream.read_to_end(&mut answer).unwrap();
-        let end = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").unwrap();
-        let head = String::from_utf8(answer[..end].to_vec()).unwrap();
-        assert!(!head.contains("chunked"), "answers are whole: {head}");
-        let status = head.split(' ').nth(1).unwrap().parse().unwrap();
-        (status, head, answer[end + 4..].to_vec())
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n").unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    let end = answer.windows(4).position(|bytes| bytes == b"\r\n\r\n").unwrap();
+    let head = String::from_utf8(answer[..end].to_vec()).unwrap();
+    assert!(!head.contains("chunked"), "answers are whole: {head}");
+    let status = head.split(' ').nth(1).unwrap().parse().unwrap();
+    (status, head, answer[end + 4..].to_vec())
 }
 
 fn field(head: &str, name: &str) -> String {
@@ -147,7 +147,8 @@ fn the_page_the_status_and_metrics_show_light_cells() {
     let (table, status) = (String::from_utf8(status(&[])).unwrap(), read(&status(&["--json"])));
     assert!(table.contains("light cells") && table.contains("s of filling"), "{table}");
     let worker = &status["workers"][0];
-    let count = |name: &str| worker["light_cells"][name].as_u64().unwrap_or_else(|| panic!("no {name}: {worker}"));
+    let count =
+        |name: &str| worker["light_cells"][name].as_u64().unwrap_or_else(|| panic!("no {name}: {worker}"));
     assert!(count("bytes") > 0 && count("cells") >= count("pages") && count("filled") > 0, "{worker}");
     assert!(count("pixels") >= count("pixels_lit") && count("waiting") < 1 << 30, "{worker}");
     for (url, metric) in [
@@ -156,7 +157,8 @@ fn the_page_the_status_and_metrics_show_light_cells() {
     ] {
         let address = url.strip_prefix("http://").unwrap();
         let text = String::from_utf8(get_from(address, "/metrics", address).2).unwrap();
-        let row = text.lines().find(|row| row.starts_with(metric)).unwrap_or_else(|| panic!("no {metric}: {text}"));
+        let row =
+            text.lines().find(|row| row.starts_with(metric)).unwrap_or_else(|| panic!("no {metric}: {text}"));
         assert!(row.rsplit(' ').next().unwrap().parse::<f64>().unwrap() > 0.0, "{row}");
     }
 }

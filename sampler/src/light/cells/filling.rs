@@ -5,12 +5,12 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::super::lattice::CellKey;
+use super::State;
 use super::corner;
 use super::rays::{self, Sums};
 use super::scene::CellScene;
 use super::sides::{self, Side};
 use super::store::Store;
-use super::State;
 
 /// Cells that are refined between two looks at the clock.
 const REFINED_AT_ONCE: usize = 48;
