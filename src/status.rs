@@ -208,9 +208,10 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
         let Some(cells) = &worker.light_cells else { continue };
         writeln!(
             text,
-            "  light cells    {}: {} pages, {} MiB, lit {:.0} % of pixels, {} corners wait, {:.1} s of filling",
+            "  light cells    {}: {} pages ({} from others), {} MiB, lit {:.0} % of pixels, {} corners wait, {:.1} s of filling",
             worker.id,
             cells.pages,
+            cells.pages_taken,
             cells.bytes >> 20,
             100.0 * cells.lit_share(),
             cells.waiting,

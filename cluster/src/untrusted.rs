@@ -204,6 +204,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         kept_from: 0,
         measure_backends: false,
         suspected: vec!["http://127.0.0.1:2".to_owned()],
+        cell_holders: vec!["http://127.0.0.1:3".to_owned()],
     };
     let set = set();
     let served = Served { set: &set, versions: &[set.version], visibility_is_open: false };

@@ -96,7 +96,11 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
         effect_costs: wire.effect_costs.into_iter().filter_map(|cost| cost.try_into().ok()).collect(),
         frames_held: wire.frames_held,
         frames_bytes: wire.frames_bytes,
-        light_cells: wire.light_cells.map(|cells| v1::LightCells { fill_ms: busy(cells.fill_ms), ..cells }),
+        light_cells: wire.light_cells.map(|cells| v1::LightCells {
+            fill_ms: busy(cells.fill_ms),
+            take_ms: busy(cells.take_ms),
+            ..cells
+        }),
         probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
         backend_costs: wire
             .backend_costs
@@ -221,6 +225,7 @@ pub(crate) fn assignment(
         measure_backends: assignment.measure_backends,
         visibility_is_open: served.visibility_is_open,
         suspected: assignment.suspected,
+        cell_holders: assignment.cell_holders,
         seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),
         limits: Some(service.limits.into()),
         report_interval_ms: u32::try_from(service.report_interval.as_millis()).unwrap_or(u32::MAX),

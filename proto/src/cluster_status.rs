@@ -63,6 +63,8 @@ impl From<CellReport> for v1::LightCells {
             waiting: of.waiting as u64,
             pixels: of.pixels,
             pixels_lit: of.pixels_lit,
+            pages_taken: of.pages_taken,
+            take_ms: of.take_ms,
         }
     }
 }

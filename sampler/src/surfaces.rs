@@ -56,6 +56,21 @@ impl Surfaces {
         }
     }
 
+    /// A hash of the scene and of where its instances are; `None` if meshes change shape, which it does not cover.
+    pub(crate) fn pose_hash(&self) -> Option<[u8; 32]> {
+        if self.scene.meshes.iter().any(|mesh| mesh.deformation.is_some()) {
+            return None;
+        }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&self.scene.hash.0);
+        for Placement { instance, mesh, world_from_mesh, origin, .. } in self.placements() {
+            hasher.update(bytemuck::bytes_of(&[*instance, *mesh]));
+            hasher.update(bytemuck::bytes_of(&world_from_mesh.to_cols_array()));
+            hasher.update(bytemuck::bytes_of(&origin.to_array()));
+        }
+        Some(hasher.finalize().into())
+    }
+
     /// The visible instances.
     pub fn placements(&self) -> impl Iterator<Item = &Placement> {
         self.placements.iter().flatten()

@@ -13,6 +13,7 @@
 pub mod animation;
 mod bounds;
 pub mod camera;
+mod cell_pages;
 mod closest;
 pub mod deformation;
 mod detail;
@@ -73,6 +74,7 @@ pub mod reference;
 
 pub use bounds::Bounds;
 pub use camera::{Camera, OmniLayout, SampleCamera};
+pub use cell_pages::{CellContent, CellPage, CellPages};
 pub use closest::closest_on_triangle;
 pub use detail::Detail;
 pub use effects::{EffectPlan, EffectRequest, Effects, ReflectionRequest};

@@ -8,9 +8,9 @@ use std::time::Duration;
 use bytes::Bytes;
 
 use crate::{
-    Camera, CellReport, FaceMask, FaceMasks, Frame, History, InvalidField, LightEffects, LightLevel, Outputs,
-    Plan, ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet, SampleSetInfo, SceneState, Stage,
-    Visibility,
+    Camera, CellPages, CellReport, FaceMask, FaceMasks, Frame, History, InvalidField, LightEffects,
+    LightLevel, Outputs, Plan, ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
+    SceneState, Stage, Visibility,
 };
 
 /// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
@@ -179,6 +179,11 @@ pub trait Sampler: Send {
 
     /// What the sampler's light cells are; `None` without any.
     fn light_cells(&self) -> Option<CellReport> {
+        None
+    }
+
+    /// The pages of those cells, for other threads.
+    fn cell_pages(&self) -> Option<Arc<dyn CellPages>> {
         None
     }
 

@@ -39,6 +39,10 @@ pub struct CellReport {
     pub pixels: u64,
     /// Those of them that cells lit. Rays lit all others.
     pub pixels_lit: u64,
+    /// Pages that other samplers sent since the sampler was made.
+    pub pages_taken: u64,
+    /// Milliseconds spent on that.
+    pub take_ms: f64,
     /// Whether there is anything to fill, or to refine.
     pub is_due: bool,
 }

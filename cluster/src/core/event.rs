@@ -323,6 +323,8 @@ pub struct Assignment {
     pub measure_backends: bool,
     /// Addresses of suspected workers: samples awaited from them must be fetched elsewhere.
     pub suspected: Vec<String>,
+    /// Addresses of other workers that hold light cells.
+    pub cell_holders: Vec<String>,
 }
 
 #[cfg(test)]

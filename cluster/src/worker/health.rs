@@ -1,15 +1,16 @@
 //! Failures of the render thread's devices, for the readiness check, and what the devices hold.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use argus_scene::CellReport;
+use argus_scene::{CellPages, CellReport};
 use parking_lot::Mutex;
 
 /// Consecutive failures after which the process is not ready. A single lost device is recreated.
 const MOST_FAILURES: u32 = 3;
 
 /// Device failures, recorded by the render thread.
-#[derive(Debug, Default)]
+#[derive(Default)]
 pub(super) struct Health {
     /// Number of consecutive failures, and the reason of the last one.
     failures: Mutex<(u32, String)>,
@@ -17,6 +18,8 @@ pub(super) struct Health {
     held: AtomicUsize,
     /// The sampler's light cells.
     cells: Mutex<Option<CellReport>>,
+    /// Their pages.
+    cell_pages: Mutex<Option<Arc<dyn CellPages>>>,
 }
 
 impl Health {
@@ -52,8 +55,13 @@ impl Health {
     }
 
     /// Records the sampler's light cells.
-    pub(super) fn has_cells(&self, cells: Option<CellReport>) {
-        *self.cells.lock() = cells;
+    pub(super) fn has_cells(&self, cells: Option<CellReport>, pages: Option<Arc<dyn CellPages>>) {
+        (*self.cells.lock(), *self.cell_pages.lock()) = (cells, pages);
+    }
+
+    /// The pages of those cells; `None` without any.
+    pub(super) fn cell_pages(&self) -> Option<Arc<dyn CellPages>> {
+        self.cell_pages.lock().clone()
     }
 
     /// The sampler's light cells; `None` without any.

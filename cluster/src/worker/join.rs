@@ -164,6 +164,7 @@ async fn once(
             if assignment.report_interval_ms > 0 {
                 interval.send_replace(Duration::from_millis(assignment.report_interval_ms.into()));
             }
+            node.cell_holders.send_replace(assignment.cell_holders.clone());
             node.redirects.set_key(SealKey::from_bytes(&assignment.seal_key));
             let suspected = assignment.suspected.iter().cloned().collect();
             let news =
@@ -178,6 +179,7 @@ async fn once(
     tokio::select! {
         ended = listen => ended,
         ended = obey(node, opener, channel, newest) => ended,
+        () = super::cells::take(node) => Err(Ended::Lost("light cells are no longer taken".to_owned())),
         () = report(node, reports, interval.subscribe()) => Err(Ended::Lost("reports cannot be sent".to_owned())),
     }
 }

@@ -6,6 +6,7 @@
 //! these share.
 
 mod bound;
+mod cells;
 mod claim;
 mod config;
 mod effect_meter;

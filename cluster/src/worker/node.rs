@@ -70,6 +70,8 @@ pub(super) struct Node {
     pub(super) health: Arc<Health>,
     /// Addresses of suspected workers.
     pub(super) suspected: watch::Sender<HashSet<String>>,
+    /// Addresses of other workers that hold light cells.
+    pub(super) cell_holders: watch::Sender<Vec<String>>,
     meter: Arc<Meter>,
     /// Highest term seen.
     term: AtomicU64,
@@ -108,6 +110,7 @@ impl Node {
             probes: Probes::default(),
             health,
             suspected: watch::Sender::default(),
+            cell_holders: watch::Sender::default(),
             meter,
             term: AtomicU64::new(0),
             requests: AtomicUsize::new(0),

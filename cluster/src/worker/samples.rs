@@ -1,4 +1,4 @@
-//! The `Samples` service: sends samples and traced pixels to other workers.
+//! The `Samples` service: sends samples, traced pixels and light cells to other workers.
 
 use std::collections::HashMap;
 use std::pin::Pin;
@@ -17,7 +17,7 @@ use tracing::{Instrument, debug_span};
 
 use super::node::{Node, check_specification};
 use super::packed::Chunks as Packed;
-use super::{fetch, trace};
+use super::{cells, fetch, trace};
 
 /// Greatest number of samples in one request.
 const MAX_CAMERAS: usize = 1024;
@@ -64,6 +64,13 @@ impl Samples for SamplesService {
             let _active_until_sent = &active;
         });
         Ok(Response::new(Box::pin(chunks)))
+    }
+
+    type CellsStream = Streamed<v1::CellsPage>;
+
+    async fn cells(&self, request: Request<v1::CellsRequest>) -> Result<Response<Self::CellsStream>, Status> {
+        let active = self.node.begin()?;
+        Ok(Response::new(Box::pin(cells::sent(&self.node, active, request.into_inner())?)))
     }
 
     type TraceStream = Streamed<v1::TraceChunk>;

@@ -118,7 +118,12 @@ fn light_cells(to: &mut Exposition<'_>, cells: CellReport) -> fmt::Result {
     let waiting = "Corners of light cells that views lacked and that wait to be filled";
     to.gauge("worker_light_cells_waiting", waiting, cells.waiting as f64)?;
     to.counter("worker_light_cells_filled", "Light cells filled or refined", cells.filled)?;
-    let seconds = [([("stage", "fill")], cells.fill_ms * 1e-3)];
+    to.counter(
+        "worker_light_cell_pages_taken",
+        "Pages of light cells that other workers sent",
+        cells.pages_taken,
+    )?;
+    let seconds = [([("stage", "fill")], cells.fill_ms * 1e-3), ([("stage", "take")], cells.take_ms * 1e-3)];
     to.counters("worker_light_cells_seconds", "Time spent on light cells, by stage", seconds)?;
     let by_rays = cells.pixels.saturating_sub(cells.pixels_lit);
     to.counters(

@@ -4,6 +4,7 @@
 mod common;
 
 mod batch;
+mod cells;
 mod faults;
 mod history;
 mod leadership;

@@ -76,6 +76,17 @@ const OFFSETS: [IVec3; 8] = [
 pub(in crate::light) struct PageKey(u32, IVec3);
 
 impl PageKey {
+    /// A number of its own, the same in every process.
+    pub(in crate::light) fn number(self) -> u64 {
+        self.cell(0).map_or(u64::MAX, |CellKey(number)| number)
+    }
+
+    /// The page of a number; `None` if no page has it.
+    pub(in crate::light) fn from_number(number: u64) -> Option<Self> {
+        let (page, place) = Some(CellKey(number)).filter(|key| key.level() <= MOST_LEVEL)?.in_page();
+        (place == 0).then_some(page)
+    }
+
     /// The cell at a place of the page.
     pub(in crate::light) fn cell(self, place: usize) -> Option<CellKey> {
         let Self(level, page) = self;
@@ -135,12 +146,18 @@ mod tests {
         }
         assert_eq!(CellKey::new(3, IVec3::new(REACH, 0, 0)), None);
         assert_eq!(CellKey::new(MOST_LEVEL + 1, IVec3::ZERO), None);
+        assert!(
+            [1, u64::MAX, u64::from(MOST_LEVEL + 1) << 57]
+                .into_iter()
+                .all(|n| PageKey::from_number(n).is_none())
+        );
         let mut seen = [false; PAGE_CELLS];
         let (page, _) = CellKey::new(4, IVec3::splat(-8)).unwrap().in_page();
         for i in 0..PAGE_CELLS as i32 {
             let at = IVec3::new(i % 8, i / 8 % 8, i / 64) - 8;
             let (of, place) = CellKey::new(4, at).unwrap().in_page();
             assert_eq!(of.cell(place), CellKey::new(4, at));
+            assert_eq!(PageKey::from_number(of.number()), Some(of));
             assert!(of == page && !std::mem::replace(&mut seen[place], true));
         }
     }

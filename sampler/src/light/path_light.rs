@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{
-    CellReport, CellSettings, LightLevel, PathSettings, RenderError, Scene, Stage, SurfaceLight,
+    CellPages, CellReport, CellSettings, LightLevel, PathSettings, RenderError, Scene, Stage, SurfaceLight,
 };
 use glam::{DVec3, Vec3};
 
@@ -143,6 +143,11 @@ impl PathLight {
     /// What the cells are; `None` without cells.
     pub(crate) fn cell_report(&self) -> Option<CellReport> {
         self.cells.as_ref().map(LightCells::report)
+    }
+
+    /// The pages of the cells, for other threads; `None` without cells.
+    pub(crate) fn cell_pages(&self) -> Option<Arc<dyn CellPages>> {
+        self.cells.as_ref().map(LightCells::pages)
     }
 
     /// Says what the next job asks of cells.

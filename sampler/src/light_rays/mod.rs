@@ -17,6 +17,6 @@ mod tree;
 mod triangles;
 mod walk;
 
-pub(crate) use rays::{LightRays, LightRaysAbout};
+pub(crate) use rays::{LightRays, LightRaysAbout, has_avx2};
 pub(crate) use tree::CullMode;
 pub(crate) use triangles::RayHit;

@@ -151,7 +151,8 @@ impl LightRays {
     }
 }
 
-fn has_avx2() -> bool {
+/// Whether rays are traced eight at a time by this processor.
+pub(crate) fn has_avx2() -> bool {
     #[cfg(target_arch = "x86_64")]
     {
         is_x86_feature_detected!("avx2")

@@ -1,10 +1,11 @@
 //! The role of a sampler, as workers call it.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{
-    Cancel, CellReport, Frame, LightEffects, LightLevel, PixelJob, Pixels, RenderError, Sample, SampleJob,
-    SampleSetInfo, Sampler, ViewJob, Visibility,
+    Cancel, CellPages, CellReport, Frame, LightEffects, LightLevel, PixelJob, Pixels, RenderError, Sample,
+    SampleJob, SampleSetInfo, Sampler, ViewJob, Visibility,
 };
 
 use super::gpu_sampler::GpuSampler;
@@ -48,6 +49,10 @@ impl Sampler for GpuSampler {
 
     fn light_cells(&self) -> Option<CellReport> {
         self.cell_report()
+    }
+
+    fn cell_pages(&self) -> Option<Arc<dyn CellPages>> {
+        self.path_light()?.cell_pages()
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

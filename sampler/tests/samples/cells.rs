@@ -314,3 +314,46 @@ fn an_open_view_does_not_wait_for_cells_of_its_reflections() {
     direct(&mut other, &job(behind, [320, 320], None));
     assert!(direct(&mut other, &half).color == frame.color);
 }
+
+#[test]
+fn cells_of_another_sampler_are_as_good_as_own_ones_and_much_cheaper() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    let view = |light| job(view_of_room(DVec3::ZERO), [320, 240], light);
+    let (mut one, mut other) = (with_cells(&scene), with_cells(&scene));
+    let wanted = color(&mut one, &view(cells(64)));
+    direct(&mut other, &view(None));
+    let (from, to) = (one.cell_pages().unwrap(), other.cell_pages().unwrap());
+    let content = to.content().expect("cells of a still scene have a name");
+    assert_eq!(from.content(), Some(content));
+    let pages = to.wanted(usize::MAX);
+    assert!(!pages.is_empty() && to.wanted(usize::MAX).is_empty(), "a page is asked for once");
+    // What is awaited is not filled.
+    assert!(other.fill_light(Duration::from_millis(5), false));
+    assert_eq!(other.light_cells().unwrap().filled, 0);
+    let begin = Instant::now();
+    let packed = from.packed(content, &pages);
+    packed.iter().for_each(|(page, packed)| to.add(content, *page, packed).unwrap());
+    let took_ms = begin.elapsed().as_secs_f64() * 1e3;
+    to.give_up(&pages);
+    assert!(color(&mut other, &view(cells(64))) == wanted);
+    let (filler, taker) = (one.light_cells().unwrap(), other.light_cells().unwrap());
+    let bytes: usize = packed.iter().map(|(_, packed)| packed.len()).sum();
+    println!(
+        "{} pages, {bytes} bytes: taken in {took_ms:.1} ms, filled in {:.1} ms",
+        packed.len(),
+        filler.fill_ms
+    );
+    assert_eq!(taker.pages_taken, packed.len() as u64);
+    // Rays are nowhere cheaper than in a box of so few triangles.
+    assert!(taker.filled < filler.filled / 10 && 4.0 * took_ms < filler.fill_ms, "{filler:?} {taker:?}");
+    // Cells of another content, and bytes that are no page, change nothing.
+    let off = Lighting { lights: Vec::new(), ..scene.lighting.clone() };
+    let mut dark = with_cells(&Arc::new(Scene { lighting: off, ..(*scene).clone() }));
+    color(&mut dark, &view(cells(16)));
+    let dark = dark.cell_pages().unwrap();
+    assert!(dark.content() != Some(content) && dark.packed(content, &pages).is_empty());
+    let (page, packed) = &packed[0];
+    assert!(to.add(content, *page, &packed[1..]).is_err() && to.add(content, u64::MAX, packed).is_err());
+    to.add(dark.content().unwrap(), *page, packed).unwrap();
+    assert_eq!(other.light_cells().unwrap(), taker);
+}

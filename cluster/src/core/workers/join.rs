@@ -44,7 +44,7 @@ impl Workers {
         if before.applied > 0 {
             self.rates.count(WorkKind::Rays, report.rays_traced.saturating_sub(before.rays_traced));
         }
-        let state = |w: &Worker| (w.is_suspected(), w.takes_views(), w.takes_samples());
+        let state = |w: &Worker| (w.is_suspected(), w.takes_views(), w.takes_samples(), w.holds_cells());
         let (was_ready, was) = (worker.is_ready(), state(worker));
         let (is_ready, is) = self
             .change(id, |worker| {

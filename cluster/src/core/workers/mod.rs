@@ -219,12 +219,18 @@ impl Workers {
         }
     }
 
-    /// Sends changed prefetch lists, the oldest useful version, and the suspected workers.
+    /// Sends changed prefetch lists, the oldest useful version, the suspected workers and the holders of light cells.
     pub(super) fn assign_prefetch(&mut self, prefetch: PrefetchLists, actions: &mut Vec<Action>) {
+        /// Most holders of light cells that are named.
+        const MOST_HOLDERS: usize = 8;
         self.changed = false;
+        let holders = self.workers.values().filter(|worker| worker.holds_cells() && worker.answers());
+        let holders: Vec<String> =
+            holders.take(MOST_HOLDERS).map(|worker| worker.hello().address.clone()).collect();
         for (id, list) in prefetch.lists {
             let Some(worker) = self.workers.get_mut(&id) else { continue };
-            if let Some(assignment) = worker.assign_prefetch(list, prefetch.kept_from, &prefetch.suspected) {
+            let (kept_from, suspected) = (prefetch.kept_from, &prefetch.suspected);
+            if let Some(assignment) = worker.assign_prefetch(list, kept_from, suspected, &holders) {
                 actions.push(Action::Assign { worker: id, assignment });
             }
         }

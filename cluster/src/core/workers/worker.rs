@@ -88,6 +88,7 @@ impl Worker {
                 kept_from: 0,
                 measure_backends: false,
                 suspected: Vec::new(),
+                cell_holders: Vec::new(),
             },
             role_sequence: 1,
             set_sequence: knows_set.then_some(1),
@@ -255,24 +256,33 @@ impl Worker {
         self.assigned.clone()
     }
 
-    /// Makes the assignment with a prefetch list, the oldest useful version, and the suspected workers; `None` if
-    /// nothing changed.
+    /// Whether it holds light cells, which other workers may take over.
+    pub(super) fn holds_cells(&self) -> bool {
+        self.report.light_cells.is_some_and(|cells| cells.pages > 0)
+    }
+
+    /// Makes the assignment with a prefetch list, the oldest useful version, the suspected workers and the holders of light cells;
+    /// `None` if nothing changed.
     pub(super) fn assign_prefetch(
         &mut self,
         prefetch: Vec<Source>,
         kept_from: u64,
         suspected: &[String],
+        cell_holders: &[String],
     ) -> Option<Assignment> {
-        let assigned = &mut self.assigned;
-        if assigned.prefetch == prefetch && assigned.kept_from == kept_from && assigned.suspected == suspected
-        {
+        let mut assigned = Assignment {
+            prefetch,
+            kept_from,
+            suspected: suspected.to_vec(),
+            cell_holders: cell_holders.iter().filter(|at| **at != self.hello.address).cloned().collect(),
+            ..self.assigned.clone()
+        };
+        if assigned == self.assigned {
             return None;
         }
         assigned.sequence += 1;
-        assigned.prefetch = prefetch;
-        assigned.kept_from = kept_from;
-        assigned.suspected = suspected.to_vec();
-        Some(assigned.clone())
+        self.assigned = assigned;
+        Some(self.assigned.clone())
     }
 
     /// Processes a report. `is_stuck` tells whether it shows a stuck worker.

@@ -49,7 +49,7 @@ impl Renderer {
     /// Notes what the sampler's light cells are, for reports.
     fn report_cells(&self) -> Option<CellReport> {
         let cells = self.sampler.as_ref().and_then(|sampler| sampler.light_cells());
-        self.health.has_cells(cells);
+        self.health.has_cells(cells, self.sampler.as_ref().and_then(|sampler| sampler.cell_pages()));
         cells
     }
 

@@ -1,16 +1,16 @@
 //! Fake roles whose pixels are a hash of their inputs: a frame of the wrong samples or the wrong plan is a different
 //! frame.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use argus_cluster::RoleFactory;
 use argus_scene::{
-    Cancel, Compositor, FaceMask, Frame, Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance,
-    RenderError, Sample, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene, Served,
-    Specification, Stage, ViewJob, Warp,
+    Cancel, CellContent, CellPage, CellPages, CellReport, Compositor, FaceMask, Frame, InvalidField, Plan,
+    Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError, Sample, SampleId, SampleJob,
+    SampleSet, SampleSetInfo, Sampler, Scene, Served, Specification, Stage, ViewJob, Warp,
 };
 use bytes::Bytes;
 
@@ -57,6 +57,72 @@ pub struct Settings {
     pub hold_us: AtomicU64,
     /// Slices and views, in the order in which they were done.
     pub done: parking_lot::Mutex<Vec<Done>>,
+    /// The sampler's light cells.
+    pub cells: parking_lot::Mutex<Option<Arc<FakeCells>>>,
+}
+
+/// Light cells whose pages are a few bytes each.
+#[derive(Default)]
+pub struct FakeCells {
+    pub pages: parking_lot::Mutex<BTreeMap<CellPage, Bytes>>,
+    /// Pages that are still to be asked for.
+    pub wanted: parking_lot::Mutex<Vec<CellPage>>,
+    pub given_up: parking_lot::Mutex<Vec<CellPage>>,
+    /// No page is packed while this is set.
+    pub stuck: AtomicBool,
+    asked: AtomicBool,
+}
+
+impl FakeCells {
+    /// A page that no sampler takes over.
+    pub const MALFORMED: CellPage = 99_999;
+
+    pub fn of(held: &[CellPage], wanted: &[CellPage]) -> Arc<Self> {
+        let page =
+            |&page: &CellPage| (page, Bytes::copy_from_slice(&[&page.to_le_bytes()[..], b"cells"].concat()));
+        let cells = Self::default();
+        cells.pages.lock().extend(held.iter().map(page));
+        cells.wanted.lock().extend(wanted);
+        Arc::new(cells)
+    }
+
+    pub fn was_asked(&self) -> bool {
+        self.asked.load(Ordering::SeqCst)
+    }
+}
+
+impl CellPages for FakeCells {
+    fn content(&self) -> Option<CellContent> {
+        Some([7; 32])
+    }
+
+    fn wanted(&self, most: usize) -> Vec<CellPage> {
+        let mut wanted = self.wanted.lock();
+        let most = most.min(wanted.len());
+        wanted.drain(..most).collect()
+    }
+
+    fn packed(&self, content: CellContent, pages: &[CellPage]) -> Vec<(CellPage, Bytes)> {
+        assert_eq!(Some(content), self.content());
+        self.asked.store(true, Ordering::SeqCst);
+        while self.stuck.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let held = self.pages.lock();
+        pages.iter().filter_map(|page| Some((*page, held.get(page)?.clone()))).collect()
+    }
+
+    fn add(&self, _: CellContent, page: CellPage, packed: &[u8]) -> Result<(), InvalidField> {
+        if page == Self::MALFORMED {
+            return Err(InvalidField::new("page", "is malformed"));
+        }
+        self.pages.lock().insert(page, Bytes::copy_from_slice(packed));
+        Ok(())
+    }
+
+    fn give_up(&self, pages: &[CellPage]) {
+        self.given_up.lock().extend(pages);
+    }
 }
 
 /// A piece of work that a role did.
@@ -231,6 +297,15 @@ impl FakeSampler {
 impl Sampler for FakeSampler {
     fn device(&self) -> &str {
         DEVICE
+    }
+
+    fn light_cells(&self) -> Option<CellReport> {
+        let pages = self.settings.cells.lock().as_ref().map(|cells| cells.pages.lock().len())?;
+        Some(CellReport { pages, ..CellReport::default() })
+    }
+
+    fn cell_pages(&self) -> Option<Arc<dyn CellPages>> {
+        Some(self.settings.cells.lock().clone()?)
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

@@ -18,6 +18,7 @@
 //! 5. [`store`]: holds what is filled, within a bound.
 //! 6. [`lookup`]: pixels take the mean of the sides around them.
 //! 7. [`alone`]: pixels that no side describes cast rays of their own.
+//! 8. [`sharing`]: samplers of one scene and lighting send one another their cells.
 //!
 //! A view's own pixels are lit by cells of one tier throughout, or by rays throughout, and so is all that its reflections show,
 //! so that a frame can be repeated. [`CellUse`] says which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
@@ -29,14 +30,15 @@ mod lookup;
 mod queue;
 mod rays;
 mod scene;
+mod sharing;
 mod sides;
 mod store;
 mod tree;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use argus_scene::{CellReport, CellSettings, Lighting, SurfaceLight};
+use argus_scene::{CellContent, CellPages, CellReport, CellSettings, Lighting, SurfaceLight};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -49,6 +51,7 @@ use alone::Surroundings;
 use lookup::{Answer, Lookup, only};
 use queue::Queue;
 use scene::{CellScene, RAYS, Sequence};
+use sharing::Asked;
 use store::{Store, TIERS};
 
 pub(super) use lookup::CellLight;
@@ -63,6 +66,8 @@ const VIEW_FILLS_MS: f64 = 20.0;
 const ASKED: usize = 4;
 /// What is found to lack among them may be so many times as much among all pixels.
 const LACKS_MORE: f64 = 1.5;
+/// Pause while all cells that lack are awaited from other samplers.
+const PAUSE: Duration = Duration::from_millis(1);
 /// Corners that are filled between two looks at the clock.
 const CORNERS_AT_ONCE: usize = 48;
 /// Milliseconds of a corner or refined cell, before any is measured.
@@ -121,9 +126,11 @@ pub(super) struct Eye<'a> {
 pub(crate) struct LightCells {
     settings: CellSettings,
     sequence: Sequence,
-    /// Behind a lock, since views are looked up through a shared reference. Only the render thread takes it.
-    state: Mutex<State>,
+    state: Arc<SharedCells>,
 }
+
+/// Cells behind a lock, since other threads send them to other samplers and take over theirs.
+struct SharedCells(Mutex<State>);
 
 struct State {
     store: Store,
@@ -134,6 +141,9 @@ struct State {
     may_refine: bool,
     /// The lighting that the cells are of.
     lighting: Option<Lighting>,
+    /// What the cells are of, once that is known; `None` within if it has no name.
+    content: Option<Option<CellContent>>,
+    asked: Asked,
     job: Job,
     /// Milliseconds of a corner of the first tier and of a cell's refinement to each further one.
     costs: [f64; TIERS],
@@ -161,6 +171,8 @@ impl LightCells {
             refined: Vec::new(),
             may_refine: false,
             lighting: None,
+            content: None,
+            asked: Asked::default(),
             job: Job::new(CellUse::Rays),
             costs: [FIRST_GUESS_MS; TIERS],
             filled: 0,
@@ -168,7 +180,7 @@ impl LightCells {
             pixels: 0,
             pixels_lit: 0,
         };
-        Self { settings, sequence: Sequence::new(), state: Mutex::new(state) }
+        Self { settings, sequence: Sequence::new(), state: Arc::new(SharedCells(Mutex::new(state))) }
     }
 
     pub(crate) fn settings(&self) -> CellSettings {
@@ -209,8 +221,15 @@ impl LightCells {
             waiting: state.queue.len(),
             pixels: state.pixels,
             pixels_lit: state.pixels_lit,
+            pages_taken: state.asked.taken,
+            take_ms: state.asked.take_ms,
             is_due: state.queue.len() > 0 || state.may_refine,
         }
+    }
+
+    /// The cells' pages, for other threads.
+    pub(crate) fn pages(&self) -> Arc<dyn CellPages> {
+        self.state.clone()
     }
 
     /// Looks the light of texels up; `None` if the job is lit by rays.
@@ -222,7 +241,7 @@ impl LightCells {
     ) -> Option<Vec<CellLight>> {
         let mut state = self.state();
         let scene = self.scene(parts);
-        state.relight(parts.lighting);
+        state.relight(&scene, parts.lighting);
         let answers = match eye.reflected {
             true => self.of_reflected(&mut state, &scene, points, eye),
             false => self.of_pixels(&mut state, &scene, points, eye),
@@ -354,23 +373,27 @@ impl LightCells {
         }
     }
 
-    /// Fills cells that views lacked, then with `refines` refines those that were used last, for about so long. Returns whether
-    /// there is more to do.
+    /// Fills cells that views lacked and that are not awaited from other samplers, then with `refines` refines those that were used
+    /// last, for about so long. Returns whether there is more to do.
     pub(super) fn fill_slice(&self, parts: Parts<'_>, time: Duration, refines: bool) -> bool {
         let begin = Instant::now();
-        let mut state = self.state();
-        state.relight(parts.lighting);
-        let scene = self.scene(parts);
+        let mut guard = self.state();
+        let (state, scene) = (&mut *guard, self.scene(parts));
+        state.relight(&scene, parts.lighting);
         while begin.elapsed() < time {
-            let state = &mut *state;
-            let corners = state.queue.take(CORNERS_AT_ONCE, |key| !state.store.is_whole(key, 0));
+            let (State { queue, store, asked, .. }, now) = (&mut *state, Instant::now());
+            let lacks = |key: CellKey| !store.is_whole(key, 0);
+            let corners = queue.take(CORNERS_AT_ONCE, lacks, |key| asked.awaits(key, now));
             if !corners.is_empty() {
                 state.fill_corners(&scene, &corners, 0);
                 state.may_refine = true;
-            } else if !refines {
-                return state.may_refine;
-            } else if !state.refine(&scene, tier_of(self.settings.rays)) {
-                return false;
+            } else if !refines || !state.refine(&scene, tier_of(self.settings.rays)) {
+                let (awaits, may_refine) = (state.queue.len() > 0, state.may_refine);
+                drop(guard);
+                if awaits {
+                    std::thread::sleep(PAUSE);
+                }
+                return awaits || may_refine;
             }
             state.store.keep_bound();
         }
@@ -398,8 +421,14 @@ impl LightCells {
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock()
+    }
+}
+
+impl SharedCells {
+    fn lock(&self) -> MutexGuard<'_, State> {
         // A panic leaves no cell half filled.
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -441,6 +470,8 @@ impl State {
         self.queue = Queue::default();
         self.refined.clear();
         self.may_refine = false;
+        self.content = None;
+        self.asked.forget();
     }
 
     /// Counts points that asked for cells, and answers that are light of cells.
@@ -449,11 +480,12 @@ impl State {
         self.pixels_lit += answers.iter().filter(|answer| matches!(answer, Answer::Light(_))).count() as u64;
     }
 
-    /// Forgets the cells of another lighting.
-    fn relight(&mut self, lighting: &Lighting) {
+    /// Forgets the cells of another lighting, and names what the cells are of.
+    fn relight(&mut self, scene: &CellScene<'_>, lighting: &Lighting) {
         if self.lighting.as_ref() != Some(lighting) {
             self.forget();
             self.lighting = Some(lighting.clone());
         }
+        self.content.get_or_insert_with(|| sharing::content_of(scene));
     }
 }

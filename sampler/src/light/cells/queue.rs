@@ -6,6 +6,8 @@ use super::super::lattice::CellKey;
 
 /// Most corners that wait. Beyond, the oldest are left out: a view that needs them asks again.
 const MOST: usize = 1 << 18;
+/// Most corners that are passed over at once, since they are awaited.
+const MOST_PASSED: usize = 1 << 14;
 
 #[derive(Default)]
 pub(super) struct Queue {
@@ -29,18 +31,34 @@ impl Queue {
         }
     }
 
-    /// Takes up to `most` of the newest corners that still lack; all others that are met on the way are dropped.
-    pub(super) fn take(&mut self, most: usize, lacks: impl Fn(CellKey) -> bool) -> Vec<CellKey> {
-        let mut taken = Vec::new();
+    /// Takes up to `most` of the newest corners that still lack, but for those that are awaited; those that no longer lack and are
+    /// met on the way are dropped.
+    pub(super) fn take(
+        &mut self,
+        most: usize,
+        lacks: impl Fn(CellKey) -> bool,
+        is_awaited: impl Fn(CellKey) -> bool,
+    ) -> Vec<CellKey> {
+        let (mut taken, mut stay) = (Vec::new(), Vec::new());
         while taken.len() < most
+            && stay.len() < MOST_PASSED
             && let Some(corner) = self.keys.pop_back()
         {
-            self.waiting.remove(&corner);
-            if lacks(corner) {
-                taken.push(corner);
+            match lacks(corner) {
+                true if is_awaited(corner) => stay.push(corner),
+                lacks => {
+                    self.waiting.remove(&corner);
+                    taken.extend(lacks.then_some(corner));
+                }
             }
         }
+        self.keys.extend(stay.into_iter().rev());
         taken
+    }
+
+    /// The corners that wait, the newest first.
+    pub(super) fn newest(&self) -> impl Iterator<Item = CellKey> {
+        self.keys.iter().rev().copied()
     }
 
     pub(super) fn len(&self) -> usize {
@@ -61,9 +79,14 @@ mod tests {
         queue.add((0..MOST + 10).map(key).collect());
         queue.add((0..3).map(|i| key(MOST + i)).collect());
         assert_eq!(queue.len(), MOST);
-        assert_eq!(queue.take(2, |corner| corner != key(MOST + 8)), [key(MOST + 9), key(MOST + 7)]);
-        let rest = queue.take(usize::MAX, |_| true);
-        assert_eq!((rest.len(), rest.last()), (MOST - 3, Some(&key(10))));
+        let nothing = |_: CellKey| false;
+        assert_eq!(queue.take(2, |corner| corner != key(MOST + 8), nothing), [key(MOST + 9), key(MOST + 7)]);
+        // Those that are awaited stay where they are.
+        let awaited = |corner: CellKey| corner == key(MOST + 6) || corner == key(MOST + 4);
+        assert_eq!(queue.take(2, |_| true, awaited), [key(MOST + 5), key(MOST + 3)]);
+        assert_eq!(queue.newest().take(2).collect::<Vec<_>>(), [key(MOST + 6), key(MOST + 4)]);
+        let rest = queue.take(usize::MAX, |_| true, nothing);
+        assert_eq!((rest.len(), rest.last()), (MOST - 5, Some(&key(10))));
         assert_eq!(queue.len(), 0);
     }
 }

@@ -2,6 +2,8 @@
 //!
 //! Values are pure functions of their cells, so what is evicted comes back the same.
 
+mod packed;
+
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -11,6 +13,8 @@ use super::super::lattice::{CellKey, PAGE_CELLS, PageKey};
 use super::rays::Sums;
 use super::scene::RAYS;
 use super::sides::Side;
+
+pub(super) use packed::Unpacked;
 
 /// Tiers of rays.
 pub(super) const TIERS: usize = RAYS.len();
@@ -130,64 +134,32 @@ impl Store {
 
     /// Adds a cell with the sums of its first tier.
     pub(super) fn insert(&mut self, key: CellKey, sides: &[(Side, Sums)]) {
-        let place = key.in_page().1;
-        let page = self.page(key);
-        if page.places[place] != 0 {
-            return;
-        }
-        page.cells.push(Cell { first: page.sides.len() as u32, count: sides.len() as u8, tier: 0 });
-        page.places[place] = page.cells.len() as u16;
-        page.sides.extend(sides.iter().map(|(side, _)| *side));
-        page.sums[0].extend(sides.iter().map(|(_, sums)| *sums));
-        self.cells += 1;
-        self.bytes += size_of::<Cell>() + sides.len() * (size_of::<Side>() + size_of::<Sums>());
+        let (page, place) = key.in_page();
+        self.change(page, |page| page.insert(place, sides));
     }
 
     /// Adds a further tier to a cell that has the one before it.
     pub(super) fn refine(&mut self, key: CellKey, tier: usize, sums: &[Sums]) {
-        let place = key.in_page().1;
-        let page = self.page(key);
-        let at = usize::from(page.places[place]).wrapping_sub(1);
-        let Some(cell) = page.cells.get_mut(at).filter(|cell| usize::from(cell.tier) + 1 == tier) else {
-            return;
-        };
-        let range = cell.first as usize..cell.first as usize + usize::from(cell.count);
-        if range.len() != sums.len() {
-            return;
-        }
-        cell.tier = tier as u8;
-        let all = &mut page.sums[tier];
-        let grown = page.sides.len().saturating_sub(all.len());
-        all.resize(page.sides.len().max(all.len()), Sums::default());
-        all[range].copy_from_slice(sums);
-        self.bytes += grown * size_of::<Sums>();
+        let (page, place) = key.in_page();
+        self.change(page, |page| page.refine(place, tier, sums));
     }
 
     /// Keeps the groups of a corner's sides.
     pub(super) fn set_groups(&mut self, corner: CellKey, groups: Box<[u8]>) {
-        let place = corner.in_page().1;
-        let page = self.page(corner);
-        if page.corners[place] != Corner::Unknown {
-            return;
-        }
-        if groups.is_empty() {
-            page.corners[place] = Corner::Open;
-            return;
-        }
-        let bytes = size_of_val(&*groups) + size_of::<Box<[u8]>>();
-        page.corners[place] = Corner::Parted(page.groups.len() as u16);
-        page.groups.push(groups);
-        self.bytes += bytes;
+        let (page, place) = corner.in_page();
+        self.change(page, |page| page.set_groups(place, groups));
     }
 
-    fn page(&mut self, key: CellKey) -> &mut Page {
-        let job = self.job;
-        let page = self.pages.entry(key.in_page().0).or_insert_with(|| {
+    /// Changes a page, which returns how many bytes it grew by.
+    fn change(&mut self, page: PageKey, change: impl FnOnce(&mut Page) -> usize) {
+        let page = self.pages.entry(page).or_insert_with(|| {
             self.bytes += size_of::<Page>();
             Page::new()
         });
-        page.used.store(job, Ordering::Relaxed);
-        page
+        page.used.store(self.job, Ordering::Relaxed);
+        let cells = page.cells.len();
+        self.bytes += change(page);
+        self.cells += page.cells.len() - cells;
     }
 
     /// Drops the pages that were not used for longest, until a tenth of the bound is free; those of the present job stay.
@@ -239,6 +211,48 @@ impl Page {
             sides: Vec::new(),
             sums: Default::default(),
         }
+    }
+
+    fn insert(&mut self, place: usize, sides: &[(Side, Sums)]) -> usize {
+        if self.places[place] != 0 {
+            return 0;
+        }
+        self.cells.push(Cell { first: self.sides.len() as u32, count: sides.len() as u8, tier: 0 });
+        self.places[place] = self.cells.len() as u16;
+        self.sides.extend(sides.iter().map(|(side, _)| *side));
+        self.sums[0].extend(sides.iter().map(|(_, sums)| *sums));
+        size_of::<Cell>() + sides.len() * (size_of::<Side>() + size_of::<Sums>())
+    }
+
+    fn refine(&mut self, place: usize, tier: usize, sums: &[Sums]) -> usize {
+        let at = usize::from(self.places[place]).wrapping_sub(1);
+        let Some(cell) = self.cells.get_mut(at).filter(|cell| usize::from(cell.tier) + 1 == tier) else {
+            return 0;
+        };
+        let range = cell.first as usize..cell.first as usize + usize::from(cell.count);
+        if range.len() != sums.len() {
+            return 0;
+        }
+        cell.tier = tier as u8;
+        let all = &mut self.sums[tier];
+        let grown = self.sides.len().saturating_sub(all.len());
+        all.resize(self.sides.len().max(all.len()), Sums::default());
+        all[range].copy_from_slice(sums);
+        grown * size_of::<Sums>()
+    }
+
+    fn set_groups(&mut self, place: usize, groups: Box<[u8]>) -> usize {
+        if self.corners[place] != Corner::Unknown {
+            return 0;
+        }
+        if groups.is_empty() {
+            self.corners[place] = Corner::Open;
+            return 0;
+        }
+        let bytes = size_of_val(&*groups) + size_of::<Box<[u8]>>();
+        self.corners[place] = Corner::Parted(self.groups.len() as u16);
+        self.groups.push(groups);
+        bytes
     }
 
     fn cell(&self, place: usize) -> Option<&Cell> {
