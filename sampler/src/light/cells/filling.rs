@@ -5,11 +5,11 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::super::lattice::CellKey;
-use super::State;
 use super::corner;
 use super::rays::{self, Sums};
 use super::scene::CellScene;
 use super::sides::{self, Side};
+use super::state::State;
 use super::store::Store;
 
 /// Cells that are refined between two looks at the clock.

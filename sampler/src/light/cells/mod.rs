@@ -32,13 +32,14 @@ mod rays;
 mod scene;
 mod sharing;
 mod sides;
+mod state;
 mod store;
 mod tree;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard};
 use std::time::{Duration, Instant};
 
-use argus_scene::{CellContent, CellPages, CellReport, CellSettings, Lighting, SurfaceLight};
+use argus_scene::{CellPages, CellReport, CellSettings, Lighting, SurfaceLight};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -49,16 +50,14 @@ use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 use alone::Surroundings;
 use lookup::{Answer, Lookup, only};
-use queue::Queue;
 use scene::{CellScene, RAYS, Sequence};
-use sharing::Asked;
-use store::{Store, TIERS};
+use state::{Job, SharedCells, State};
+use store::Store;
 
 pub(super) use lookup::CellLight;
+pub(crate) use state::CellUse;
 pub(super) use tree::BoxTree;
 
-/// Most memory of cells: 1.6 M sides of 16 rays take 110 MB.
-const MOST_BYTES: usize = 256 << 20;
 /// Longest time for which an open view fills cells that it lacks, milliseconds, as predicted.
 const VIEW_FILLS_MS: f64 = 20.0;
 /// Pixels from one to the next, in each direction, that are asked before a view whether its cells are filled. Cells are
@@ -70,34 +69,6 @@ const LACKS_MORE: f64 = 1.5;
 const PAUSE: Duration = Duration::from_millis(1);
 /// Corners that are filled between two looks at the clock.
 const CORNERS_AT_ONCE: usize = 48;
-/// Milliseconds of a corner or refined cell, before any is measured.
-const FIRST_GUESS_MS: f64 = 0.05;
-
-/// What a job asks of the light of sky and surfaces.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum CellUse {
-    /// Rays from each pixel.
-    Rays,
-    /// Cells of the best tier that all of the view has, or soon would have; else rays.
-    Open,
-    /// Cells of so many rays. Those that lack are filled first.
-    Whole {
-        /// 16, 64 or 256; others count as the next lower one.
-        rays: u32,
-        /// Whether reflected points take cells, too, of the first tier; else they cast rays.
-        reflected: bool,
-    },
-}
-
-impl From<Option<SurfaceLight>> for CellUse {
-    fn from(asked: Option<SurfaceLight>) -> Self {
-        match asked {
-            None => Self::Open,
-            Some(SurfaceLight::Rays) => Self::Rays,
-            Some(SurfaceLight::Cells { rays, reflected }) => Self::Whole { rays, reflected },
-        }
-    }
-}
 
 /// The scene's parts, as a caller has them.
 #[derive(Clone, Copy)]
@@ -129,58 +100,9 @@ pub(crate) struct LightCells {
     state: Arc<SharedCells>,
 }
 
-/// Cells behind a lock, since other threads send them to other samplers and take over theirs.
-struct SharedCells(Mutex<State>);
-
-struct State {
-    store: Store,
-    /// Corners that views lacked.
-    queue: Queue,
-    /// Cells to be refined, and whether there may be more.
-    refined: Vec<CellKey>,
-    may_refine: bool,
-    /// The lighting that the cells are of.
-    lighting: Option<Lighting>,
-    /// What the cells are of, once that is known; `None` within if it has no name.
-    content: Option<Option<CellContent>>,
-    asked: Asked,
-    job: Job,
-    /// Milliseconds of a corner of the first tier and of a cell's refinement to each further one.
-    costs: [f64; TIERS],
-    filled: u64,
-    fill_ms: f64,
-    /// Pixels that asked for cells, and those that cells lit.
-    pixels: u64,
-    pixels_lit: u64,
-}
-
-/// The light of the present job.
-struct Job {
-    asked: CellUse,
-    /// The tier of its own pixels, once that is known; `None` within for rays.
-    found: Option<Option<usize>>,
-    /// Whether its reflected points take cells, once that is known.
-    reflected: Option<bool>,
-}
-
 impl LightCells {
     pub(crate) fn new(settings: CellSettings) -> Self {
-        let state = State {
-            store: Store::new(MOST_BYTES),
-            queue: Queue::default(),
-            refined: Vec::new(),
-            may_refine: false,
-            lighting: None,
-            content: None,
-            asked: Asked::default(),
-            job: Job::new(CellUse::Rays),
-            costs: [FIRST_GUESS_MS; TIERS],
-            filled: 0,
-            fill_ms: 0.0,
-            pixels: 0,
-            pixels_lit: 0,
-        };
-        Self { settings, sequence: Sequence::new(), state: Arc::new(SharedCells(Mutex::new(state))) }
+        Self { settings, sequence: Sequence::new(), state: Arc::default() }
     }
 
     pub(crate) fn settings(&self) -> CellSettings {
@@ -241,7 +163,7 @@ impl LightCells {
     ) -> Option<Vec<CellLight>> {
         let mut state = self.state();
         let scene = self.scene(parts);
-        state.relight(&scene, parts.lighting);
+        state.relight(parts.lighting, || sharing::content_of(&scene));
         let answers = match eye.reflected {
             true => self.of_reflected(&mut state, &scene, points, eye),
             false => self.of_pixels(&mut state, &scene, points, eye),
@@ -379,7 +301,7 @@ impl LightCells {
         let begin = Instant::now();
         let mut guard = self.state();
         let (state, scene) = (&mut *guard, self.scene(parts));
-        state.relight(&scene, parts.lighting);
+        state.relight(parts.lighting, || sharing::content_of(&scene));
         while begin.elapsed() < time {
             let (State { queue, store, asked, .. }, now) = (&mut *state, Instant::now());
             let lacks = |key: CellKey| !store.is_whole(key, 0);
@@ -425,19 +347,6 @@ impl LightCells {
     }
 }
 
-impl SharedCells {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        // A panic leaves no cell half filled.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Job {
-    fn new(asked: CellUse) -> Self {
-        Self { asked, found: None, reflected: None }
-    }
-}
-
 /// Adds the light of pixels that cast rays of their own.
 fn with_alone(
     scene: &CellScene<'_>,
@@ -462,30 +371,4 @@ fn with_alone(
 /// The tier with at most so many rays.
 fn tier_of(rays: u32) -> usize {
     RAYS.iter().rposition(|most| *most <= rays as usize).unwrap_or(0)
-}
-
-impl State {
-    fn forget(&mut self) {
-        self.store.clear();
-        self.queue = Queue::default();
-        self.refined.clear();
-        self.may_refine = false;
-        self.content = None;
-        self.asked.forget();
-    }
-
-    /// Counts points that asked for cells, and answers that are light of cells.
-    fn count(&mut self, points: &ShadingPoints, answers: &[Answer]) {
-        self.pixels += points.all.iter().filter(|point| point.exists).count() as u64;
-        self.pixels_lit += answers.iter().filter(|answer| matches!(answer, Answer::Light(_))).count() as u64;
-    }
-
-    /// Forgets the cells of another lighting, and names what the cells are of.
-    fn relight(&mut self, scene: &CellScene<'_>, lighting: &Lighting) {
-        if self.lighting.as_ref() != Some(lighting) {
-            self.forget();
-            self.lighting = Some(lighting.clone());
-        }
-        self.content.get_or_insert_with(|| sharing::content_of(scene));
-    }
 }

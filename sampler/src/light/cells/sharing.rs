@@ -3,7 +3,6 @@
 //! Equal contents have equal cells, so a page from another sampler is as good as one that is filled here, and much cheaper. What
 //! is asked of others waits for a few seconds at most; then it is filled here.
 
-use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use argus_scene::{CellContent, CellPage, CellPages, InvalidField, Sky};
@@ -11,8 +10,8 @@ use bytes::Bytes;
 
 use super::super::lattice::{CellKey, PageKey};
 use super::scene::CellScene;
+use super::state::{SharedCells, State};
 use super::store::Unpacked;
-use super::{SharedCells, State};
 
 /// Version of what cells hold and how they are packed.
 const VERSION: u8 = 1;
@@ -24,32 +23,6 @@ const ASKED_AGAIN: Duration = Duration::from_secs(20);
 const LOOKED_AT: usize = 1 << 14;
 /// Most pages that are remembered as asked for.
 const MOST_ASKED: usize = 1 << 16;
-
-/// Pages that were asked of other samplers.
-#[derive(Default)]
-pub(super) struct Asked {
-    /// When they were asked for.
-    asked: HashMap<PageKey, Instant>,
-    /// Until when they are awaited.
-    awaited: HashMap<PageKey, Instant>,
-    /// Pages taken, and the milliseconds spent on them.
-    pub(super) taken: u64,
-    pub(super) take_ms: f64,
-}
-
-impl Asked {
-    /// Forgets the pages, but not the counts.
-    pub(super) fn forget(&mut self) {
-        self.asked.clear();
-        self.awaited.clear();
-    }
-
-    /// Whether a cell of a corner is awaited.
-    pub(super) fn awaits(&self, corner: CellKey, now: Instant) -> bool {
-        let is_awaited = |page: &PageKey| self.awaited.get(page).is_some_and(|until| *until > now);
-        !self.awaited.is_empty() && corner.corner().any(|(_, key)| is_awaited(&key.in_page().0))
-    }
-}
 
 /// The content of a scene's cells; `None` if its surfaces change shape, which no hash covers.
 pub(super) fn content_of(scene: &CellScene<'_>) -> Option<CellContent> {
