@@ -1,4 +1,4 @@
-// The surfaces of a tile's texels, as rays to lights see them: `sampler/src/light/texels.rs`.
+// The surfaces of a tile's texels, as rays to lights see them: `sampler/src/light/shading_points.rs`.
 
 import package::shared::encode::unit_from_octahedral;
 

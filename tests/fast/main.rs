@@ -6,6 +6,7 @@ mod configuration;
 mod dependency_rules;
 mod imports;
 mod manifests;
+mod named_files;
 mod quirks;
 mod supply_chain;
 #[path = "../support/mod.rs"]

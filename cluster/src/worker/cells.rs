@@ -3,7 +3,7 @@
 //! The coordinator names workers that hold cells. A page that none of them sends soon is filled here: so a worker that is killed
 //! costs the time of a request.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -76,22 +76,34 @@ async fn received(
     let silent = |_| Fault::Unavailable(format!("{address} sent nothing for {} s", SILENCE.as_secs()));
     let answer = tokio::time::timeout(SILENCE, client.cells(request)).await.map_err(silent)?;
     let mut answer = answer.map_err(unavailable)?.into_inner();
-    let mut asked: BTreeMap<CellPage, usize> = lacking.iter().copied().zip(0..).collect();
+    let mut asked: BTreeSet<CellPage> = lacking.iter().copied().collect();
     while let Some(sent) =
         tokio::time::timeout(SILENCE, answer.message()).await.map_err(silent)?.map_err(unavailable)?
     {
-        if asked.remove(&sent.page).is_none() {
-            return Err(InvalidField::new("page", "was not asked for").into());
-        }
-        if blake3::hash(&sent.packed).as_bytes()[..] != sent.hash[..] {
-            return Err(InvalidField::new("packed", "does not have its hash").into());
-        }
+        check(&sent, &mut asked)?;
         let (pages, page) = (pages.clone(), sent.page);
         let added = off_thread(move || pages.add(content, page, &sent.packed)).await;
         added.ok_or_else(|| Fault::Unavailable("light cells cannot be added".to_owned()))??;
         lacking.retain(|lacks| *lacks != page);
     }
     Ok(())
+}
+
+/// Rejects a page that was not asked for, or came before, and bytes that changed on the way. `asked` are the pages still to come.
+fn check(sent: &v1::CellsPage, asked: &mut BTreeSet<CellPage>) -> Result<(), InvalidField> {
+    if !asked.remove(&sent.page) {
+        return Err(InvalidField::new("page", "was not asked for"));
+    }
+    if blake3::hash(&sent.packed).as_bytes()[..] != sent.hash[..] {
+        return Err(InvalidField::new("packed", "does not have its hash"));
+    }
+    Ok(())
+}
+
+/// A page as it is sent.
+fn page(page: CellPage, packed: Bytes) -> v1::CellsPage {
+    let hash = Bytes::copy_from_slice(blake3::hash(&packed).as_bytes());
+    v1::CellsPage { page, packed, hash }
 }
 
 /// The pages that this worker holds of those that are asked for.
@@ -113,11 +125,27 @@ pub(super) fn sent(
         let held = held.clone();
         async move { off_thread(move || held.packed(content, &some)).await.unwrap_or_default() }
     };
-    let page = move |(page, packed): (CellPage, Bytes)| {
-        let _active_until_sent = &active;
-        let hash = Bytes::copy_from_slice(blake3::hash(&packed).as_bytes());
-        Ok(v1::CellsPage { page, packed, hash })
-    };
     let pages = futures::stream::iter(some).then(pack).flat_map(futures::stream::iter);
-    Ok(pages.map(page))
+    Ok(pages.map(move |(number, packed)| {
+        let _active_until_sent = &active;
+        Ok(page(number, packed))
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_is_taken_once_if_it_was_asked_for_and_has_its_hash() {
+        let good = page(3, Bytes::from_static(b"cells"));
+        let mut asked = BTreeSet::from([3, 4]);
+        assert_eq!(check(&good, &mut asked), Ok(()));
+        let field =
+            |sent: &v1::CellsPage, asked: &mut BTreeSet<CellPage>| check(sent, asked).unwrap_err().field;
+        assert_eq!(field(&good, &mut asked), "page", "it came before");
+        assert_eq!(field(&page(9, Bytes::new()), &mut asked), "page");
+        let changed = v1::CellsPage { packed: Bytes::from_static(b"bells"), page: 4, ..good };
+        assert_eq!(field(&changed, &mut asked), "packed");
+    }
 }

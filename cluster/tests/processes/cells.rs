@@ -30,7 +30,7 @@ async fn until(what: &str, is_so: impl Fn() -> bool) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn pages_travel_and_those_that_nobody_holds_are_filled() {
+async fn pages_are_taken_from_the_worker_that_holds_them_and_others_are_filled_here() {
     let (cluster, _other, [holder, taker]) = two_workers(&[1, 2, 3], &[1, 2, 7]).await;
     until("the pages are there", || taker.pages.lock().len() == 2).await;
     until("the other page is given up", || *taker.given_up.lock() == [7]).await;

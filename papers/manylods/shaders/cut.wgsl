@@ -1,4 +1,4 @@
-// Program of papers/megaviews/src/many_views/cuts/passes.rs: finds a cut through a sphere tree for every view (ManyLoDs, section 3),
+// Program of papers/manylods/src/passes.rs: finds a cut through a sphere tree for every view (ManyLoDs, section 3),
 // from the root or from the last frame's cut.
 //
 // Cuts are kept in chunks of 64 entries. Each chunk has a due time on a clock of motion: its entries stay valid until views
@@ -70,7 +70,7 @@ override ordered: bool = true;
 // State that is kept from frame to frame.
 @group(0) @binding(16) var<storage, read_write> state: array<atomic<u32>>;
 
-// `counters`: words of papers/megaviews/src/many_views/cuts/counters.rs.
+// `counters`: words of papers/manylods/src/counters.rs.
 const OVERFLOW: u32 = 0u;
 const MOTION: u32 = 1u;
 const VISITS: u32 = 2u;

@@ -1,4 +1,4 @@
-// Program of papers/megaviews/src/many_views/cuts/draw.rs: draws the cuts of all views into their maps (ManyLoDs, section 4.2).
+// Program of papers/manylods/src/draw.rs: draws the cuts of all views into their maps (ManyLoDs, section 4.2).
 
 import package::manylods::shared::cut::{EYE_WORDS, VIEW_BITS, VIEW_MASK, cut_unseen, eye_from};
 import package::shared::linear::linear_index;
@@ -40,7 +40,7 @@ override reach: u32 = 1u;
 @group(0) @binding(9) var<storage, read_write> arguments: array<u32>;
 @group(0) @binding(10) var<storage, read_write> state: array<atomic<u32>>;
 
-// `counters` and `state`: see gpu/cut.wgsl.
+// `counters` and `state`: see papers/manylods/shaders/cut.wgsl.
 const OVERFLOW: u32 = 0u;
 const DRAWN: u32 = 11u;
 const HIGH: u32 = 4u;

@@ -1,4 +1,4 @@
-// Program of papers/megaviews/src/many_views/cuts/tree.rs: bounding spheres and parents of an octree's nodes.
+// Program of papers/manylods/src/tree.rs: bounding spheres and parents of an octree's nodes.
 
 import package::shared::linear::linear_index;
 

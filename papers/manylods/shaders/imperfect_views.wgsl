@@ -1,4 +1,4 @@
-// Program of papers/megaviews/src/many_views/imperfect.rs: imperfect maps (Ritschel et al., "Imperfect Shadow Maps for Efficient
+// Program of papers/manylods/src/imperfect.rs: imperfect maps (Ritschel et al., "Imperfect Shadow Maps for Efficient
 // Computation of Indirect Illumination", 2008). Random surface points are splatted into each view's map. Gaps are filled by
 // pull-push: coarser levels are averaged from filled texels, and empty texels take the coarser value (Marroquim et al.,
 // "Efficient Point-Based Rendering Using Image Reconstruction", 2007).

@@ -134,7 +134,7 @@ struct AnyObject<'a, L> {
     about: &'a LightRaysAbout<'a>,
     origin: Vec3,
     direction: Vec3,
-    /// The share of light that passes transparent surfaces; `None` if nobody asks for the share, only whether something is met.
+    /// The share of light that passes transparent surfaces; `None` if the caller asks only whether something blocks the ray.
     passed: Option<f32>,
     lanes: std::marker::PhantomData<L>,
 }

@@ -34,9 +34,9 @@ pub struct Options {
 pub struct Written {
     /// The page.
     pub page: PathBuf,
-    /// Figures that were made, and those that no study makes.
+    /// Figures and tables that were made.
     pub made: usize,
-    /// Figures that no study makes.
+    /// Figures and tables that no study makes yet.
     pub missing: usize,
     /// Studies that failed.
     pub failed: usize,

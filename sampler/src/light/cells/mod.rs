@@ -93,6 +93,14 @@ pub(super) struct Eye<'a> {
     pub(super) reflected: bool,
 }
 
+/// What is asked of cells: the light at points of a scene, seen from an eye.
+#[derive(Clone, Copy)]
+struct Question<'a> {
+    scene: &'a CellScene<'a>,
+    points: &'a ShadingPoints,
+    eye: Eye<'a>,
+}
+
 /// The light cells of one scene.
 pub(crate) struct LightCells {
     settings: CellSettings,
@@ -164,48 +172,35 @@ impl LightCells {
         let mut state = self.state();
         let scene = self.scene(parts);
         state.relight(parts.lighting, || sharing::content_of(&scene));
+        let question = Question { scene: &scene, points, eye };
         let answers = match eye.reflected {
-            true => self.of_reflected(&mut state, &scene, points, eye),
-            false => self.of_pixels(&mut state, &scene, points, eye),
+            true => self.of_reflected(&mut state, question),
+            false => self.of_pixels(&mut state, question),
         };
         if state.job.asked != CellUse::Rays {
             state.count(points, answers.as_deref().unwrap_or_default());
         }
-        Some(with_alone(&scene, points, eye, &answers?))
+        Some(with_alone(question, &answers?))
     }
 
     /// The answers of the job's own pixels; `None` if it is lit by rays.
-    fn of_pixels(
-        &self,
-        state: &mut State,
-        scene: &CellScene<'_>,
-        points: &ShadingPoints,
-        eye: Eye<'_>,
-    ) -> Option<Vec<Answer>> {
+    fn of_pixels(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let light = match (state.job.asked, state.job.found) {
             (CellUse::Rays, _) | (_, Some(None)) => None,
             (CellUse::Whole { rays, .. }, _) => Some((tier_of(rays), None)),
             (_, Some(Some(tier))) => Some((tier, None)),
-            (CellUse::Open, None) => {
-                self.best(state, scene, points, eye).map(|(tier, answers)| (tier, Some(answers)))
-            }
+            (CellUse::Open, None) => self.best(state, question).map(|(tier, answers)| (tier, Some(answers))),
         };
         state.job.found = Some(light.as_ref().map(|(tier, _)| *tier));
         match light? {
             (_, Some(answers)) => Some(answers),
-            (tier, None) => self.answers(state, scene, points, eye, tier, f64::INFINITY),
+            (tier, None) => self.answers(state, question, tier, f64::INFINITY),
         }
     }
 
     /// The answers of points that the job's reflections show, always of the first tier; `None` if rays light them. An open view
     /// whose own pixels have cells does not wait for those of its reflections.
-    fn of_reflected(
-        &self,
-        state: &mut State,
-        scene: &CellScene<'_>,
-        points: &ShadingPoints,
-        eye: Eye<'_>,
-    ) -> Option<Vec<Answer>> {
+    fn of_reflected(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let has_cells = match (state.job.asked, state.job.reflected) {
             (CellUse::Rays, _) => return None,
             (CellUse::Whole { reflected, .. }, _) => Some(reflected),
@@ -213,12 +208,12 @@ impl LightCells {
             (CellUse::Open, known) => known,
         };
         let answers = match has_cells {
-            Some(true) => self.answers(state, scene, points, eye, 0, f64::INFINITY),
+            Some(true) => self.answers(state, question, 0, f64::INFINITY),
             Some(false) => None,
-            None => self.answers_soon(state, scene, points, eye, 0),
+            None => self.answers_soon(state, question, 0),
         };
         if state.job.asked == CellUse::Open && has_cells == Some(false) {
-            let missing = self.lookup(&state.store, scene, eye, 0).missing(points, ASKED);
+            let missing = self.lookup(&state.store, question, 0).missing(question.points, ASKED);
             state.queue.add(missing);
         }
         state.job.reflected = Some(answers.is_some());
@@ -226,15 +221,9 @@ impl LightCells {
     }
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
-    fn best(
-        &self,
-        state: &mut State,
-        scene: &CellScene<'_>,
-        points: &ShadingPoints,
-        eye: Eye<'_>,
-    ) -> Option<(usize, Vec<Answer>)> {
+    fn best(&self, state: &mut State, question: Question<'_>) -> Option<(usize, Vec<Answer>)> {
         for tier in (0..=tier_of(self.settings.rays)).rev() {
-            if let Some(answers) = self.answers_soon(state, scene, points, eye, tier) {
+            if let Some(answers) = self.answers_soon(state, question, tier) {
                 state.may_refine |= tier < tier_of(self.settings.rays);
                 return Some((tier, answers));
             }
@@ -244,19 +233,12 @@ impl LightCells {
 
     /// The answers of a tier if they are there, or for the first tier soon would be; else `None`, and cells of the first tier wait
     /// in the queue.
-    fn answers_soon(
-        &self,
-        state: &mut State,
-        scene: &CellScene<'_>,
-        points: &ShadingPoints,
-        eye: Eye<'_>,
-        tier: usize,
-    ) -> Option<Vec<Answer>> {
-        let missing = self.lookup(&state.store, scene, eye, tier).missing(points, ASKED);
+    fn answers_soon(&self, state: &mut State, question: Question<'_>, tier: usize) -> Option<Vec<Answer>> {
+        let missing = self.lookup(&state.store, question, tier).missing(question.points, ASKED);
         let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
         // Better light is no reason to wait.
         let found = match within && (tier == 0 || missing.is_empty()) {
-            true => self.answers(state, scene, points, eye, tier, VIEW_FILLS_MS),
+            true => self.answers(state, question, tier, VIEW_FILLS_MS),
             false => None,
         };
         if found.is_none() && tier == 0 {
@@ -270,15 +252,13 @@ impl LightCells {
     fn answers(
         &self,
         state: &mut State,
-        scene: &CellScene<'_>,
-        points: &ShadingPoints,
-        eye: Eye<'_>,
+        question: Question<'_>,
         tier: usize,
         most_ms: f64,
     ) -> Option<Vec<Answer>> {
-        let mut answers = vec![Answer::Missing; points.all.len()];
+        let mut answers = vec![Answer::Missing; question.points.all.len()];
         loop {
-            let missing = self.lookup(&state.store, scene, eye, tier).look_up(points, &mut answers);
+            let missing = self.lookup(&state.store, question, tier).look_up(question.points, &mut answers);
             if missing.is_empty() {
                 return Some(answers);
             }
@@ -289,7 +269,7 @@ impl LightCells {
                 return None;
             }
             for corners in missing.chunks(1 << 14) {
-                state.fill_corners(scene, corners, tier);
+                state.fill_corners(question.scene, corners, tier);
             }
             state.store.keep_bound();
         }
@@ -328,7 +308,8 @@ impl LightCells {
         CellScene { lattice, leaves, tree, surfaces, about, sky, radiance, sequence }
     }
 
-    fn lookup<'a>(&self, store: &'a Store, scene: &CellScene<'_>, eye: Eye<'a>, tier: usize) -> Lookup<'a> {
+    fn lookup<'a>(&self, store: &'a Store, question: Question<'a>, tier: usize) -> Lookup<'a> {
+        let Question { scene, eye, .. } = question;
         let places = scene.lattice.about(eye.position - scene.leaves.center());
         let pixels = self.settings.pixels as f32;
         Lookup {
@@ -348,12 +329,8 @@ impl LightCells {
 }
 
 /// Adds the light of pixels that cast rays of their own.
-fn with_alone(
-    scene: &CellScene<'_>,
-    points: &ShadingPoints,
-    eye: Eye<'_>,
-    answers: &[Answer],
-) -> Vec<CellLight> {
+fn with_alone(question: Question<'_>, answers: &[Answer]) -> Vec<CellLight> {
+    let Question { scene, points, eye } = question;
     let is_alone = |index: usize| !matches!(answers[index], Answer::Light(_) | Answer::Nothing);
     let alone = (0..answers.len()).into_par_iter().any(is_alone).then(|| {
         let from_eye = (eye.position - scene.leaves.center()).as_vec3();

@@ -172,9 +172,16 @@ impl Reader<'_> {
         let [count] = self.bytes()?;
         let groups =
             (0..count).map(|_| self.bytes().map(|[group]| group)).collect::<Result<Box<[u8]>, _>>()?;
-        let fits =
-            groups.len() <= 8 * MOST_SIDES && groups.iter().all(|group| usize::from(*group) <= MOST_GROUPS);
-        if fits { Ok((place, groups)) } else { Err(wrong("has too many groups")) }
+        // A new group has a higher number than those before it, which lookups rely on.
+        let mut seen = [false; MOST_GROUPS + 1];
+        for group in groups.iter().map(|group| usize::from(*group)) {
+            let is_new = !*seen.get(group).ok_or_else(|| wrong("has too many groups"))?;
+            if is_new && group > 0 && seen[group..].contains(&true) {
+                return Err(wrong("has groups out of order"));
+            }
+            seen[group] = true;
+        }
+        if groups.len() <= 8 * MOST_SIDES { Ok((place, groups)) } else { Err(wrong("has too many groups")) }
     }
 
     fn vector(&mut self) -> Result<Vec3, InvalidField> {
@@ -235,6 +242,9 @@ mod tests {
             assert!(Unpacked::new(&packed[..length]).is_err(), "{length}");
         }
         assert!(Unpacked::new(&[&packed[..], &[0]].concat()).is_err());
+        // The page ends with a corner's groups 1, 2 and 0.
+        let out_of_order = [&packed[..packed.len() - 3], &[2, 1, 0]].concat();
+        assert!(Unpacked::new(&out_of_order).is_err());
         // No byte makes it panic.
         for at in 0..packed.len() {
             for value in [0, 1, 0x7f, 0x80, 0xff] {
