@@ -2,8 +2,10 @@
 //! rendered, how a view is answered, and flags that are passed on.
 
 mod camera;
+mod lens;
 mod passed_on;
 mod plan;
+mod pose;
 mod samples;
 
 use std::path::PathBuf;
@@ -12,11 +14,13 @@ use argus_client::{Client, ConnectOptions};
 use glam::DVec3;
 
 pub(crate) use self::camera::{Picture, Viewpoint, flags_of};
+pub(crate) use self::lens::LensArgs;
 pub use self::passed_on::PassedOn;
 pub use self::plan::search;
 pub(crate) use self::plan::{Plan, output};
+pub(crate) use self::pose::{Axes, placed, pose_of};
 pub use self::samples::Rig;
-pub(crate) use self::samples::{Samples, effects, exposure, light};
+pub(crate) use self::samples::{Rendering, Samples, effects, exposure, light};
 use crate::credentials;
 use crate::settings::{self, Flags, Sources};
 
@@ -24,7 +28,7 @@ use crate::settings::{self, Flags, Sources};
 #[derive(clap::Args, Clone)]
 pub(crate) struct Server {
     /// Address of the service [default: ARGUS_SERVER, else http://127.0.0.1:7400]
-    #[arg(long, value_name = "URL")]
+    #[arg(long, alias = "connect", value_name = "URL")]
     server: Option<String>,
     /// PEM file of the certificate authority that signed the service's certificate; needed for https://
     #[arg(long, value_name = "FILE")]
@@ -43,13 +47,18 @@ impl Server {
 
     /// Returns the service's address and the options of a connection to it.
     pub(crate) fn options(&self, sources: &Sources) -> anyhow::Result<(String, ConnectOptions)> {
+        let settings = self.settings(sources)?;
+        let options = credentials::of_client(&settings)?;
+        Ok((settings.server, options))
+    }
+
+    /// The client's settings, including these flags.
+    pub(crate) fn settings(&self, sources: &Sources) -> anyhow::Result<settings::Client> {
         let flags = Flags::default()
             .with("client.server", "--server", self.server.as_ref())
             .with("client.ca", "--ca", settings::path(self.ca.as_ref()))
             .with("client.token_file", "--token-file", settings::path(self.token_file.as_ref()));
-        let settings = sources.load(flags)?.settings.client;
-        let options = credentials::of_client(&settings)?;
-        Ok((settings.server, options))
+        Ok(sources.load(flags)?.settings.client)
     }
 }
 

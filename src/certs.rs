@@ -96,7 +96,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     println!("  worker.pem, worker.key   for every worker");
     println!("  client.pem, client.key   for a client, if require_client_certificates is set");
     println!("  tokens                   the clients' tokens, for the coordinator");
-    println!("  view.token, admin.token  one token each, for clients");
+    println!("  view.token               a client's token, for views");
+    println!("  author.token             the same, and for moving nodes of the scene");
+    println!("  admin.token              the same, and for status and metrics");
     println!("\nall on this machine:");
     println!("  argus serve --config {folder}/argus.toml");
     println!("  argus status --config {folder}/argus.toml");
@@ -151,10 +153,17 @@ fn made(args: &Args) -> anyhow::Result<Vec<File>> {
         files.push(secret(key, pair.serialize_pem()));
     }
 
-    let (view, admin) = (token()?, token()?);
-    files.push(secret("tokens", format!("# role name token\nview viewer {view}\nadmin operator {admin}\n")));
-    files.push(secret("view.token", format!("{view}\n")));
-    files.push(secret("admin.token", format!("{admin}\n")));
+    let mut tokens = "# role name token\n".to_owned();
+    for (role, name, file) in [
+        ("view", "viewer", "view.token"),
+        ("author", "author", "author.token"),
+        ("admin", "operator", "admin.token"),
+    ] {
+        let token = token()?;
+        tokens.push_str(&format!("{role} {name} {token}\n"));
+        files.push(secret(file, format!("{token}\n")));
+    }
+    files.push(secret("tokens", tokens));
     let settings = "\
 # Made by `argus certs`: a service and its clients on one machine. Paths start from this folder.
 

@@ -9,13 +9,14 @@ use argus_cluster::SceneSource;
 use argus_cluster::coordinator::{Config, Prepared, prepare, serve_prepared};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
-use argus_cluster::security::Security;
+use argus_cluster::security::ReloadableSecurity;
 use argus_local::models;
 use argus_scene::{Camera, Rig, Sampling, Scene};
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
+use crate::browse::{Page, Place};
 use crate::exit::bad_arguments;
 use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::OpenScene;
@@ -51,7 +52,11 @@ pub(crate) struct Service {
     /// Address to listen on; port 0 takes a free port [default: 127.0.0.1:7400]
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
-    /// Print one JSON object once clients can connect: url, pid, scene, workers, default_camera
+    /// Address of the page that shows the scene in a browser, or `off` [default: 127.0.0.1:7480 or a free port for `serve`, off
+    /// for `coordinator`]
+    #[arg(long, value_name = "ADDR")]
+    page: Option<String>,
+    /// Print one JSON object once clients can connect: url, page, pid, scene, workers, default_camera
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
@@ -77,7 +82,7 @@ pub(crate) struct Service {
     advertise: Option<String>,
     #[command(flatten)]
     security: args::Security,
-    /// File with the clients' tokens, one a line: role (view or admin), name, token
+    /// File with the clients' tokens, one a line: role (view, author or admin), name, token
     #[arg(long, value_name = "FILE", help_heading = "Security (`argus certs` makes the files)")]
     tokens: Option<PathBuf>,
     #[command(flatten)]
@@ -99,7 +104,8 @@ pub(crate) struct Listening {
     /// Address for clients on this machine.
     pub(crate) url: String,
     listener: TcpListener,
-    security: Option<Arc<Security>>,
+    security: Option<Arc<ReloadableSecurity>>,
+    page: Option<Page>,
     /// Cancelled when this process must stop.
     pub(crate) shutdown: CancellationToken,
 }
@@ -113,6 +119,7 @@ pub(crate) struct Ready {
     config: Config,
     prepared: Prepared,
     registry: Arc<dyn Registry>,
+    page: Option<Page>,
     /// Cancelled when this process must stop.
     pub(crate) shutdown: CancellationToken,
 }
@@ -121,6 +128,8 @@ pub(crate) struct Ready {
 #[derive(Serialize)]
 struct Announcement<'a> {
     url: &'a str,
+    /// Link of the page for browsers; none if there is no page.
+    page: Option<&'a str>,
     pid: u32,
     scene: &'a str,
     workers: usize,
@@ -133,7 +142,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let Some(scene) = &settings.coordinator.scene_in_environment(None) else {
         return Err(bad_arguments("--scene S is required: a file, or `terrain`"));
     };
-    let listening = args.service.listen(&settings).await?;
+    let listening = args.service.listen(&settings, Place::Off).await?;
     let ready = args.service.open(listening, scene, &settings).await?;
     args.service.announce(&ready, 0)?;
     if !args.service.json {
@@ -162,20 +171,26 @@ impl Service {
         Ok(sources.load(self.security.with(self.samples.source.with(flags)))?.settings)
     }
 
-    /// Binds the address first, so that a conflict is reported at once.
-    pub(crate) async fn listen(&self, settings: &Settings) -> anyhow::Result<Listening> {
+    /// Binds the addresses first, so that a conflict is reported at once. `page`: where the page is, unless a flag says so.
+    pub(crate) async fn listen(&self, settings: &Settings, page: Place<'_>) -> anyhow::Result<Listening> {
         let shutdown = shutdown::requested(self.exit_with_stdin);
         let security = credentials::of_member(&settings.security, true)?;
         let address = &settings.coordinator.listen;
         let listener = credentials::listen(address, security.is_some(), &settings.security).await?;
         let url = credentials::url(security.is_some(), listener.local_addr()?);
-        Ok(Listening { url, listener, security, shutdown })
+        let page = self.page.as_deref().map_or(page, Place::named);
+        let page = Page::listen(page, security.as_ref(), settings.security.insecure).await?;
+        if let Some(security) = &security {
+            let kept = credentials::keep_member(security.clone(), settings.security.clone(), true);
+            tokio::spawn(shutdown.clone().run_until_cancelled_owned(kept));
+        }
+        Ok(Listening { url, listener, security, page, shutdown })
     }
 
     /// Opens the scene and prepares its light.
     pub(crate) async fn open(
         &self,
-        Listening { url, listener, security, shutdown }: Listening,
+        Listening { url, listener, security, page, shutdown }: Listening,
         scene: &str,
         settings: &Settings,
     ) -> anyhow::Result<Ready> {
@@ -214,7 +229,7 @@ impl Service {
             registry = registry(settings) => registry?,
             () = shutdown.cancelled() => anyhow::bail!("stopped before the registry answered"),
         };
-        Ok(Ready { url, listener, source, config, prepared, registry, shutdown })
+        Ok(Ready { url, listener, source, config, prepared, registry, page, shutdown })
     }
 
     /// The calibrated models of the scene and its rig.
@@ -246,10 +261,14 @@ impl Service {
         let default_camera = ready.source.scene().default_camera();
         if self.json {
             let pid = std::process::id();
-            return output::json(&Announcement { url, pid, scene, workers, default_camera });
+            let page = ready.page.as_ref().map(|page| page.url.as_str());
+            return output::json(&Announcement { url, page, pid, scene, workers, default_camera });
         }
         println!("serving {scene} at {url}");
         println!("light {}", ready.source.light());
+        if let Some(page) = &ready.page {
+            println!("in a browser: {}", page.url);
+        }
         println!("try:  argus status --server {url}");
         println!("      argus view --server {url} --out view.png");
         println!("      argus view --server {url} {} --out view.png", args::flags_of(&default_camera));
@@ -260,8 +279,23 @@ impl Service {
 impl Ready {
     /// Serves until the process must stop. Cancels `answers` once the service is ready for load.
     pub(crate) async fn serve(self, answers: CancellationToken) -> anyhow::Result<()> {
-        let Self { config, prepared, listener, source, registry, shutdown, .. } = self;
-        Ok(serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await?)
+        let Self { url, config, prepared, listener, source, registry, page, shutdown } = self;
+        let (security, closing) = (config.security.clone(), shutdown.child_token());
+        let page = async {
+            let Some(page) = page else { return };
+            // Without its page, a service still serves.
+            if let Err(error) = page.serve(&url, security, closing.clone()).await {
+                tracing::error!("{error:#}");
+            }
+        };
+        let served = async {
+            let served =
+                serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await;
+            closing.cancel();
+            served
+        };
+        let (served, ()) = tokio::join!(served, page);
+        Ok(served?)
     }
 }
 

@@ -1,4 +1,7 @@
-//! Reads certificates, keys and tokens from the files that settings name.
+//! Reads certificates, keys and tokens from the files that settings name, and again when these change ([`reload`]).
+
+mod changed_files;
+mod reload;
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -6,11 +9,13 @@ use std::sync::Arc;
 
 use argus_client::{ConnectOptions, Credentials, Key, Token};
 use argus_cluster::leadership::{NatsAccess, NatsSecret, NatsTls, nats_host};
-use argus_cluster::security::{Security, Tokens};
+use argus_cluster::security::{ReloadableSecurity, Security, Tokens};
 use tokio::net::TcpListener;
 
 use crate::exit::bad_arguments;
 use crate::settings;
+
+pub(crate) use reload::{keep_client, keep_member};
 
 /// The security of a process that listens; `None`: plaintext.
 ///
@@ -19,7 +24,14 @@ use crate::settings;
 pub(crate) fn of_member(
     settings: &settings::Security,
     clients: bool,
-) -> anyhow::Result<Option<Arc<Security>>> {
+) -> anyhow::Result<Option<Arc<ReloadableSecurity>>> {
+    let Some(security) = read_member(settings, clients)? else { return Ok(None) };
+    let security = ReloadableSecurity::new(security).map_err(|error| bad_arguments(error.to_string()))?;
+    Ok(Some(Arc::new(security)))
+}
+
+/// Reads the files of a process that listens; `None`: plaintext.
+fn read_member(settings: &settings::Security, clients: bool) -> anyhow::Result<Option<Security>> {
     let settings::Security { certificate, key, ca, tokens, require_client_certificates, .. } = settings;
     let Some(certificate) = certificate else {
         let useless = [
@@ -55,13 +67,13 @@ pub(crate) fn of_member(
             Tokens::parse(&text).map_err(|reason| malformed(&path, &reason))?
         }
     };
-    Ok(Some(Arc::new(Security {
+    Ok(Some(Security {
         certificate: pem(certificate, "security.certificate", "CERTIFICATE")?,
         key: key_pem(&key, "security.key")?,
         ca: pem(&ca, "security.ca", "CERTIFICATE")?,
         tokens,
         require_client_certificates: *require_client_certificates,
-    })))
+    }))
 }
 
 /// The connection options of a client.

@@ -11,14 +11,17 @@ mod compare;
 mod config;
 mod coordinator;
 mod credentials;
+mod dataset;
 mod demo;
 mod effect_table;
 mod exit;
 mod health;
 mod load;
+mod move_nodes;
 pub mod output;
 mod processes;
 mod reference;
+mod replay;
 mod scene;
 mod selftest;
 mod serve;
@@ -71,6 +74,7 @@ Examples:
   argus serve --scene model.glb               serve a scene on this machine, then, elsewhere:
   argus view --out view.png
   argus view --scene model.glb --out view.png    one picture, without a service
+  argus dataset --cameras transforms.json --out set    many images, from a file of cameras
   argus browse                                walk through it, in a browser
   argus load --clients 16 --seconds 10        how many views a second can the server answer?
   argus status                                the workers' roles and costs
@@ -87,9 +91,13 @@ enum Command {
     Coordinator(coordinator::Args),
     Worker(worker::Args),
     View(view::Args),
+    Replay(replay::Args),
+    Dataset(dataset::Args),
     Browse(browse::Args),
     Load(load::Args),
     Status(status::Args),
+    #[command(name = "move")]
+    Move(move_nodes::Args),
     Health(health::Args),
     Scene(scene::Args),
     Reference(reference::Args),
@@ -126,9 +134,12 @@ impl Command {
             Self::Coordinator(args) => runtime.block_on(coordinator::run(args, sources)),
             Self::Worker(args) => runtime.block_on(worker::run(args, sources)),
             Self::View(args) => runtime.block_on(view::run(args, sources)),
+            Self::Replay(args) => runtime.block_on(replay::run(args, sources)),
+            Self::Dataset(args) => runtime.block_on(dataset::run(args, sources)),
             Self::Browse(args) => runtime.block_on(browse::run(args, sources)),
             Self::Load(args) => runtime.block_on(load::run(args, sources)),
             Self::Status(args) => runtime.block_on(status::run(args, sources)),
+            Self::Move(args) => runtime.block_on(move_nodes::run(args, sources)),
             Self::Health(args) => runtime.block_on(health::run(args, sources)),
             Self::Scene(args) => scene::run(&args),
             Self::Reference(args) => reference::run(&args),

@@ -1,9 +1,14 @@
 //! `argus load`: many clients at once, and the outcome of their views.
 
+use std::collections::HashSet;
+use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::load::{self, IN_FLIGHT, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views};
+use argus_client::load::{
+    self, CameraPath, Ended, IN_FLIGHT, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views,
+};
 use argus_client::{Client, RenderOptions};
+use argus_scene::FrameDigest;
 use serde::Serialize;
 
 use crate::exit::bad_arguments;
@@ -55,7 +60,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = args::positive)]
     timeout: f64,
     /// Print one JSON object: sent, answered, failed, rejected, superseded, from_history,
-    /// views_per_sec, latency_ms: {p50, p90, p99, max}, total_secs
+    /// views_per_sec, latency_ms: {p50, p90, p99, max}, total_secs, distinct_frames, digest (of --views: of the frames' digests in
+    /// the order of the views; equal for equal frames, null if a view failed)
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -68,6 +74,10 @@ struct Report {
     load: LoadReport,
     /// Seconds from the first view to the last answer of a burst, or the load's duration.
     total_secs: f64,
+    /// Frames that differ from each other in their digests.
+    distinct_frames: usize,
+    /// The digest of a burst's frames: equal for equal frames in the same order. `None` of other loads, or if a view failed.
+    digest: Option<FrameDigest>,
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
@@ -80,7 +90,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if args.json {
         return output::json(&report);
     }
-    let Report { load, total_secs } = report;
+    let Report { load, total_secs, distinct_frames, digest } = report;
     println!(
         "{} views sent: {} answered, {} failed, {} rejected, {} superseded",
         load.sent, load.answered, load.failed, load.rejected, load.superseded
@@ -88,6 +98,8 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     if args.history {
         println!("  {} answered views started from the session's previous frame", load.from_history);
     }
+    print!("  {distinct_frames} distinct frames");
+    println!("{}", digest.map(|all| format!(", digest {all}")).unwrap_or_default());
     println!("  {:.1} views/s in {total_secs:.2} s", load.views_per_sec);
     let LatencyMs { p50, p90, p99, max } = load.latency_ms;
     println!("  latency p50 {p50:.1} ms, p90 {p90:.1} ms, p99 {p99:.1} ms, max {max:.1} ms");
@@ -113,7 +125,16 @@ async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
         deadline: duration(args.timeout),
         ..LoadOptions::default()
     };
-    Ok(Report { load: load::run(client, &options).await?, total_secs: seconds })
+    let description = client.description().clone();
+    let cameras = move |index, secs| CameraPath::new(&description, index).camera(secs);
+    let mut distinct = HashSet::new();
+    let seen = |ended: Ended| {
+        if let Ok(frame) = &ended.outcome {
+            distinct.insert(frame.images.digest());
+        }
+    };
+    let load = load::run_along(client, &options, Arc::new(cameras), seen).await?;
+    Ok(Report { load, total_secs: seconds, distinct_frames: distinct.len(), digest: None })
 }
 
 /// Requests all views as fast as they are answered.
@@ -123,7 +144,9 @@ async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result
         view.validate(&client.description().limits)?;
     }
     let options = RenderOptions { deadline: duration(args.timeout), ..RenderOptions::default() };
-    let outcome = burst(client, views, IN_FLIGHT, &options, |_, _| ()).await;
+    let mut digests = vec![None; views.len()];
+    let outcome =
+        burst(client, views, IN_FLIGHT, &options, |i, answer| digests[i] = Some(answer.meta.digest)).await;
     let load = LoadReport {
         sent: outcome.views,
         answered: outcome.views - outcome.failed,
@@ -135,7 +158,18 @@ async fn all_at_once(client: &Client, views: u32, args: &Args) -> anyhow::Result
         latency_ms: outcome.latency_ms,
         first_error: outcome.first_error,
     };
-    Ok(Report { load, total_secs: outcome.total_ms / 1e3 })
+    let distinct_frames = digests.iter().flatten().collect::<HashSet<_>>().len();
+    let digest = digests.into_iter().collect::<Option<Vec<_>>>().map(|all| digest_of(&all));
+    Ok(Report { load, total_secs: outcome.total_ms / 1e3, distinct_frames, digest })
+}
+
+/// The digest of digests, in their order.
+fn digest_of(all: &[FrameDigest]) -> FrameDigest {
+    let mut hasher = blake3::Hasher::new();
+    for FrameDigest(digest) in all {
+        hasher.update(digest);
+    }
+    FrameDigest(hasher.finalize().into())
 }
 
 /// A duration; one too long for a clock becomes about 136 years.

@@ -3,13 +3,15 @@
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
+use std::time::Duration;
 
 use anyhow::Context;
-use argus_scene::Frame;
+use argus_scene::{Frame, Output};
 use exr::image::{AnyChannel, AnyChannels, FlatSamples, Image as ExrImage};
 use exr::prelude::WritableImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageEncoder, RgbImage};
+use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 /// Prints the JSON object of a run.
@@ -25,7 +27,7 @@ pub fn json(value: &impl Serialize) -> anyhow::Result<()> {
 /// # Errors
 /// The frame has no colour.
 pub(crate) fn image_of(frame: &Frame) -> anyhow::Result<RgbImage> {
-    let pixels = frame.color.as_ref().context("the frame has no colour")?;
+    let pixels = frame.images[Output::Color].as_ref().context("the frame has no colour")?;
     RgbImage::from_raw(frame.width, frame.height, pixels.to_vec()).context("the frame's colour is short")
 }
 
@@ -59,6 +61,13 @@ pub(crate) fn write_gray_png(path: &Path, width: u32, height: u32, gray: &[u8]) 
     write_png(path, width, height, gray, ColorType::L8)
 }
 
+/// Writes a number of 16 bits per pixel as a grey PNG.
+pub(crate) fn write_gray16_png(path: &Path, width: u32, height: u32, gray: &[u16]) -> anyhow::Result<()> {
+    // The encoder takes the machine's order of bytes.
+    let bytes: Vec<u8> = gray.iter().flat_map(|number| number.to_ne_bytes()).collect();
+    write_png(path, width, height, &bytes, ColorType::L16)
+}
+
 fn write_png(path: &Path, width: u32, height: u32, bytes: &[u8], color: ColorType) -> anyhow::Result<()> {
     let mut file = create(path)?;
     PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
@@ -67,31 +76,42 @@ fn write_png(path: &Path, width: u32, height: u32, bytes: &[u8], color: ColorTyp
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Name of the range channel in an OpenEXR file. By convention, `Z` holds a distance from the camera.
-const RANGE_CHANNEL: &str = "Z";
-
-/// Writes ranges (f32 little-endian, metres from the eye, +inf where there is nothing) as an OpenEXR file with one channel of
-/// 32-bit floats, named `Z`.
-pub(crate) fn write_range_exr(path: &Path, width: u32, height: u32, range: &[u8]) -> anyhow::Result<()> {
-    let (values, _) = range.as_chunks::<4>();
-    let values: Vec<f32> = values.iter().map(|value| f32::from_le_bytes(*value)).collect();
-    write_channels_exr(path, width, height, vec![(RANGE_CHANNEL, values)])
-}
-
-/// Writes channels of 32-bit floats as one OpenEXR file. By convention, `R`, `G` and `B` are linear radiance, `Z` a distance,
-/// and a layer's name stands before a dot: `albedo.R`.
+/// Writes channels of 32-bit floats as one OpenEXR file. By convention, `R`, `G` and `B` are linear radiance, `Z` a distance along the
+/// camera's axis, and a layer's name stands before a dot: `albedo.R`.
 pub(crate) fn write_channels_exr(
     path: &Path,
     width: u32,
     height: u32,
     channels: Vec<(&str, Vec<f32>)>,
 ) -> anyhow::Result<()> {
-    let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, FlatSamples::F32(values)));
+    let channels = channels.into_iter().map(|(name, values)| (name, FlatSamples::F32(values))).collect();
+    write_samples_exr(path, width, height, channels)
+}
+
+/// Writes channels of numbers as one OpenEXR file. Equal images make equal files: blocks compressed in parallel would be written in
+/// the order in which they are done.
+pub(crate) fn write_samples_exr(
+    path: &Path,
+    width: u32,
+    height: u32,
+    channels: Vec<(&str, FlatSamples)>,
+) -> anyhow::Result<()> {
+    let channels = channels.into_iter().map(|(name, values)| AnyChannel::new(name, values));
     let image =
         ExrImage::from_channels((width as usize, height as usize), AnyChannels::sort(channels.collect()));
     // The encoder seeks, so it gets the file itself.
-    let written = image.write().to_buffered(create(path)?);
+    let written = image.write().non_parallel().to_buffered(create(path)?);
     written.with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// A progress bar on standard error, if that is a terminal.
+pub(crate) fn progress() -> ProgressBar {
+    let bar = ProgressBar::no_length();
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>4}/{len} {msg} ({elapsed})") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
 }
 
 /// Reads an image file as 8-bit RGB.

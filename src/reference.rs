@@ -6,7 +6,8 @@ use std::sync::Arc;
 use argus_cluster::SceneSource;
 use argus_scene::mitsuba::matt;
 use argus_scene::reference::{DirectLight, Indirect, ReferenceImage, SurfaceImage, Tracer};
-use argus_scene::{Effects, Exposure, LightRequest, Metering, Scene};
+use argus_scene::{Camera, Effects, Exposure, LightRequest, Metering, Scene};
+use glam::DVec2;
 use serde::Serialize;
 
 use crate::wiring::OpenScene;
@@ -14,8 +15,8 @@ use crate::{args, output};
 
 /// Renders a view on this machine by the CPU ray tracer that every image is judged against.
 ///
-/// Writes an OpenEXR file with 32-bit floats. R, G, B: linear radiance, before exposure. Z: distance from the eye on the ray
-/// through the pixel's centre, metres, +inf for the sky. albedo.R, albedo.G, albedo.B and normal.X, normal.Y, normal.Z: the
+/// Writes an OpenEXR file with 32-bit floats. R, G, B: linear radiance, before exposure. range: distance from the eye on the ray
+/// through the pixel's centre, metres, +inf for the sky. Z: the same along the camera's axis. albedo.R, albedo.G, albedo.B and normal.X, normal.Y, normal.Z: the
 /// surface on that ray, 0 for the sky.
 #[derive(clap::Args)]
 #[command(
@@ -95,7 +96,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let image = tracer.render_with(&camera, [width, height], args.samples_per_pixel, indirect, |_| ());
     let seconds = start.elapsed().as_secs_f64();
     let surfaces = tracer.surfaces(&camera, width, height);
-    output::write_channels_exr(&args.out, width, height, channels(&image, &surfaces))?;
+    output::write_channels_exr(&args.out, width, height, channels(&image, &surfaces, &camera))?;
     let pixels = image.radiance.len().max(1) as f64;
     let mean = image.radiance.iter().map(|radiance| radiance.as_dvec3()).sum::<glam::DVec3>() / pixels;
     let report = Report { width, height, mean_radiance: mean.to_array(), seconds };
@@ -108,17 +109,29 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 /// The channels of the file.
-fn channels(image: &ReferenceImage, surfaces: &SurfaceImage) -> Vec<(&'static str, Vec<f32>)> {
+fn channels(
+    image: &ReferenceImage,
+    surfaces: &SurfaceImage,
+    camera: &Camera,
+) -> Vec<(&'static str, Vec<f32>)> {
     let layers = [
         (["R", "G", "B"], &image.radiance),
         (["albedo.R", "albedo.G", "albedo.B"], &surfaces.albedo),
         (["normal.X", "normal.Y", "normal.Z"], &surfaces.normal),
     ];
-    let mut channels = vec![("Z", image.range.clone())];
+    let mut channels = vec![("range", image.range.clone()), ("Z", depth(image, camera))];
     for (names, values) in layers {
         for (axis, name) in names.into_iter().enumerate() {
             channels.push((name, values.iter().map(|value| value[axis]).collect()));
         }
     }
     channels
+}
+
+/// Distances along the camera's axis, metres.
+fn depth(image: &ReferenceImage, camera: &Camera) -> Vec<f32> {
+    let ([width, height], axis) = ([image.width, image.height], (camera.target - camera.eye).normalize());
+    let centre = |i: u32| DVec2::new((i % width).into(), (i / width).into()) + 0.5;
+    let along = |i: u32| camera.direction(centre(i), width, height).dot(axis);
+    (0..).zip(&image.range).map(|(i, range)| (f64::from(*range) * along(i)) as f32).collect()
 }

@@ -249,7 +249,7 @@ fn costs(args: &Args) -> anyhow::Result<Vec<EffectCost>> {
     let mut alone = Alone::open(&args.environment.of(&args.scene), &config)?;
     let (camera, [width, height]) = (alone.scene().default_camera(), MEASURED_SIZE);
     let (outputs, plan) = (Outputs::COLOR, PlanRequest { direct: true, ..PlanRequest::default() });
-    let view = View { camera, width, height, outputs, plan, pin: None };
+    let view = View { camera, width, height, outputs, plan, pin: None, flow_to: None, rays: None };
     alone.render(&view, alone.full_light(), 0.0)?;
     let frame = alone.render(&view, alone.full_light(), 0.0)?;
     Ok(EffectCost::predicted(&frame.stages, u64::from(width * height)))

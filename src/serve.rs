@@ -2,13 +2,14 @@
 
 use tokio_util::sync::CancellationToken;
 
+use crate::browse::Place;
 use crate::coordinator::Service;
 use crate::processes;
 use crate::settings::{self, Settings, Sources};
 
 /// Serves a scene from this machine: a coordinator and its worker processes.
 ///
-/// A worker that ends is restarted. All workers end with this process. Ctrl-C finishes the requests in work and exits 0.
+/// Prints the link of a page that shows the scene in a browser (see `argus browse`). A worker that ends is restarted. All workers end with this process. Ctrl-C finishes the requests in work and exits 0.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -36,7 +37,7 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let scene = &settings.coordinator.scene_in_environment(Some("terrain")).unwrap_or_default();
     let count = args.workers.map_or_else(processes::default_count, usize::from);
 
-    let listening = args.service.listen(&settings).await?;
+    let listening = args.service.listen(&settings, Place::Usual).await?;
     let (url, shutdown) = (listening.url.clone(), listening.shutdown.clone());
     let worker = settings::Worker {
         coordinator: Some(url),

@@ -217,6 +217,13 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
             cells.waiting,
             cells.fill_ms * 1e-3
         )?;
+        if cells.pages_kept + cells.pages_touched > 0 {
+            writeln!(
+                text,
+                "                 as things moved: {} pages kept, {} touched, {} show an earlier pose",
+                cells.pages_kept, cells.pages_touched, cells.pages_older
+            )?;
+        }
     }
     Ok(text)
 }

@@ -71,6 +71,10 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     let shutdown = shutdown::requested(args.exit_with_stdin);
     let security = credentials::of_member(&files, false)?;
     let listener = credentials::listen(&worker.listen, security.is_some(), &files).await?;
+    if let Some(security) = &security {
+        let kept = credentials::keep_member(security.clone(), files.clone(), false);
+        tokio::spawn(shutdown.clone().run_until_cancelled_owned(kept));
+    }
     let config = Config { security, ..worker.config(coordinator, &limits) };
     let device = Arc::new(Device::new(settings::mib(worker.gpu_samples_mib)));
     let opener = SceneFolder::new(worker.scenes).preloading(args.preload, {

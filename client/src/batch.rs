@@ -1,6 +1,7 @@
 //! Batches: many cameras in one request.
 
 use std::collections::{BTreeSet, HashMap};
+use std::time::Duration;
 
 use argus_proto::WireError;
 use argus_proto::chunks::FrameMeta;
@@ -9,7 +10,7 @@ use argus_proto::v1::render_batch_response::Body;
 use argus_proto::v1::{Encoding, RenderBatchRequest, RenderBatchResponse};
 use argus_scene::{Camera, Frame, InvalidField, Limits, Outputs, PlanRequest, View};
 use futures::Stream;
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 use tonic::Streaming;
 
 use crate::arrival::Arrival;
@@ -18,8 +19,8 @@ use crate::retry::Backoff;
 use crate::session::error_of;
 use crate::{Client, ClientError};
 
-/// After this many requests in a row without a frame, the rest of a batch fails.
-const MOST_FRUITLESS: u32 = 5;
+/// After so long without a frame, the rest of a batch fails: as long as a single view waits by default.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 /// Cameras whose frames share size, outputs and plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,9 +41,21 @@ pub struct Batch {
 impl Batch {
     fn view(&self, index: usize) -> Option<View> {
         let Self { width, height, outputs, plan, .. } = *self;
-        Some(View { camera: *self.cameras.get(index)?, width, height, outputs, plan, pin: None })
+        Some(View {
+            camera: *self.cameras.get(index)?,
+            width,
+            height,
+            outputs,
+            plan,
+            pin: None,
+            flow_to: None,
+            rays: None,
+        })
     }
 }
+
+/// A camera's index in its batch, with its frame or its error.
+pub type BatchAnswer = (usize, Result<(Frame, FrameMeta), ClientError>);
 
 /// A batch request in progress.
 struct Arriving {
@@ -54,37 +67,44 @@ struct Arriving {
 
 impl Client {
     /// Renders a batch. Frames arrive in the order in which they are done, each with its camera's index. If the
-    /// connection breaks, the missing cameras are requested again, until several requests in a row bring no frame.
-    /// Every index arrives exactly once, with its frame or its error.
+    /// connection breaks, or views fail since all workers were lost, the missing cameras are requested again, until no
+    /// frame arrives for 30 s. Every index arrives exactly once, with its frame or its error.
     pub fn render_batch(
         &self,
         batch: Batch,
         encoding: Encoding,
-    ) -> impl Stream<Item = (usize, Result<(Frame, FrameMeta), ClientError>)> + Send + use<> {
+    ) -> impl Stream<Item = BatchAnswer> + Send + use<> {
         let client = self.clone();
         async_stream::stream! {
             let mut left: BTreeSet<usize> = (0..batch.cameras.len()).collect();
-            let (mut backoff, mut fruitless) = (Backoff::new(), 0);
+            let (mut backoff, mut end) = (Backoff::new(), Instant::now() + PATIENCE);
             while !left.is_empty() {
                 let server = client.server();
-                let error = match client.begin_batch(&batch, &left, encoding).await {
+                // Why cameras of this request are still without a frame: the newest reason.
+                let cut = WireError::Truncated { what: "batch", got: 0, expected: 1 };
+                let mut missing = ClientError::from(cut);
+                match client.begin_batch(&batch, &left, encoding).await {
                     Ok(mut arriving) => loop {
                         match arriving.next(&batch).await {
-                            Ok((index, result)) => {
+                            Ok(Some((_, Err(lost)))) if lost.is_transient() => missing = lost,
+                            Ok(Some((index, result))) => {
                                 if left.remove(&index) {
-                                    (backoff, fruitless) = (Backoff::new(), 0);
+                                    (backoff, end) = (Backoff::new(), Instant::now() + PATIENCE);
                                     yield (index, result);
                                 }
                             }
-                            Err(error) => break error,
+                            Ok(None) => break,
+                            Err(broken) => {
+                                missing = broken;
+                                break;
+                            }
                         }
                     },
-                    Err(error) => error,
-                };
-                fruitless += 1;
-                if !error.is_transient() || fruitless >= MOST_FRUITLESS {
+                    Err(refused) => missing = refused,
+                }
+                if !missing.is_transient() || Instant::now() >= end {
                     for index in std::mem::take(&mut left) {
-                        yield (index, Err(error.clone()));
+                        yield (index, Err(missing.clone()));
                     }
                 } else if !left.is_empty() {
                     client.try_another(server);
@@ -119,17 +139,14 @@ impl Client {
 }
 
 impl Arriving {
-    /// Receives until the next camera is done or has failed.
+    /// Receives until the next camera is done or has failed; `None` at the stream's end.
     ///
     /// # Errors
-    /// The stream ended or broke, or a message does not belong to the batch.
-    async fn next(
-        &mut self,
-        batch: &Batch,
-    ) -> Result<(usize, Result<(Frame, FrameMeta), ClientError>), ClientError> {
+    /// The stream broke, or a message does not belong to the batch.
+    async fn next(&mut self, batch: &Batch) -> Result<Option<BatchAnswer>, ClientError> {
         loop {
             let Some(RenderBatchResponse { index, body }) = self.stream.message().await? else {
-                return Err(WireError::Truncated { what: "batch", got: 0, expected: 1 }.into());
+                return Ok(None);
             };
             let wrong =
                 |field, reason: &str| ClientError::from(WireError::from(InvalidField::new(field, reason)));
@@ -139,7 +156,7 @@ impl Arriving {
             match body {
                 Some(Body::Failure(failure)) => {
                     self.arrivals.remove(&index);
-                    return Ok((known, Err(error_of(failure))));
+                    return Ok(Some((known, Err(error_of(failure)))));
                 }
                 Some(Body::Chunk(chunk)) => {
                     // Limited to the requested size, so that no header can make this client allocate more.
@@ -151,7 +168,7 @@ impl Arriving {
                     if let Some((frame, meta)) = arrival.push(chunk)? {
                         self.arrivals.remove(&index);
                         answers(&frame, &view)?;
-                        return Ok((known, Ok((frame, meta))));
+                        return Ok(Some((known, Ok((frame, meta)))));
                     }
                 }
                 None => return Err(wrong("body", "must be given")),

@@ -6,12 +6,13 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use argus_proto::convert::WireEnum as _;
 use argus_proto::network::Network;
 use argus_proto::transport::{replaceable, tuned};
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{CLUSTER_NAME, Description, PROTOCOL_VERSION, v1};
-use argus_scene::InvalidField;
+use argus_scene::{InvalidField, Output};
 use tonic::Code;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
@@ -162,6 +163,27 @@ impl Client {
     /// [`ClientError::Server`] if it cannot be reached, [`ClientError::Version`] if another release replaced it.
     pub async fn describe(&self) -> Result<Description, ClientError> {
         describe(&self.channel(), &self.0.bearer, "the server").await
+    }
+
+    /// Requests the names of the scene's instances ([`Output::Instance`]) or materials ([`Output::Material`]), in the order of
+    /// their ids.
+    ///
+    /// # Errors
+    /// [`ClientError::Invalid`] for another output; else the errors of [`Client::describe`].
+    pub async fn names(&self, output: Output) -> Result<Vec<String>, ClientError> {
+        let (mut names, mut views) = (Vec::new(), self.views());
+        loop {
+            let first = u32::try_from(names.len()).unwrap_or(u32::MAX);
+            let part = views
+                .names(v1::NamesRequest { output: output.number(), first, nodes: false })
+                .await?
+                .into_inner();
+            let is_last = part.names.is_empty();
+            names.extend(part.names);
+            if is_last || names.len() >= part.total as usize {
+                return Ok(names);
+            }
+        }
     }
 
     /// Requests the workers, their roles, and the balance between them.

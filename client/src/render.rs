@@ -6,7 +6,7 @@ use argus_proto::WireError;
 use argus_proto::chunks::FrameMeta;
 use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::{Encoding, RenderRequest};
-use argus_scene::{Frame, InvalidField, Limits, Output, Outputs, View};
+use argus_scene::{Frame, InvalidField, Limits, Outputs, View};
 use tokio::time::{Instant, sleep, timeout_at};
 use tracing::Instrument;
 
@@ -157,8 +157,8 @@ impl Client {
 
 /// Checks that a frame has the size and the images that the view asked for.
 pub(crate) fn answers(frame: &Frame, view: &View) -> Result<(), WireError> {
-    let held = Output::ALL.into_iter().filter(|&output| frame.image(output).is_some());
-    let came = held.fold(Outputs::default(), Outputs::with);
+    let held = frame.images.iter().map(|(output, _)| output);
+    let came: Outputs = held.collect();
     if (frame.width, frame.height) != (view.width, view.height) {
         let reason = format!("is {} × {} pixels", frame.width, frame.height);
         return Err(InvalidField::new("frame.width", reason).into());

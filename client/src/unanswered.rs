@@ -91,7 +91,16 @@ mod tests {
 
     fn view() -> View {
         let camera = argus_scene::Camera::look_at(DVec3::ONE, DVec3::ZERO);
-        View { camera, width: 8, height: 6, outputs: Outputs::COLOR, plan: PlanRequest::default(), pin: None }
+        View {
+            camera,
+            width: 8,
+            height: 6,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::default(),
+            pin: None,
+            flow_to: None,
+            rays: None,
+        }
     }
 
     #[test]

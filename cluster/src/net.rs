@@ -13,8 +13,8 @@ use tonic::transport::{Channel, Endpoint, Server};
 use tower::layer::util::{Identity, Stack};
 
 use crate::network::Network;
-use crate::security::Security;
 use crate::security::guard::{Guard, Guarded};
+use crate::security::{LoadedSecurity, ReloadableSecurity};
 
 /// Interval of keepalive probes from both ends, which detect a vanished machine.
 const KEEPALIVE: Duration = Duration::from_secs(10);
@@ -46,7 +46,7 @@ const CONNECTION_WINDOW: u32 = 64 << 20;
 pub(crate) fn endpoint(
     address: &str,
     connect_timeout: Duration,
-    security: Option<&Security>,
+    security: Option<&LoadedSecurity>,
 ) -> Result<Endpoint, String> {
     let scheme = scheme(security);
     let endpoint =
@@ -69,7 +69,7 @@ pub(crate) fn endpoint(
 }
 
 /// The URL scheme of members' addresses.
-pub(crate) fn scheme(security: Option<&Security>) -> &'static str {
+pub(crate) fn scheme<T>(security: Option<&T>) -> &'static str {
     if security.is_some() { "https" } else { "http" }
 }
 
@@ -82,26 +82,19 @@ pub(crate) fn root_cause(error: &dyn std::error::Error) -> String {
     cause.to_string()
 }
 
-/// The server of both kinds of process.
-///
-/// # Errors
-/// Invalid certificates.
+/// The server of both kinds of process. Its connections are secured before it gets them.
 pub(crate) fn server(
     guarded: Guarded,
-    security: Option<&Arc<Security>>,
-) -> Result<Server<Stack<Guard, Identity>>, tonic::transport::Error> {
-    let mut server = Server::builder();
-    if let Some(security) = security {
-        server = server.tls_config(security.of_listener())?;
-    }
-    Ok(server
+    security: Option<&Arc<ReloadableSecurity>>,
+) -> Server<Stack<Guard, Identity>> {
+    Server::builder()
         // Metrics and probes use HTTP/1.1.
         .accept_http1(true)
         .initial_connection_window_size(CONNECTION_WINDOW)
         .http2_keepalive_interval(Some(KEEPALIVE))
         .max_concurrent_streams(Some(MAX_STREAMS))
         .http2_max_pending_accept_reset_streams(Some(MAX_RESETS))
-        .layer(Guard::new(guarded, security.cloned())))
+        .layer(Guard::new(guarded, security.cloned()))
 }
 
 /// Whether a connection failed since one side does not trust the other's certificate, or does not use TLS. The
@@ -114,7 +107,7 @@ pub(crate) fn is_distrust(reason: &str) -> bool {
 #[derive(Debug)]
 pub(crate) struct Channels {
     connect_timeout: Duration,
-    security: Option<Arc<Security>>,
+    security: Option<Arc<ReloadableSecurity>>,
     network: Network,
     /// Most concurrent relayed responses from one address; `None`: nothing is relayed.
     relays: Option<usize>,
@@ -126,10 +119,16 @@ pub(crate) struct Channels {
 struct PooledChannel {
     channel: Channel,
     used: Instant,
+    /// The certificates that it was made with.
+    generation: u64,
 }
 
 impl Channels {
-    pub(crate) fn new(connect_timeout: Duration, security: Option<Arc<Security>>, network: Network) -> Self {
+    pub(crate) fn new(
+        connect_timeout: Duration,
+        security: Option<Arc<ReloadableSecurity>>,
+        network: Network,
+    ) -> Self {
         Self { connect_timeout, security, network, relays: None, by_address: Mutex::default() }
     }
 
@@ -139,30 +138,44 @@ impl Channels {
         Self { relays: Some(most), ..self }
     }
 
-    /// The TLS configuration.
-    pub(crate) fn security(&self) -> Option<&Security> {
+    /// Certificates and tokens of the process; `None`: plaintext.
+    pub(crate) fn reloadable(&self) -> Option<&ReloadableSecurity> {
         self.security.as_deref()
     }
 
-    /// The channel to an address.
+    /// The certificates for a new connection.
+    pub(crate) fn security(&self) -> Option<Arc<LoadedSecurity>> {
+        self.security.as_ref().map(|security| security.current())
+    }
+
+    /// The channel to an address. After a change of certificates it is a new one; the one before it is closed once it is
+    /// idle.
     ///
     /// # Errors
     /// [`Fault::Unavailable`] if the address is invalid.
     pub(crate) fn to(&self, address: &str) -> Result<Channel, Fault> {
-        let now = Instant::now();
-        if let Some(pooled) = self.by_address.lock().get_mut(address) {
+        let (now, security) = (Instant::now(), self.security());
+        let generation = security.as_ref().map_or(0, |loaded| loaded.generation());
+        let is_new = |pooled: &&mut PooledChannel| pooled.generation >= generation;
+        if let Some(pooled) = self.by_address.lock().get_mut(address).filter(is_new) {
             pooled.used = now;
             return Ok(pooled.channel.clone());
         }
-        let endpoint = endpoint(address, self.connect_timeout, self.security.as_deref());
+        let endpoint = endpoint(address, self.connect_timeout, security.as_deref());
         let endpoint = endpoint.map_err(Fault::Unavailable)?;
         let endpoint = match self.relays {
             Some(most) => relayed(endpoint, most),
             None => endpoint,
         };
         let mut channels = self.by_address.lock();
-        let made = || PooledChannel { channel: self.network.channel(&endpoint), used: now };
-        Ok(channels.entry(address.to_owned()).or_insert_with(made).channel.clone())
+        // Another request may have made it meanwhile.
+        if let Some(pooled) = channels.get_mut(address).filter(is_new) {
+            return Ok(pooled.channel.clone());
+        }
+        let channel = self.network.channel(&endpoint);
+        channels
+            .insert(address.to_owned(), PooledChannel { channel: channel.clone(), used: now, generation });
+        Ok(channel)
     }
 
     /// Closes channels that were not requested for a while, once they are idle. Each keeps a connection slot at its

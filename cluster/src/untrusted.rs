@@ -148,7 +148,11 @@ pub fn receipt(body: &[u8]) -> Result<(), String> {
     let bounds = set().bounds;
     let camera = argus_scene::Camera::look_at(bounds.max, DVec3::ZERO);
     let (outputs, plan) = (argus_scene::Outputs::COLOR, argus_scene::PlanRequest::default());
-    ask(&mut core, View { camera, width: 8, height: 6, outputs, plan, pin: None }, Uptime::default());
+    ask(
+        &mut core,
+        View { camera, width: 8, height: 6, outputs, plan, pin: None, flow_to: None, rays: None },
+        Uptime::default(),
+    );
     let (view_id, attempt) = (ViewId(2), 1);
     let answered =
         Event::Answered { view_id, attempt, uncovered: Some(uncovered), ms: Some(ms), fell_short: false };

@@ -4,13 +4,15 @@ use std::time::Duration;
 
 use argus_proto::convert::{WireEnum as _, light_level, scene_hash_bytes};
 use argus_proto::{PROTOCOL_VERSION, v1};
-use argus_scene::{FaceMask, InvalidField, Limits, Plan, SampleId, SampleSetInfo, Version, Visibility};
+use argus_scene::{
+    FaceMask, InvalidField, Limits, Plan, SampleId, SampleSetInfo, Transforms, Version, Visibility,
+};
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
 use crate::core::{Assignment, Fallback, Hello, Probed, Report, Role, Source};
 use crate::sealed::SealKey;
-use crate::security::Security;
+use crate::security::LoadedSecurity;
 
 /// Longest name of a worker, bytes: it is in every frame and log line.
 const MAX_NAME: usize = 128;
@@ -25,7 +27,7 @@ pub(crate) fn role_from(number: i32) -> Result<Role, InvalidField> {
     }
 }
 
-pub(crate) fn hello_from(wire: v1::Hello, security: Option<&Security>) -> Result<Hello, InvalidField> {
+pub(crate) fn hello_from(wire: v1::Hello, security: Option<&LoadedSecurity>) -> Result<Hello, InvalidField> {
     if wire.worker_id.is_empty() || wire.worker_id.len() > MAX_NAME {
         let reason = format!("must be 1 to {MAX_NAME} bytes long, not {}", wire.worker_id.len());
         return Err(InvalidField::new("hello.worker_id", reason));
@@ -226,10 +228,16 @@ pub(crate) fn assignment(
         visibility_is_open: served.visibility_is_open,
         suspected: assignment.suspected,
         cell_holders: assignment.cell_holders,
+        transforms: None,
         seal_key: key.map(SealKey::to_bytes).unwrap_or_default().into(),
         limits: Some(service.limits.into()),
         report_interval_ms: u32::try_from(service.report_interval.as_millis()).unwrap_or(u32::MAX),
     }
+}
+
+/// The message that tells a worker a state of the nodes' transforms.
+pub(crate) fn moved(transforms: &Transforms, term: u64) -> v1::Assignment {
+    v1::Assignment { term, transforms: Some(transforms.into()), ..v1::Assignment::default() }
 }
 
 pub(crate) fn observed(observed: Observed) -> v1::Observed {

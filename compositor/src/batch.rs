@@ -68,7 +68,8 @@ impl<'a> Batch<'a> {
             let ViewJob { width, height, .. } = self.jobs[view.job];
             let probes = view.probes.as_ref().map(|(id, _)| *id);
             let environment = view.environment.as_ref().and_then(|environment| environment.hash());
-            ViewExtent { width, height, side: view.side, pool: view.pool, probes, environment }
+            let PreparedView { side, linear, pool, .. } = *view;
+            ViewExtent { width, height, side, linear, pool, probes, environment }
         };
         let extents: Vec<ViewExtent> = self.views.iter().map(extent).collect();
         chunks(&extents, settings)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use argus_gpu::wgpu::BufferUsages;
 use argus_gpu::{Commands, Gpu, wgpu};
-use argus_scene::{RenderError, Search, ViewJob};
+use argus_scene::{Output, Outputs, RenderError, Search, ViewJob};
 use argus_shaders::layout::compositor::{Fill, Reproject, ViewUniform};
 use argus_shaders::layout::shared::Light;
 use bytemuck::Zeroable as _;
@@ -17,7 +17,7 @@ use crate::lights::light_about;
 use crate::passes::second_pass::COUNTER_WORDS;
 use crate::prepare::{ChunkOffsets, PreparedView};
 use crate::sample_store::SampleStore;
-use crate::targets::{ChunkOutputs, TargetPool};
+use crate::targets::TargetPool;
 
 /// Everything that the passes of a chunk read.
 #[derive(Debug)]
@@ -37,7 +37,7 @@ pub(crate) struct ChunkInputs {
     fills: BTreeMap<usize, Fill>,
     /// Indices of the pieces of each pipeline.
     pub(crate) draws: BTreeMap<(Search, Variant), Vec<usize>>,
-    pub(crate) outputs: ChunkOutputs,
+    pub(crate) outputs: Outputs,
 }
 
 /// Distance of the pieces' uniforms in their buffer, bytes.
@@ -52,7 +52,7 @@ impl ChunkInputs {
         let (mut lights, mut blocks, mut words) = (Vec::new(), Vec::new(), Vec::new());
         let (mut splats, mut reprojects, mut fills) = (Vec::new(), Vec::new(), BTreeMap::new());
         let mut draws: BTreeMap<(Search, Variant), Vec<usize>> = BTreeMap::new();
-        let mut outputs = ChunkOutputs::default();
+        let mut outputs = Outputs::NONE;
         let mut first = ChunkOffsets::default();
         for (i, piece) in chunk.pieces.iter().enumerate() {
             let (view, job) = (batch.view(piece), batch.job(piece));
@@ -72,8 +72,7 @@ impl ChunkInputs {
                 first.unsettled +=
                     piece.part.width * piece.part.height * piece.side * piece.side + COUNTER_WORDS;
             }
-            outputs.range |= job.outputs.range;
-            outputs.confidence |= job.outputs.confidence;
+            outputs = outputs.union(job.outputs);
             draws.entry((view.search, variant(view, job))).or_default().push(i);
         }
         if lights.is_empty() {
@@ -154,15 +153,15 @@ impl ChunkInputs {
 
 /// The pipeline variant of a view.
 fn variant(view: &PreparedView, job: &ViewJob) -> Variant {
-    let linear = view.side > 1;
-    let confident = job.outputs.confidence;
+    let linear = view.linear;
+    let confident = job.outputs.has(Output::Confidence);
     Variant {
         omni: view.omni,
         glossy: view.glossy,
         reflects: view.probes.is_some(),
         environment: view.environment.is_some(),
         linear,
-        range: linear || confident || job.outputs.range,
+        range: linear || confident || job.outputs.has(Output::Range),
         confident,
         between_levels: view.between_levels,
     }

@@ -6,7 +6,9 @@ use std::time::Instant;
 
 use argus_gpu::wgpu::util::DeviceExt;
 use argus_gpu::{Commands, EnvironmentTexture, Gpu, ReflectionProbes, wgpu};
-use argus_scene::{Cancel, Compositor, Frame, RenderError, SampleId, SampleSet, Search, Stage, ViewJob};
+use argus_scene::{
+    Cancel, Compositor, Frame, Output, RenderError, SampleId, SampleSet, Search, Stage, ViewJob,
+};
 
 use crate::autotune::Autotune;
 use crate::batch::{Batch, milliseconds};
@@ -25,6 +27,7 @@ use crate::passes::second_pass::SecondPass;
 use crate::passes::sky_mask::SkyMaskPass;
 use crate::passes::splat::SplatPass;
 use crate::prepare::PreparedView;
+use crate::radiance;
 use crate::sample_store::SampleStore;
 use crate::sample_upload::UploadContext;
 use crate::search_pipelines::{self, SearchPipelines};
@@ -154,6 +157,14 @@ impl GpuCompositor {
         })
     }
 
+    /// Composes views that have either radiance alone or none.
+    fn compose_alike(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
+        let batch = self.prepare(views);
+        self.compose_batch(batch, cancel, &mut |this, chunk, batch| {
+            this.compose_chunk(chunk, batch, &mut Pauses::none())
+        })
+    }
+
     /// Composes a batch chunk by chunk. After a cancellation the remaining views fail with [`RenderError::Cancelled`].
     pub(crate) fn compose_batch(
         &mut self,
@@ -218,8 +229,11 @@ impl GpuCompositor {
     pub(crate) fn begin_chunk(&mut self, chunk: &Chunk, batch: &Batch<'_>) -> ChunkWork {
         let began = Instant::now();
         let inputs = ChunkInputs::upload(&self.gpu, &mut self.targets, chunk, batch);
-        let side = chunk.pieces.first().map_or(1, |piece| piece.side);
-        let targets = ChunkTargets::take(&mut self.targets, &self.gpu, chunk.size, side, inputs.outputs);
+        let first = chunk.pieces.first().map(|piece| batch.view(piece));
+        let (side, linear) = first.map_or((1, false), |view| (view.side, view.linear));
+        let sub_pixels = linear.then_some(side);
+        let targets =
+            ChunkTargets::take(&mut self.targets, &self.gpu, chunk.size, sub_pixels, inputs.outputs);
         ChunkWork { began, inputs, targets }
     }
 
@@ -286,10 +300,10 @@ impl Compositor for GpuCompositor {
     }
 
     fn compose(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
-        let batch = self.prepare(views);
-        self.compose_batch(batch, cancel, &mut |this, chunk, batch| {
-            this.compose_chunk(chunk, batch, &mut Pauses::none())
-        })
+        if views.iter().any(|view| view.outputs.has(Output::Radiance)) {
+            return radiance::joined(views, self.compose_alike(&radiance::apart(views), cancel));
+        }
+        self.compose_alike(views, cancel)
     }
 
     /// Composes the view with every pipeline that similar views may need: both programs of its search unless one is

@@ -53,11 +53,11 @@ pub(crate) fn visible_tiles(
     pixel_from_face: &PixelFromFace,
     tiles: &FaceTiles,
 ) -> Vec<VisibleTile> {
-    let texel = 2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
+    let (texel, top_left) = (face.texel(), face.top_left());
     let side = tile_side(face);
     let corner = |column: u32, row: u32| {
-        let x = f64::from((column * side).min(face.size[0])) * texel.x - face.tan_half_fov.x;
-        let y = f64::from((row * side).min(face.size[1])) * texel.y - face.tan_half_fov.y;
+        let x = f64::from((column * side).min(face.size[0])) * texel.x + top_left.x;
+        let y = f64::from((row * side).min(face.size[1])) * texel.y + top_left.y;
         DVec3::new(x, -y, -1.0)
     };
     // Four tiles share a corner, so it is projected once.

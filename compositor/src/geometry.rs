@@ -2,7 +2,7 @@
 //! a scene at 10⁶ m loses no precision.
 
 use argus_scene::camera::Face;
-use argus_scene::{Bounds, Camera, FaceMask, SampleCamera};
+use argus_scene::{Bounds, Camera, FaceMask, ImagePlane, SampleCamera};
 use argus_shaders::layout::compositor::{CellProjection, ViewSample};
 use glam::{DMat3, DVec2, DVec3, DVec4};
 
@@ -12,7 +12,7 @@ pub(crate) struct ViewGeometry {
     /// Centre of projection, metres, world space.
     pub(crate) eye: DVec3,
     view_from_world: DMat3,
-    half: DVec2,
+    plane: ImagePlane,
     /// Width and height of the image, sub-pixels.
     pub(crate) size: DVec2,
 }
@@ -32,7 +32,7 @@ impl ViewGeometry {
         Self {
             eye: camera.eye,
             view_from_world: camera.view_from_world(),
-            half: camera.tan_half_fov(width, height),
+            plane: camera.plane(width, height),
             size: DVec2::new(f64::from(width), f64::from(height)) * f64::from(side),
         }
     }
@@ -41,8 +41,9 @@ impl ViewGeometry {
     /// step down.
     pub(crate) fn directions(&self) -> [DVec3; 3] {
         let world_from_view = self.view_from_world.transpose();
+        let ImagePlane { half, center } = self.plane;
         [
-            world_from_view * DVec3::new(-self.half.x, self.half.y, -1.0),
+            world_from_view * DVec3::new(center.x - half.x, half.y - center.y, -1.0),
             world_from_view.x_axis * self.pixel_at_unit_depth().x,
             world_from_view.y_axis * -self.pixel_at_unit_depth().y,
         ]
@@ -55,7 +56,7 @@ impl ViewGeometry {
 
     /// Extent of a sub-pixel at depth 1.
     pub(crate) fn pixel_at_unit_depth(&self) -> DVec2 {
-        2.0 * self.half / self.size
+        2.0 * self.plane.half / self.size
     }
 
     /// The transform from a face of a sample with this centre to pixels of the view.
@@ -64,9 +65,12 @@ impl ViewGeometry {
         let center_in_view = self.view_from_world * (center - self.eye);
         let row = |i: usize| view_from_face.row(i).extend(center_in_view[i]);
         let w = -row(2);
+        let ImagePlane { half, center } = self.plane;
+        // Of the middle of the image.
+        let off = DVec2::ONE - center / half;
         PixelFromFace {
-            x: (row(0) / self.half.x + w) * (0.5 * self.size.x),
-            y: (w - row(1) / self.half.y) * (0.5 * self.size.y),
+            x: (row(0) / half.x + w * off.x) * (0.5 * self.size.x),
+            y: (w * off.y - row(1) / half.y) * (0.5 * self.size.y),
             w,
         }
     }
@@ -103,10 +107,11 @@ pub(crate) fn view_sample(
 ) -> ViewSample {
     let [right, up, back] = [0, 1, 2].map(|i| face.view_from_world.row(i));
     let half = face.tan_half_fov;
+    let off = DVec2::ONE - face.tan_center / half;
     ViewSample {
-        u_from_world: ((right / half.x - back) * 0.5).as_vec3().to_array(),
+        u_from_world: ((right / half.x - back * off.x) * 0.5).as_vec3().to_array(),
         layer,
-        v_from_world: ((-up / half.y - back) * 0.5).as_vec3().to_array(),
+        v_from_world: ((-up / half.y - back * off.y) * 0.5).as_vec3().to_array(),
         faces: mask.bits(),
         w_from_world: (-back).as_vec3().to_array(),
         _pad_w: 0.0,

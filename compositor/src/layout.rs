@@ -48,6 +48,8 @@ pub(crate) struct ViewExtent {
     pub(crate) height: u32,
     /// Sub-pixels along the edge of a pixel.
     pub(crate) side: u32,
+    /// Whether its sub-pixels are drawn as linear radiance.
+    pub(crate) linear: bool,
     /// Index of the pool of its samples.
     pub(crate) pool: usize,
     /// The reflection probes that its samples look up.
@@ -66,10 +68,10 @@ pub(crate) struct Chunk {
 /// Most rows of a chunk's target.
 const MAX_ROWS: u32 = 8192;
 
-/// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes, environment and supersampling.
+/// Cuts views into chunks. All pieces of a chunk have the same pool, reflection probes, environment, supersampling and kind of colour.
 pub(crate) fn chunks(views: &[ViewExtent], settings: &CompositorSettings) -> Vec<Chunk> {
     let mut order: Vec<usize> = (0..views.len()).collect();
-    let alike = |view: &ViewExtent| (view.pool, view.probes, view.environment, view.side);
+    let alike = |view: &ViewExtent| (view.pool, view.probes, view.environment, view.side, view.linear);
     order.sort_by_key(|&i| alike(&views[i]));
     let mut chunks = Vec::new();
     let mut open: Vec<Piece> = Vec::new();
@@ -145,6 +147,7 @@ mod tests {
                     width,
                     height,
                     side,
+                    linear: side > 1,
                     pool,
                     probes: None,
                     environment: None,

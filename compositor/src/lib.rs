@@ -41,6 +41,7 @@ mod passes;
 mod pool;
 mod prepare;
 mod pyramid;
+mod radiance;
 mod reprojection;
 mod sample_store;
 mod sample_upload;

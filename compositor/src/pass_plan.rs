@@ -1,6 +1,6 @@
 //! The passes that a view needs, and why.
 
-use argus_scene::{Outputs, Plan, Search, Warp};
+use argus_scene::{Output, Outputs, Plan, Search, Warp};
 
 use crate::passes::reproject::ReprojectPass;
 use crate::search_pipelines::name;
@@ -84,8 +84,12 @@ pub(crate) fn pass_plan(
         row("average sub-pixels", *supersampling > 1, &format!("{supersampling} sub-pixels a side")),
         row(
             "range target",
-            outputs.range,
-            if outputs.range { "the view asks for range" } else { "the view does not ask for range" },
+            outputs.has(Output::Range),
+            if outputs.has(Output::Range) {
+                "the view asks for range"
+            } else {
+                "the view does not ask for range"
+            },
         ),
     ]
 }

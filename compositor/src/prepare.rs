@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use argus_gpu::{EnvironmentTexture, ReflectionProbes};
 use argus_scene::camera::Face;
-use argus_scene::{FaceMask, InvalidField, Plan, RenderError, SampleId, Search, ViewJob, Warp};
+use argus_scene::{FaceMask, InvalidField, Output, Plan, RenderError, SampleId, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{
     CellProjection, Fill, MAX_SAMPLES, Reproject, Splat, ViewSample, ViewUniform,
 };
@@ -27,6 +27,8 @@ pub(crate) struct PreparedView {
     pub(crate) job: usize,
     pub(crate) search: Search,
     pub(crate) side: u32,
+    /// Whether sub-pixels are drawn as linear radiance: where there are several, or radiance itself is asked for.
+    pub(crate) linear: bool,
     pub(crate) samples: Vec<Arc<HeldSample>>,
     /// The faces that are used of each sample. Directions in other faces are not seen by it.
     masks: Vec<FaceMask>,
@@ -115,6 +117,7 @@ impl PreparedView {
             job: index,
             search: *search,
             side: *supersampling,
+            linear: *supersampling > 1 || job.outputs.has(Output::Radiance),
             samples,
             masks,
             pool,
@@ -254,10 +257,7 @@ impl PreparedView {
     /// Texels of the nearest sample along the edge of a sub-pixel, at equal distance from both cameras.
     fn footprint(&self) -> f32 {
         let face = self.samples.first().and_then(|held| held.faces.first());
-        let texel = |face: &Face| {
-            let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
-            (2.0 * face.tan_half_fov / size).min_element()
-        };
+        let texel = |face: &Face| face.texel().min_element();
         // The shorter edges of both, because blur is worse than slight aliasing.
         face.map_or(1.0, |face| (self.geometry.pixel_at_unit_depth().min_element() / texel(face)) as f32)
     }
@@ -298,8 +298,7 @@ impl PreparedView {
         for source in &self.sources {
             let held = &self.samples[source.sample];
             let face = &held.faces[source.face];
-            let size = DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]));
-            let (scale, bias) = (2.0 * face.tan_half_fov / size, -face.tan_half_fov);
+            let (scale, bias) = (face.texel(), face.top_left());
             let projection =
                 source.pixel_from_face.projection(cells.projection(first_cell), self.cell, scale, bias);
             for sparse in [false, true] {

@@ -68,7 +68,7 @@ impl Reprojection {
             |id: &SampleId| samples.iter().position(|other| same_camera(other, id)).unwrap_or(0) as u32;
         let sources =
             history.samples().iter().enumerate().fold(0, |bits, (i, id)| bits | (position(id) << (3 * i)));
-        let spacing = (pixel_of(face) / geometry.pixel_at_unit_depth()).max_element();
+        let spacing = (face.texel() / geometry.pixel_at_unit_depth()).max_element();
         Ok(Self { history: history.clone(), face: *face, pixel_from_face, spacing, sources })
     }
 
@@ -92,14 +92,14 @@ impl Reprojection {
             words.extend(row.iter().skip(first as usize).step_by(stride as usize));
         }
         let along = |side: u32| (side - first).div_ceil(stride);
-        let pixel = pixel_of(&self.face);
+        let pixel = self.face.texel();
         // Every stride-th pixel is the centre of a texel `stride` pixels wide.
         let shift = f64::from(first) + 0.5 - 0.5 * f64::from(stride);
         let projection = self.pixel_from_face.projection(
             projection,
             cell,
             pixel * f64::from(stride),
-            pixel * shift - self.face.tan_half_fov,
+            pixel * shift + self.face.top_left(),
         );
         Reproject {
             projection,
@@ -109,11 +109,6 @@ impl Reprojection {
             sources: self.sources,
         }
     }
-}
-
-/// Width and height of a pixel at depth 1.
-fn pixel_of(face: &Face) -> DVec2 {
-    2.0 * face.tan_half_fov / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1]))
 }
 
 /// Whether two samples have the same camera, in any version.
@@ -132,14 +127,14 @@ struct Overlap {
 
 fn overlap(history: &History, face: &Face, to: &PixelFromFace, size: DVec2) -> Overlap {
     let [width, height] = history.size();
-    let pixel = pixel_of(face);
+    let pixel = face.texel();
     let at = |i: u32, side: u32| (u64::from(2 * i + 1) * u64::from(side) / u64::from(2 * GRID_SIDE)) as u32;
     let mut overlap = Overlap::default();
     for (column, row) in
         (0..GRID_SIDE * GRID_SIDE).map(|i| (at(i % GRID_SIDE, width), at(i / GRID_SIDE, height)))
     {
         let word = history.words()[row as usize * width as usize + column as usize];
-        let position = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5) * pixel - face.tan_half_fov;
+        let position = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5) * pixel + face.top_left();
         let direction = DVec3::new(position.x, -position.y, -1.0);
         let p = direction.extend(f64::from(History::inverse_range(word)) * direction.length());
         let w = to.w.dot(p);

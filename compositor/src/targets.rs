@@ -1,6 +1,7 @@
 //! Render targets and working buffers, reused from batch to batch.
 
 use argus_gpu::{Commands, Finished, Gpu, PendingReadback, wgpu};
+use argus_scene::{Output, Outputs};
 
 use crate::frames::ChunkImages;
 
@@ -30,48 +31,43 @@ pub(crate) struct TargetSet {
     pub(crate) confidence: Target,
 }
 
-/// Which optional images the views of a chunk ask for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct ChunkOutputs {
-    pub(crate) range: bool,
-    pub(crate) confidence: bool,
-}
-
 /// The images of one chunk.
 #[derive(Debug)]
 pub(crate) struct ChunkTargets {
     /// One texel a pixel; read back.
     pub(crate) pixels: TargetSet,
-    /// One texel a sub-pixel, where views are supersampled.
+    /// One texel a sub-pixel, where they are drawn as linear radiance.
     pub(crate) sub_pixels: Option<TargetSet>,
-    pub(crate) outputs: ChunkOutputs,
+    /// The outputs of all views of the chunk together.
+    pub(crate) outputs: Outputs,
 }
 
 impl ChunkTargets {
-    /// Images of `size` pixels with `side` sub-pixels along the edge of a pixel.
+    /// Images of `size` pixels, and of their sub-pixels as linear radiance with so many along the edge of a pixel.
     pub(crate) fn take(
         pool: &mut TargetPool,
         gpu: &Gpu,
         size: [u32; 2],
-        side: u32,
-        outputs: ChunkOutputs,
+        sub_pixels: Option<u32>,
+        outputs: Outputs,
     ) -> Self {
         let mut take =
             |wanted: bool, size, format| pool.take(gpu, if wanted { size } else { [1, 1] }, format);
-        let supersampled = side > 1;
-        let has_range = outputs.range || outputs.confidence || supersampled;
+        let has_range = outputs.has(Output::Range) || outputs.has(Output::Confidence) || sub_pixels.is_some();
         let pixels = TargetSet {
             srgb: take(true, size, SRGB_FORMAT),
             linear: take(false, size, LINEAR_FORMAT),
             range: take(has_range, size, RANGE_FORMAT),
-            confidence: take(outputs.confidence, size, CONFIDENCE_FORMAT),
+            confidence: take(outputs.has(Output::Confidence), size, CONFIDENCE_FORMAT),
         };
-        let fine = size.map(|pixels| pixels * side);
-        let sub_pixels = supersampled.then(|| TargetSet {
-            srgb: take(false, fine, SRGB_FORMAT),
-            linear: take(true, fine, LINEAR_FORMAT),
-            range: take(true, fine, RANGE_FORMAT),
-            confidence: take(outputs.confidence, fine, CONFIDENCE_FORMAT),
+        let sub_pixels = sub_pixels.map(|side| {
+            let fine = size.map(|pixels| pixels * side);
+            TargetSet {
+                srgb: take(false, fine, SRGB_FORMAT),
+                linear: take(true, fine, LINEAR_FORMAT),
+                range: take(true, fine, RANGE_FORMAT),
+                confidence: take(outputs.has(Output::Confidence), fine, CONFIDENCE_FORMAT),
+            }
         });
         Self { pixels, sub_pixels, outputs }
     }
@@ -83,11 +79,15 @@ impl ChunkTargets {
 
     /// Reads the images back that the chunk's views ask for.
     pub(crate) fn read_back(&self, commands: &mut Commands) -> ChunkReadback {
-        let Self { pixels, outputs, .. } = self;
+        let Self { pixels, sub_pixels, outputs } = self;
+        let linear = sub_pixels.as_ref().filter(|_| outputs.has(Output::Radiance));
         ChunkReadback {
             srgb: commands.read_texture(&pixels.srgb.texture),
-            range: outputs.range.then(|| commands.read_texture(&pixels.range.texture)),
-            confidence: outputs.confidence.then(|| commands.read_texture(&pixels.confidence.texture)),
+            linear: linear.map(|sub_pixels| commands.read_texture(&sub_pixels.linear.texture)),
+            range: outputs.has(Output::Range).then(|| commands.read_texture(&pixels.range.texture)),
+            confidence: outputs
+                .has(Output::Confidence)
+                .then(|| commands.read_texture(&pixels.confidence.texture)),
         }
     }
 
@@ -105,6 +105,7 @@ impl ChunkTargets {
 #[derive(Debug)]
 pub(crate) struct ChunkReadback {
     srgb: PendingReadback,
+    linear: Option<PendingReadback>,
     range: Option<PendingReadback>,
     confidence: Option<PendingReadback>,
 }
@@ -116,7 +117,8 @@ impl ChunkReadback {
             pending.map(|pending| finished.take(pending)).unwrap_or_default()
         };
         let (range, confidence) = (optional(self.range), optional(self.confidence));
-        ChunkImages { srgb: finished.take(self.srgb), range, confidence }
+        let linear = optional(self.linear);
+        ChunkImages { srgb: finished.take(self.srgb), linear, range, confidence }
     }
 }
 

@@ -8,8 +8,8 @@ use argus_proto::chunks::{
 };
 use argus_proto::v1;
 use argus_scene::{
-    Bounds, Camera, FaceMask, Frame, Limits, PixelJob, Pixels, Plan, Plane, PlaneData, PlaneFormat,
-    PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, SceneHash, Served, Stage,
+    Bounds, Camera, FaceMask, Frame, Images, Limits, Output, PixelJob, Pixels, Plan, Plane, PlaneData,
+    PlaneFormat, PlaneKind, Provenance, Rig, Sample, SampleId, SampleSetInfo, SceneHash, Served, Stage,
 };
 use bytes::Bytes;
 use glam::DVec3;
@@ -46,11 +46,11 @@ fn frame() -> Frame {
     Frame {
         width,
         height,
-        color: Some(noise(pixels * 3)),
-        range: Some(noise(pixels * 4)),
-        mask: Some(vec![0; pixels].into()),
-        source: None,
-        confidence: None,
+        images: Images::from([
+            (Output::Color, noise(pixels * 3)),
+            (Output::Range, noise(pixels * 4)),
+            (Output::Mask, vec![0; pixels].into()),
+        ]),
         unresolved_fraction: 0.25,
         served: Served::default(),
         predicted: None,
@@ -69,7 +69,12 @@ fn frame() -> Frame {
 
 /// Valid frames.
 pub fn frames_corpus() -> Vec<Vec<u8>> {
-    let meta = FrameMeta { view_id: "view".to_owned(), worker: "worker".to_owned(), age_ms: 1.0 };
+    let meta = FrameMeta {
+        view_id: "view".to_owned(),
+        worker: "worker".to_owned(),
+        age_ms: 1.0,
+        ..FrameMeta::default()
+    };
     let chunks = |encoding| frame_chunks(&frame(), &meta, encoding).map(stream).unwrap_or_default();
     vec![chunks(v1::Encoding::Raw), chunks(v1::Encoding::Zstd)]
 }
@@ -81,7 +86,7 @@ pub fn frames(bytes: &[u8]) -> Result<(), String> {
         if let Some((frame, _)) = assembler.push(chunk).map_err(|error| error.to_string())? {
             let pixels = u64::from(frame.width) * u64::from(frame.height);
             assert!(pixels <= LIMITS.max_pixels, "{pixels} pixels");
-            let color = frame.color.map(|bytes| bytes.len() as u64);
+            let color = frame.images[Output::Color].clone().map(|bytes| bytes.len() as u64);
             assert!(color.is_none_or(|bytes| bytes == pixels * 3), "{color:?} bytes of colour");
         }
         Ok(())

@@ -12,6 +12,7 @@
 //! `./scripts/fuzz` does this for all targets. A failing input is shrunk and printed as its seed, which
 //! `BOLERO_RANDOM_SEED` repeats. After the fix it becomes a test beside the fixed code.
 
+pub mod cells;
 pub mod chunks;
 pub mod files;
 pub mod images;

@@ -93,7 +93,8 @@ messages! {
     FrameHeader => |m| begun(super::chunks::frames, v1::FrameChunk { body: Some(v1::frame_chunk::Body::Header(m)) }),
     Observed,
     FrameChunk => |m| begun(super::chunks::frames, m),
-    FrameData, DescribeRequest,
+    FrameData, FrameTrailer, NamesRequest, NamesResponse, Intrinsics, OpenCvDistortion, FisheyeDistortion, Equirectangular, ListedRays,
+    DescribeRequest,
     DescribeResponse => |m| converted(Description::try_from(m)),
     RenderRequest => |m| view(m.view.unwrap_or_default()),
     Fallback,
@@ -101,10 +102,15 @@ messages! {
     SampleSource,
     RenderBatchRequest => |m| {
         let v1::RenderBatchRequest { width, height, outputs, plan, .. } = m;
-        let of = |camera| v1::View { camera: Some(camera), width, height, outputs: outputs.clone(), plan, pin: None };
+        let of = |camera| v1::View { camera: Some(camera), width, height, outputs: outputs.clone(), plan, pin: None, flow_to: None, rays: Default::default() };
         m.cameras.into_iter().try_for_each(|camera| view(of(camera)))
     },
     RenderBatchResponse,
+    Transforms => |m| converted(argus_scene::Transforms::try_from(m)),
+    NodeTransform => |m| converted(argus_proto::convert::affine(&m.parent_from_node)),
+    SetTransform => |m| converted(argus_proto::convert::affine(&m.matrix)),
+    SetTransformsRequest => |m| m.nodes.iter().try_for_each(|node| converted(argus_proto::convert::affine(&node.matrix))),
+    SetTransformsResponse, NodeSetter,
     SessionRequest => |m| { argus_cluster::untrusted::session_messages(vec![m]); Ok(()) },
     SessionView => |m| view(m.view.unwrap_or_default()),
     SessionAck, SessionMissed, SessionResponse, SessionFailure,
@@ -161,6 +167,7 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
         target: Some(v1::Vec3 { x: 0.0, y: 1.0, z: 0.0 }),
         up: Some(v1::Vec3 { x: 0.0, y: 1.0, z: 0.0 }),
         fov_deg: Some(45.0),
+        lens: None,
     };
     let mut messages: Vec<(&str, Vec<u8>)> = Vec::new();
     let mut wire = v1::View {
@@ -173,6 +180,12 @@ pub fn corpus() -> Vec<(usize, Vec<u8>)> {
     wire.plan = Some(v1::PlanRequest { max_error: Some(0.1), supersampling: Some(2), ..Default::default() });
     messages.push(("View", wire.encode_to_vec()));
     messages.push(("Camera", camera().encode_to_vec()));
+    let k = v1::OpenCvDistortion { k1: -0.2, p1: 0.01, ..Default::default() };
+    let distortion = Some(v1::intrinsics::Distortion::Opencv(k));
+    let intrinsics =
+        v1::Intrinsics { fx: 60.0, fy: 60.0, cx: 32.0, cy: 24.0, pixel_center: Some(0.5), distortion };
+    let lens = Some(v1::camera::Lens::Intrinsics(intrinsics));
+    messages.push(("Camera", v1::Camera { fov_deg: None, lens, ..camera() }.encode_to_vec()));
     let plan = v1::Plan { kind: Some(v1::plan::Kind::Warp(warp_plan())) };
     messages.push(("Plan", plan.encode_to_vec()));
     let source = v1::FrameSource {

@@ -10,7 +10,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use argus_fuzz::{Edit, chunks, edited, files, images, messages, sessions};
+use argus_fuzz::{Edit, cells, chunks, edited, files, images, messages, sessions};
 use bolero::check;
 use prost::Message;
 
@@ -211,6 +211,11 @@ fn pixels() {
 #[test]
 fn scenes() {
     fuzz(&chunks::scenes_corpus(), |_, bytes| chunks::scenes(bytes));
+}
+
+#[test]
+fn light_cells() {
+    fuzz(&cells::corpus(), |_, bytes| cells::page(bytes));
 }
 
 #[test]

@@ -191,6 +191,7 @@ impl Commands {
             }
         }
         let index = self.gpu.queue.submit([self.encoder.finish()]);
+        self.gpu.submissions.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         Submitted {
             gpu: self.gpu,
             index,

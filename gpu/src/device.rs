@@ -31,6 +31,8 @@ pub struct Gpu {
     adapter: wgpu::AdapterInfo,
     faults: Arc<Faults>,
     longest_pass: Mutex<Option<Stage>>,
+    pub(crate) submissions: AtomicU64,
+    pub(crate) waits: AtomicU64,
     pub(crate) readback: ReadbackPool,
 }
 
@@ -95,6 +97,8 @@ impl Gpu {
             adapter: info,
             faults,
             longest_pass: Mutex::new(None),
+            submissions: AtomicU64::new(0),
+            waits: AtomicU64::new(0),
             readback: ReadbackPool::default(),
         }))
     }
@@ -102,6 +106,11 @@ impl Gpu {
     /// Kind of device for provenance: adapter, driver, version.
     pub fn kind(&self) -> &str {
         &self.kind
+    }
+
+    /// Number of submissions that were waited for so far.
+    pub fn waits(&self) -> u64 {
+        self.waits.load(Ordering::Relaxed)
     }
 
     /// Whether the adapter is a software driver (CPU).
@@ -134,6 +143,11 @@ impl Gpu {
     /// [`quirks::LONGEST_PASS_MS`].
     pub fn longest_pass(&self) -> Option<Stage> {
         self.longest_pass.lock().clone()
+    }
+
+    /// Numbers of submissions so far, and of times that a thread waited for one, with or without readbacks.
+    pub fn traffic(&self) -> [u64; 2] {
+        [&self.submissions, &self.waits].map(|count| count.load(Ordering::Relaxed))
     }
 
     pub(crate) fn note_pass(&self, name: &str, ms: f64) {

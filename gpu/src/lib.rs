@@ -6,6 +6,7 @@
 //! - [`quirks`]: what drivers do otherwise than one would think, and what works around it;
 //! - [`plane`]: sample planes as textures and as bytes;
 //! - [`Scan`] and [`Sort`]: exclusive prefix sums of 32-bit numbers, and a stable sort of 64-bit keys;
+//! - [`ListScan`]: the same sums of lists whose lengths only the device knows;
 //! - [`ScatteredAtomics`]: a benchmark of the atomics that write such maps.
 //!
 //! This crate depends on the scene's vocabulary only.
@@ -15,6 +16,7 @@ mod commands;
 mod device;
 mod environment;
 mod error;
+mod list_scan;
 mod pipeline;
 pub mod plane;
 pub mod quirks;
@@ -31,6 +33,7 @@ pub use commands::{ColorTarget, Commands, ComputeCall, DepthTarget, DrawCall, Re
 pub use device::{Gpu, GpuOptions};
 pub use environment::EnvironmentTexture;
 pub use error::GpuError;
+pub use list_scan::{LengthAt, ListScan, Lists};
 pub use pipeline::{ComputePipeline, RenderPipeline, RenderPipelineDesc};
 pub use plane::DevicePlane;
 pub use quirks::LONGEST_PASS_MS;

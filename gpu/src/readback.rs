@@ -71,6 +71,7 @@ pub(crate) fn collect(
     timestamps: Option<Copy>,
     faults_before: u64,
 ) -> Result<Finished, GpuError> {
+    gpu.waits.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
     let (send, receive) = mpsc::channel();
     if let Some(buffer) = &buffer {
         buffer.slice(..).map_async(wgpu::MapMode::Read, move |mapped| {

@@ -65,6 +65,9 @@ impl From<CellReport> for v1::LightCells {
             pixels_lit: of.pixels_lit,
             pages_taken: of.pages_taken,
             take_ms: of.take_ms,
+            pages_kept: of.pages_kept,
+            pages_touched: of.pages_touched,
+            pages_older: of.pages_older as u64,
         }
     }
 }

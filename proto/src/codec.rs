@@ -8,7 +8,7 @@
 
 use std::cell::RefCell;
 
-use argus_scene::{Output, PlaneFormat};
+use argus_scene::{Channel, Output, PlaneFormat};
 use bytes::Bytes;
 use zstd::bulk::{Compressor, Decompressor};
 
@@ -29,6 +29,10 @@ pub enum Layout {
     Rgba16,
     /// One 32-bit channel.
     R32,
+    /// Two 32-bit channels.
+    Rg32,
+    /// Three 32-bit channels.
+    Rgb32,
     /// 9 + 9 + 9 bits of mantissa and 5 of exponent.
     Rgb9e5,
 }
@@ -40,7 +44,8 @@ impl Layout {
             Self::R8 => 1,
             Self::Rgb8 => 3,
             Self::Rgba8 | Self::Rg16 | Self::R32 | Self::Rgb9e5 => 4,
-            Self::Rgba16 => 8,
+            Self::Rgba16 | Self::Rg32 => 8,
+            Self::Rgb32 => 12,
         }
     }
 }
@@ -60,10 +65,13 @@ impl From<PlaneFormat> for Layout {
 
 impl From<Output> for Layout {
     fn from(output: Output) -> Self {
-        match output {
-            Output::Color => Self::Rgb8,
-            Output::Range => Self::R32,
-            Output::Mask | Output::Source | Output::Confidence => Self::R8,
+        let format = output.format();
+        match (format.channels, format.channel) {
+            (3, Channel::U8) => Self::Rgb8,
+            (_, Channel::U8) => Self::R8,
+            (2, Channel::F32 | Channel::I32) => Self::Rg32,
+            (3, Channel::F32 | Channel::I32) => Self::Rgb32,
+            (_, Channel::F32 | Channel::I32) => Self::R32,
         }
     }
 }
@@ -95,6 +103,8 @@ pub fn pack(layout: Layout, raw: &[u8]) -> Result<Option<Bytes>, WireError> {
         Layout::Rg16 => split::<2, 2>(raw),
         Layout::Rgba16 => split::<4, 2>(raw),
         Layout::R32 => split::<1, 4>(raw),
+        Layout::Rg32 => split::<2, 4>(raw),
+        Layout::Rgb32 => split::<3, 4>(raw),
         Layout::Rgb9e5 => split_rgb9e5(raw),
     };
     let packed = COMPRESSOR
@@ -138,6 +148,8 @@ pub fn unpack(layout: Layout, packed: &[u8], raw_bytes: usize) -> Result<Bytes, 
         Layout::Rg16 => join::<2, 2>(&split),
         Layout::Rgba16 => join::<4, 2>(&split),
         Layout::R32 => join::<1, 4>(&split),
+        Layout::Rg32 => join::<2, 4>(&split),
+        Layout::Rgb32 => join::<3, 4>(&split),
         Layout::Rgb9e5 => join_rgb9e5(&split),
     }))
 }

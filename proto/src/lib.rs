@@ -2,7 +2,7 @@
 //!
 //! [`v1`] is generated. Code outside this crate rarely needs its fields, since [`argus_scene`] has the vocabulary.
 //! [`convert`] translates and checks single values, [`chunks`] splits and reassembles frames, samples and scenes,
-//! [`codec`] packs images losslessly, [`jpeg`] encodes them with loss for browsers, and [`status`] maps errors to
+//! [`codec`] packs images losslessly, [`jpeg`] encodes them with loss for browsers, [`relief`] their depth, and [`status`] maps errors to
 //! gRPC codes. Arriving data is untrusted: a message that claims more than its receiver expects is refused before
 //! memory is allocated.
 
@@ -14,6 +14,7 @@ pub mod convert;
 mod error;
 pub mod jpeg;
 pub mod network;
+pub mod relief;
 pub mod status;
 pub mod trace;
 pub mod transport;
@@ -30,7 +31,7 @@ pub mod v1 {
 
 /// Raised when older processes would misread a changed message. Compared when a worker joins and when a client
 /// describes the service.
-pub const PROTOCOL_VERSION: u32 = 2;
+pub const PROTOCOL_VERSION: u32 = 3;
 
 /// The name in the certificates of a cluster's processes, beside their host names. Processes verify each other by it,
 /// and clients verify workers by it when they are redirected.

@@ -48,6 +48,9 @@ pub enum Fault {
     /// A pinned provenance that this service cannot repeat.
     #[error("the pinned provenance cannot be met: {0}")]
     Pin(String),
+    /// A condition of the request on the present state does not hold.
+    #[error("{0}")]
+    Conflict(String),
     /// An unknown scene, sample or worker.
     #[error("{0}")]
     NotFound(String),
@@ -70,7 +73,9 @@ impl Fault {
             Self::Render(RenderError::Internal(_)) => Code::Internal,
             Self::Wire(WireError::OnDevice(_)) => Code::Internal,
             Self::Wire(_) => Code::DataLoss,
-            Self::Version { .. } | Self::StaleTerm { .. } | Self::Pin(_) => Code::FailedPrecondition,
+            Self::Version { .. } | Self::StaleTerm { .. } | Self::Pin(_) | Self::Conflict(_) => {
+                Code::FailedPrecondition
+            }
             Self::NotFound(_) => Code::NotFound,
             Self::Unavailable(_) => Code::Unavailable,
             Self::Deadline(_) => Code::DeadlineExceeded,

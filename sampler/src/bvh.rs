@@ -267,9 +267,14 @@ fn middle(scene: &Scene, placements: &[Placement]) -> DVec3 {
     if min.cmple(max).all() { min + (max - min) * 0.5 } else { DVec3::ZERO }
 }
 
-/// For each node, whether an animation moves it or one of its ancestors.
+/// For each node, whether an animation or a client moves it or one of its ancestors.
 fn moving_nodes(scene: &Scene) -> Vec<bool> {
     let mut moving = vec![false; scene.nodes.len()];
+    for &mover in scene.by_request.iter().flat_map(|moved| &moved.movers) {
+        if let Some(node) = moving.get_mut(mover as usize) {
+            *node = true;
+        }
+    }
     for channel in scene.animations.iter().flat_map(|a| &a.channels) {
         if let Some(node) = moving.get_mut(channel.node as usize) {
             *node = true;

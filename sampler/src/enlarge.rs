@@ -1,16 +1,41 @@
 //! Enlarges images of views that are rendered in less detail.
 
-use argus_scene::Detail;
+use argus_scene::{Channel, Detail, OutputFormat};
 use rayon::prelude::*;
 
-/// Channels of a pixel: sRGB.
+/// Channels of a pixel: colour, or radiance.
 const CHANNELS: usize = 3;
 
-/// The image of a view of a size in pixels, from what [`Detail`] renders of it: three sRGB bytes a pixel, rows tightly packed.
+/// The image of a view of a size in pixels, from what [`Detail`] renders of it: colour or radiance, rows tightly packed.
 ///
 /// Each pixel is a mean of 4×4 around its place by Catmull and Rom's cubic ("A class of local interpolating splines", 1974),
 /// which neither blurs nor moves what is rendered. At edges the outermost pixels repeat.
-pub(crate) fn enlarged(image: &[u8], detail: Detail, size: [u32; 2]) -> Vec<u8> {
+pub(crate) fn enlarged(image: &[u8], format: OutputFormat, detail: Detail, size: [u32; 2]) -> Vec<u8> {
+    // A cubic overshoots.
+    match format.channel {
+        Channel::U8 => enlarged_by(
+            image,
+            |byte| f32::from(*byte),
+            |value| value.round().clamp(0.0, 255.0) as u8,
+            detail,
+            size,
+        ),
+        Channel::F32 | Channel::I32 => {
+            let (texels, _) = image.as_chunks::<4>();
+            let write = |value: f32| value.max(0.0).to_le_bytes();
+            enlarged_by(texels, |bytes| f32::from_le_bytes(*bytes), write, detail, size).into_flattened()
+        }
+    }
+}
+
+/// [`enlarged`] of numbers that `read` and `write` convert.
+fn enlarged_by<T: Copy + Default + Send + Sync>(
+    image: &[T],
+    read: impl Fn(&T) -> f32 + Sync,
+    write: impl Fn(f32) -> T + Sync,
+    detail: Detail,
+    size: [u32; 2],
+) -> Vec<T> {
     let from = detail.size(size).map(|side| side as usize);
     let [width, height] = size.map(|side| side as usize);
     let [columns, rows] = [0, 1].map(|axis| taps(from[axis], [width, height][axis], detail.scale()));
@@ -19,18 +44,16 @@ pub(crate) fn enlarged(image: &[u8], detail: Detail, size: [u32; 2]) -> Vec<u8> 
         |(wide, row)| {
             for (pixel, Taps { at, weights }) in wide.chunks_exact_mut(CHANNELS).zip(&columns) {
                 for (channel, value) in pixel.iter_mut().enumerate() {
-                    *value =
-                        (0..4).map(|tap| f32::from(row[at[tap] * CHANNELS + channel]) * weights[tap]).sum();
+                    *value = (0..4).map(|tap| read(&row[at[tap] * CHANNELS + channel]) * weights[tap]).sum();
                 }
             }
         },
     );
-    let mut all = vec![0; width * height * CHANNELS];
+    let mut all = vec![T::default(); width * height * CHANNELS];
     all.par_chunks_mut(width * CHANNELS).zip(&rows).for_each(|(row, Taps { at, weights })| {
-        for (place, byte) in row.iter_mut().enumerate() {
+        for (place, to) in row.iter_mut().enumerate() {
             let value: f32 = (0..4).map(|tap| wide[at[tap] * width * CHANNELS + place] * weights[tap]).sum();
-            // A cubic overshoots.
-            *byte = value.round().clamp(0.0, 255.0) as u8;
+            *to = write(value);
         }
     });
     all
@@ -64,6 +87,8 @@ fn cubic(t: f64) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
+    use argus_scene::Output;
+
     use super::*;
 
     fn image_of([width, height]: [u32; 2], color: impl Fn(f64, f64) -> f64) -> Vec<u8> {
@@ -83,7 +108,7 @@ mod tests {
                 let rendered = image_of(small, |x, y| {
                     ramp(x * scale - beyond[0], y * scale - beyond[1]).clamp(0.0, 255.0)
                 });
-                let shown = enlarged(&rendered, detail, size);
+                let shown = enlarged(&rendered, Output::Color.format(), detail, size);
                 let expected = image_of(size, ramp);
                 let [width, height] = size.map(|side| side as usize);
                 // Where no pixel repeats.
@@ -104,7 +129,14 @@ mod tests {
             for detail in [Detail::Half, Detail::HalfFewRays, Detail::Quarter] {
                 let [width, height] = detail.size(size);
                 let image = vec![77; (width * height) as usize * CHANNELS];
-                assert_eq!(enlarged(&image, detail, size), vec![77; (size[0] * size[1]) as usize * CHANNELS]);
+                let pixels = (size[0] * size[1]) as usize * CHANNELS;
+                assert_eq!(enlarged(&image, Output::Color.format(), detail, size), vec![77; pixels]);
+                // Above what a byte holds.
+                let bright = 300f32.to_le_bytes().repeat(image.len());
+                let shown = enlarged(&bright, Output::Radiance.format(), detail, size);
+                let shown = shown.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes));
+                assert_eq!(shown.clone().count(), pixels);
+                assert!(shown.into_iter().all(|value| (value - 300.0).abs() < 1e-3));
             }
         }
     }

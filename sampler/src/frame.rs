@@ -25,6 +25,10 @@ pub struct Frame<'a> {
     pub stages: &'a mut Vec<Stage>,
     /// [`crate::lit_tile::Arriving`] of each sub-sample, once direct light by rays is added.
     pub(crate) arriving: Option<wgpu::Buffer>,
+    /// Whether the frame may be rendered again once it is finished, so that what light cells it lacked is read with it.
+    pub(crate) may_wait: bool,
+    /// [`crate::lit_cells::CellOutcome`] that is read with the finished image.
+    pub(crate) outcome: Option<wgpu::Buffer>,
 }
 
 impl<'a> Frame<'a> {
@@ -37,7 +41,17 @@ impl<'a> Frame<'a> {
     ) -> Self {
         let commands = context.gpu.commands(label);
         let footprint = Footprint::Pixels;
-        Self { context, sharing, footprint, is_view: false, commands, stages, arriving: None }
+        Self {
+            context,
+            sharing,
+            footprint,
+            is_view: false,
+            commands,
+            stages,
+            arriving: None,
+            may_wait: false,
+            outcome: None,
+        }
     }
 
     /// Submits what is recorded and waits for it. Later stages record commands with a label.

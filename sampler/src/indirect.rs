@@ -82,6 +82,8 @@ pub struct LightInputs<'a> {
     /// Lights and sky.
     pub lighting: &'a Lighting,
     pub(crate) light: LightLevel,
+    /// Whether the light may be that of an earlier pose.
+    pub(crate) may_lag: bool,
     /// Time of the pose, seconds.
     pub time_secs: f64,
 }
@@ -159,7 +161,7 @@ impl IndirectLight {
             Self::Method(light) => light.ready(inputs, scratch),
             Self::Paths(light) => {
                 let none = || RenderError::Internal("paths need direct light by rays".to_owned());
-                light.ready(inputs.direct.ok_or_else(none)?.tracing(), inputs.light)
+                light.ready(inputs.direct.ok_or_else(none)?.tracing(), inputs.light, inputs.may_lag)
             }
         }
     }

@@ -94,9 +94,25 @@ impl LayerTracer {
         let of = |(at, ids): (usize, &[u32; 2])| {
             let at = at as u32;
             let place = [at % rays.width, at / rays.width];
-            (ids[0] != 0).then(|| self.of_ray(opaque, eye, rays, place, at)).flatten()
+            (ids[0] != 0).then(|| self.of_ray(opaque, eye, direction(rays, place), at)).flatten()
         };
         met.par_iter().enumerate().filter_map(of).collect()
+    }
+
+    /// The layers of rays with these directions, in rows of `width`, as [`Self::of_tile`].
+    pub(crate) fn of_listed(
+        &self,
+        opaque: &PacketTracer,
+        eye: DVec3,
+        directions: &[[f32; 4]],
+        width: u32,
+    ) -> Vec<RayLayers> {
+        let met = self.transparent.trace_listed(eye, directions, width);
+        let of = |(at, (ids, &[x, y, z, _])): (usize, (&[u32; 2], &[f32; 4]))| {
+            let direction = Vec3::new(x, y, z).as_dvec3();
+            (ids[0] != 0).then(|| self.of_ray(opaque, eye, direction, at as u32)).flatten()
+        };
+        met.par_iter().zip(directions).enumerate().filter_map(of).collect()
     }
 
     /// The layers of some rays of a tile, by column and row, as [`Self::of_tile`].
@@ -109,20 +125,12 @@ impl LayerTracer {
     ) -> Vec<RayLayers> {
         let met = self.transparent.trace_some(eye, rays, places);
         let of = |(at, (&place, ids)): (usize, (&[u32; 2], &[u32; 2]))| {
-            (ids[0] != 0).then(|| self.of_ray(opaque, eye, rays, place, at as u32)).flatten()
+            (ids[0] != 0).then(|| self.of_ray(opaque, eye, direction(rays, place), at as u32)).flatten()
         };
         places.par_iter().zip(&met).enumerate().filter_map(of).collect()
     }
 
-    fn of_ray(
-        &self,
-        opaque: &PacketTracer,
-        eye: DVec3,
-        rays: &Rays,
-        place: [u32; 2],
-        at: u32,
-    ) -> Option<RayLayers> {
-        let direction = direction(rays, place);
+    fn of_ray(&self, opaque: &PacketTracer, eye: DVec3, direction: DVec3, at: u32) -> Option<RayLayers> {
         let mut crossed: Vec<Layer<Hit>> = Vec::new();
         let _ = self.transparent.first(eye, direction, f64::INFINITY, |hit| {
             let alpha = self.transparent.coverage(hit);
@@ -169,7 +177,7 @@ fn transparent(is_transparent: &[bool], placements: &[Placement]) -> Vec<Placeme
 }
 
 /// The ray through the centre of a sub-sample, as `ray_through` in `shaders/shared/rays.wgsl`, in f64.
-fn direction(rays: &Rays, [x, y]: [u32; 2]) -> DVec3 {
+pub(crate) fn direction(rays: &Rays, [x, y]: [u32; 2]) -> DVec3 {
     let world = |v: [f32; 3]| Vec3::from_array(v).as_dvec3();
     let [x, y] = [x, y].map(|place| f64::from(place) + 0.5);
     world(rays.top_left) + world(rays.right) * x + world(rays.down) * y

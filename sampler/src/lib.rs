@@ -19,6 +19,8 @@ mod layers;
 mod light;
 mod light_meter;
 mod light_rays;
+mod lit_cells;
+mod lit_leaves;
 mod lit_scene;
 mod lit_tile;
 mod mixed;
@@ -29,6 +31,7 @@ mod pixel_list;
 pub mod plug;
 mod point_shading;
 mod probe_renderer;
+mod ray_tile;
 mod ray_timing;
 mod reflected_light;
 mod resident;
@@ -41,6 +44,7 @@ mod surfaces;
 mod tile;
 mod timing;
 mod view;
+mod view_geometry;
 mod view_reflections;
 mod visibility;
 mod wide;
@@ -49,6 +53,8 @@ pub use argus_scene::indirect::{
     CellSettings, Indirect, MapSource, PathSettings, PointSettings, VplSettings,
 };
 pub use light::PathReport;
+#[cfg(feature = "fuzzing")]
+pub use light::fuzzing::{pages as fuzzed_pages, read_page};
 pub use light_meter::ResolvedLight;
 pub use pass_plan::PassPlan;
 pub use ray_timing::{

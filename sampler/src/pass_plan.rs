@@ -107,7 +107,7 @@ fn direct(scene: &Scene, effects: LightEffects) -> [PassPlan; 5] {
     let lights = &scene.lighting.lights;
     let soft = effects.shadows && effects.soft_shadows;
     let why = match effects.any() {
-        true => format!("visible surfaces are read back for rays: {effects}"),
+        true => format!("rays start from visible surfaces: {effects}"),
         false => "lights and sky are added unblocked, while surfaces are shaded".to_owned(),
     };
     [

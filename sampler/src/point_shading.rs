@@ -119,7 +119,8 @@ impl Points {
 
 /// The image that points are shaded in, as a tile. Its rays are not used.
 pub fn image_of(size: [u32; 2]) -> Tile {
-    let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov: DVec2::ONE, offset: [0, 0], size };
+    let (tan_half_fov, tan_center) = (DVec2::ONE, DVec2::ZERO);
+    let face = Face { view_from_world: DMat3::IDENTITY, tan_half_fov, tan_center, offset: [0, 0], size };
     Tile { face, begin: [0, 0], size, side: 1 }
 }
 

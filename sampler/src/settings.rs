@@ -14,8 +14,9 @@ pub enum RadianceFormat {
     HalfFloat,
 }
 
-/// What traces the rays of a tile to lights and to the sky. Both have one definition; pixels differ where rays graze an
-/// edge, and in the last digits. Other rays are traced on the CPU.
+/// What traces the rays of a tile to lights, sky, emitters and other surfaces, and looks its light cells up. Both have one
+/// definition; pixels differ where rays graze an edge, and in the last digits. Lists of pixels and points of reflections are lit on
+/// the CPU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum LightTracer {
     /// The device, if it is no software driver and is measured to be faster; else the CPU.

@@ -133,12 +133,7 @@ impl Surfaces {
 
     /// Unit normal of a triangle's front.
     pub fn normal(&self, placement: &Placement, primitive: u32) -> Option<DVec3> {
-        let mesh = &self.scene.meshes[placement.mesh as usize];
-        let [a, b, c] = corners(mesh, primitive)?.map(|i| mesh.positions[i]);
-        let edges = [b - a, c - a].map(|e| (placement.world_from_mesh * e.as_dvec3()).normalize_or_zero());
-        let mirrored = placement.world_from_mesh.determinant() < 0.0;
-        let normal = edges[0].cross(edges[1]).try_normalize()?;
-        Some(if mirrored { -normal } else { normal })
+        front(placement, &self.scene.meshes[placement.mesh as usize], primitive)
     }
 
     /// A point of a triangle by the weights of its second and third corner, on the side of a unit normal.
@@ -189,20 +184,37 @@ impl Surfaces {
     }
 }
 
+/// Unit normal of a triangle's front, world space.
+pub(crate) fn front(placement: &Placement, mesh: &Mesh, primitive: u32) -> Option<DVec3> {
+    let [a, b, c] = corners(mesh, primitive)?.map(|i| mesh.positions[i]);
+    let edges = [b - a, c - a].map(|e| (placement.world_from_mesh * e.as_dvec3()).normalize_or_zero());
+    let mirrored = placement.world_from_mesh.determinant() < 0.0;
+    let normal = edges[0].cross(edges[1]).try_normalize()?;
+    Some(if mirrored { -normal } else { normal })
+}
+
 /// Unit interpolated normal on the side of `side`, which it is without normals.
-fn normal_at(
+pub(crate) fn normal_at(
     placement: &Placement,
     mesh: &Mesh,
     corners: [usize; 3],
     weights: [f32; 3],
     side: DVec3,
 ) -> DVec3 {
-    let normal = blend(&mesh.normals, corners, weights).and_then(|n| {
-        let world_from_normal: DMat3 = placement.mesh_from_world.transpose();
-        (world_from_normal * n.as_dvec3()).try_normalize()
-    });
-    let normal = normal.unwrap_or(side);
+    let normal = interpolated_normal(placement, mesh, corners, weights).unwrap_or(side);
     if normal.dot(side) < 0.0 { -normal } else { normal }
+}
+
+/// Unit interpolated normal, as the mesh has it; `None` without normals.
+pub(crate) fn interpolated_normal(
+    placement: &Placement,
+    mesh: &Mesh,
+    corners: [usize; 3],
+    weights: [f32; 3],
+) -> Option<DVec3> {
+    let normal = blend(&mesh.normals, corners, weights)?;
+    let world_from_normal: DMat3 = placement.mesh_from_world.transpose();
+    (world_from_normal * normal.as_dvec3()).try_normalize()
 }
 
 /// Clamps negative values and NaN to 0.
@@ -211,7 +223,7 @@ fn sound(color: Vec3) -> Vec3 {
     Vec3::new(channel(color.x), channel(color.y), channel(color.z))
 }
 
-fn corners(mesh: &Mesh, primitive: u32) -> Option<[usize; 3]> {
+pub(crate) fn corners(mesh: &Mesh, primitive: u32) -> Option<[usize; 3]> {
     let first = 3 * primitive as usize;
     let corners: [u32; 3] = mesh.indices.get(first..first + 3)?.try_into().ok()?;
     let corners = corners.map(|i| i as usize);

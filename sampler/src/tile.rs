@@ -96,7 +96,8 @@ impl Tile {
         let image = DVec2::new(f64::from(self.face.size[0]), f64::from(self.face.size[1]));
         let at = |texel: [u32; 2]| {
             let ndc = DVec2::new(f64::from(texel[0]), f64::from(texel[1])) / image * 2.0 - 1.0;
-            DVec2::new(ndc.x, -ndc.y) * self.face.tan_half_fov
+            let on_plane = ndc * self.face.tan_half_fov + self.face.tan_center;
+            DVec2::new(on_plane.x, -on_plane.y)
         };
         let top_left = at(self.begin);
         let bottom_right = at([self.begin[0] + self.size[0], self.begin[1] + self.size[1]]);

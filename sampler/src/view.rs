@@ -1,6 +1,8 @@
 //! Assembles frames of direct views from tiles.
 
-use argus_scene::{Frame, InvalidField, Outputs, Plan, Provenance, Scene, Specification, Stage, ViewJob};
+use argus_scene::{
+    Frame, Images, InvalidField, Output, Plan, Provenance, Scene, Specification, Stage, ViewJob,
+};
 use bytes::Bytes;
 
 use crate::tile::Tile;
@@ -61,36 +63,27 @@ impl Image {
     }
 }
 
-/// The rendered images of a view.
-#[derive(Default)]
-pub(crate) struct ViewParts {
-    pub(crate) color: Option<Bytes>,
-    pub(crate) range: Option<Bytes>,
-}
-
 /// The frame of a direct view. Mask, source and confidence say that no sample was used.
 pub(crate) fn frame(
     view: &ViewJob,
     scene: &Scene,
     specification: Specification,
     device: &str,
-    parts: ViewParts,
+    parts: Images,
     stages: Vec<Stage>,
 ) -> Frame {
-    let Outputs { mask, source, confidence, .. } = view.outputs;
     let pixels = view.width as usize * view.height as usize;
-    let all = |wanted: bool, value: u8| wanted.then(|| Bytes::from(vec![value; pixels]));
+    let constant = |output, value: u8| view.outputs.has(output).then(|| Bytes::from(vec![value; pixels]));
     let provenance = Provenance {
         specification: Some(specification),
         device: device.to_owned(),
         ..Provenance::of_plan(scene.hash, view.state, view.plan.clone())
     };
     Frame {
-        color: parts.color,
-        range: parts.range,
-        mask: all(mask, 0),
-        source: all(source, 0),
-        confidence: all(confidence, 255),
+        images: parts
+            .with(Output::Mask, constant(Output::Mask, 0))
+            .with(Output::Source, constant(Output::Source, 0))
+            .with(Output::Confidence, constant(Output::Confidence, 255)),
         stages,
         ..Frame::without_images(view.width, view.height, provenance)
     }

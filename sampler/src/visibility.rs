@@ -14,6 +14,7 @@ use crate::layers::{LayerTracer, RayLayers};
 use crate::packets::PacketTracer;
 use crate::passes::{Rasteriser, TileContext, Trace};
 use crate::pixel_list::PixelList;
+use crate::ray_tile::RayTile;
 use crate::resident::{Resident, upload};
 use crate::scratch::Targets;
 use crate::timing;
@@ -39,7 +40,7 @@ impl VisibilityBackends {
 
     /// Moves instances of a posed scene to their current transforms.
     pub(crate) fn pose(&mut self, gpu: &Gpu, scene: &Arc<Scene>, resident: &Resident) {
-        let reshaped = !Arc::ptr_eq(scene, &self.scene);
+        let reshaped = !Arc::ptr_eq(scene, &self.scene) && scene.deforms();
         self.scene = Arc::clone(scene);
         if let Some(layers) = &mut self.layers {
             layers.pose(scene, resident);
@@ -50,6 +51,15 @@ impl VisibilityBackends {
             Some(Ok(trace)) if reshaped => Some(trace.renewed(gpu, packets.hierarchy())),
             trace => trace,
         };
+    }
+
+    /// Forgets trees: other instances move from now on, which must have trees of their own.
+    pub(crate) fn forget_trees(&mut self, scene: &Arc<Scene>, resident: &Resident) {
+        self.scene = Arc::clone(scene);
+        (self.packets, self.trace) = (None, None);
+        if self.layers.is_some() {
+            self.layers = LayerTracer::new(scene, resident);
+        }
     }
 
     /// Reads alpha and transmission from another scene, whose triangles are the same.
@@ -136,6 +146,11 @@ impl VisibilityBackends {
         self.packets.as_ref().ok_or_else(|| RenderError::Internal("the tracer was not built".to_owned()))
     }
 
+    /// The posed scene.
+    pub(crate) fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// Whether a ray of sight may cross transparent surfaces.
     pub(crate) fn has_layers(&self) -> bool {
         self.layers.is_some()
@@ -162,6 +177,19 @@ impl VisibilityBackends {
         let mut rays = layers.of_list(packets, eye, &list.tile.rays(), &list.sub_samples());
         rays.iter_mut().for_each(|ray| ray.at = list.address(ray.at));
         rays
+    }
+
+    /// The layers of rays with these directions, in rows of `width`.
+    pub(crate) fn layers_of_rays(
+        &mut self,
+        resident: &Resident,
+        eye: DVec3,
+        directions: &[[f32; 4]],
+        width: u32,
+    ) -> Vec<RayLayers> {
+        self.prepare_packets(resident);
+        let (Some(layers), Some(packets)) = (&self.layers, &self.packets) else { return Vec::new() };
+        layers.of_listed(packets, eye, directions, width)
     }
 
     /// Fills a tile's visibility buffer.
@@ -196,6 +224,21 @@ impl VisibilityBackends {
         let rays = list.tile.rays();
         let found = self.packets()?.trace_some(context.eye.position, &rays, &list.sub_samples());
         write_ids(context.gpu, &context.targets, context.tile.sub_samples(), &list.image(&found));
+        timing::add_since(stages, "trace rays", begin);
+        Ok(())
+    }
+
+    /// Fills the visibility buffer of a tile that has its own rays. Call [`Self::prepare_packets`] first.
+    pub(crate) fn record_rays(
+        &self,
+        context: &TileContext<'_>,
+        cast: &RayTile,
+        stages: &mut Vec<Stage>,
+    ) -> Result<(), RenderError> {
+        let begin = Instant::now();
+        let size = cast.tile.sub_samples();
+        let ids = self.packets()?.trace_listed(context.eye.position, &cast.directions, size[0]);
+        write_ids(context.gpu, &context.targets, size, &ids);
         timing::add_since(stages, "trace rays", begin);
         Ok(())
     }

@@ -4,9 +4,11 @@ use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::InvalidField;
+use crate::RayList;
+use crate::lens::{ImagePlane, Lens, LensRays};
 use crate::probe_map::map_size;
 
-/// A client's viewpoint: an ideal pinhole, looking from `eye` to `target`.
+/// A client's viewpoint: an ideal pinhole, or another lens, looking from `eye` to `target`.
 ///
 /// Only a camera that passed [`Camera::validate`] is used for rendering.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -17,14 +19,19 @@ pub struct Camera {
     pub target: DVec3,
     /// Up direction in the image; need not have unit length or be perpendicular to the axis.
     pub up: DVec3,
-    /// Vertical field of view, degrees, in the open interval (0, 180).
+    /// Vertical field of view of the ideal pinhole, degrees, in the open interval (0, 180).
     pub fov_deg: f64,
+    /// Another lens. Then `fov_deg` is not read.
+    pub lens: Option<Lens>,
 }
 
 impl Camera {
+    /// Vertical field of view of a camera for which none is given, degrees.
+    pub const USUAL_FOV_DEG: f64 = 45.0;
+
     /// A camera with a 45° vertical field of view and +y up.
     pub fn look_at(eye: DVec3, target: DVec3) -> Self {
-        Self { eye, target, up: DVec3::Y, fov_deg: 45.0 }
+        Self { eye, target, up: DVec3::Y, fov_deg: Self::USUAL_FOV_DEG, lens: None }
     }
 
     /// Rejects a camera without an image: non-finite numbers, `eye` = `target`, `up` along the axis, an impossible
@@ -37,7 +44,9 @@ impl Camera {
         finite("camera.eye", self.eye)?;
         finite("camera.target", self.target)?;
         finite("camera.up", self.up)?;
-        if !(self.fov_deg > 0.0 && self.fov_deg < 180.0) {
+        if let Some(lens) = &self.lens {
+            lens.validate()?;
+        } else if !(self.fov_deg > 0.0 && self.fov_deg < 180.0) {
             let reason = format!("must lie strictly between 0 and 180 degrees, not {}", self.fov_deg);
             return Err(InvalidField::new("camera.fov_deg", reason));
         }
@@ -65,20 +74,88 @@ impl Camera {
         DMat3::from_cols(right, up, back).transpose()
     }
 
-    /// Half the image's extent at unit distance along the axis: (tan of half the horizontal field of view,
-    /// tan of half the vertical one) for an image of `width` × `height` square pixels.
+    /// Whether its image is that of a pinhole. Other images are rendered from triangles alone, as lists of rays.
+    pub fn is_pinhole(&self) -> bool {
+        self.lens.is_none_or(|lens| lens.is_pinhole())
+    }
+
+    /// Half the image's extent at unit distance along the axis: of an ideal pinhole (tan of half the horizontal field of view,
+    /// tan of half the vertical one) for an image of `width` × `height` square pixels. Of a lens that is no pinhole, the extent
+    /// of an image whose pixels are as large as the lens' in the middle.
     pub fn tan_half_fov(&self, width: u32, height: u32) -> DVec2 {
+        self.plane(width, height).half
+    }
+
+    /// The part of the plane at unit distance that the image shows, as [`Self::tan_half_fov`].
+    pub fn plane(&self, width: u32, height: u32) -> ImagePlane {
+        if let Some(lens) = &self.lens {
+            return lens.plane([width, height]);
+        }
         let y = (self.fov_deg.to_radians() * 0.5).tan();
-        DVec2::new(y * f64::from(width) / f64::from(height), y)
+        let half = DVec2::new(y * f64::from(width) / f64::from(height), y);
+        ImagePlane { half, center: DVec2::ZERO }
     }
 
     /// Unit direction in world space through the image position `pixel` (pixels, (0,0) at the top left
-    /// corner of the image, centres at half integers).
+    /// corner of the image, centres at half integers). Along the axis where the lens has no ray; for many rays use [`Self::rays`].
     pub fn direction(&self, pixel: DVec2, width: u32, height: u32) -> DVec3 {
-        let half = self.tan_half_fov(width, height);
-        let ndc = pixel / DVec2::new(f64::from(width), f64::from(height)) * 2.0 - 1.0;
-        let in_view = DVec3::new(ndc.x * half.x, -ndc.y * half.y, -1.0);
-        (self.view_from_world().transpose() * in_view).normalize()
+        let axis = || (self.target - self.eye).normalize();
+        self.rays(width, height).direction(pixel).unwrap_or_else(axis)
+    }
+
+    /// The rays of an image of `width` × `height` pixels.
+    pub fn rays(&self, width: u32, height: u32) -> CameraRays {
+        let kind = match &self.lens {
+            Some(lens) if !lens.is_pinhole() => RayKind::Lens(LensRays::new(lens, [width, height])),
+            _ => RayKind::Plane(self.plane(width, height)),
+        };
+        let size = DVec2::new(f64::from(width), f64::from(height));
+        CameraRays { world_from_view: self.view_from_world().transpose(), size, kind }
+    }
+
+    /// The rays of a view's image: those of its list, if it has one.
+    pub fn rays_of(&self, list: Option<&RayList>, width: u32, height: u32) -> CameraRays {
+        let rays = self.rays(width, height);
+        match list {
+            Some(list) => CameraRays { kind: RayKind::List(list.clone()), ..rays },
+            None => rays,
+        }
+    }
+}
+
+/// The rays of a camera's image, for any lens.
+#[derive(Debug, Clone)]
+pub struct CameraRays {
+    world_from_view: DMat3,
+    size: DVec2,
+    kind: RayKind,
+}
+
+#[derive(Debug, Clone)]
+enum RayKind {
+    Plane(ImagePlane),
+    Lens(LensRays),
+    List(RayList),
+}
+
+impl CameraRays {
+    /// Unit direction in world space through an image position, as [`Camera::direction`]. `None` where the lens has no ray.
+    pub fn direction(&self, pixel: DVec2) -> Option<DVec3> {
+        let in_view = match &self.kind {
+            RayKind::Plane(ImagePlane { half, center }) => {
+                let at = (pixel / self.size * 2.0 - 1.0) * *half + *center;
+                DVec3::new(at.x, -at.y, -1.0)
+            }
+            RayKind::Lens(lens) => {
+                let DVec3 { x, y, z } = lens.direction(pixel)?;
+                DVec3::new(x, -y, -z)
+            }
+            RayKind::List(list) => {
+                let [column, row] = pixel.max(DVec2::ZERO).floor().to_array();
+                return list.direction((row * self.size.x + column) as usize);
+            }
+        };
+        Some((self.world_from_view * in_view).normalize())
     }
 }
 
@@ -138,10 +215,24 @@ pub struct Face {
     pub view_from_world: DMat3,
     /// Extent of the face at unit distance: tangents of half its fields of view.
     pub tan_half_fov: DVec2,
+    /// Its middle at unit distance: x right, y down; zero if it looks along its axis.
+    pub tan_center: DVec2,
     /// Top left texel of the face within the sample.
     pub offset: [u32; 2],
     /// Texels of the face: width, height.
     pub size: [u32; 2],
+}
+
+impl Face {
+    /// Extent of a texel at unit distance.
+    pub fn texel(&self) -> DVec2 {
+        2.0 * self.tan_half_fov / DVec2::new(f64::from(self.size[0]), f64::from(self.size[1]))
+    }
+
+    /// The top left corner at unit distance: x right, y down.
+    pub fn top_left(&self) -> DVec2 {
+        self.tan_center - self.tan_half_fov
+    }
 }
 
 impl SampleCamera {
@@ -170,16 +261,21 @@ impl SampleCamera {
     /// reflection probes have none, since their texels are not planar projections.
     pub fn faces(&self) -> Vec<Face> {
         match *self {
-            Self::Perspective { camera, width, height } => vec![Face {
-                view_from_world: camera.view_from_world(),
-                tan_half_fov: camera.tan_half_fov(width, height),
-                offset: [0, 0],
-                size: [width, height],
-            }],
+            Self::Perspective { camera, width, height } => {
+                let ImagePlane { half, center } = camera.plane(width, height);
+                vec![Face {
+                    view_from_world: camera.view_from_world(),
+                    tan_half_fov: half,
+                    tan_center: center,
+                    offset: [0, 0],
+                    size: [width, height],
+                }]
+            }
             Self::Omni { layout: OmniLayout::CubeFaces { face }, .. } => (0..6)
                 .map(|i| Face {
                     view_from_world: cube_face_from_world(i),
                     tan_half_fov: DVec2::splat(f64::from(face) / (f64::from(face) - 2.0)),
+                    tan_center: DVec2::ZERO,
                     offset: [(i % 3) * face, (i / 3) * face],
                     size: [face, face],
                 })

@@ -6,6 +6,7 @@
 use std::fmt;
 use std::str::FromStr;
 
+use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
 use crate::{Camera, InvalidField};
@@ -66,7 +67,12 @@ impl Detail {
 
     /// The camera of the rendered image. Its pixels may reach beyond the view's edges, by equal parts on both sides.
     pub fn camera(self, camera: Camera, [width, height]: [u32; 2]) -> Camera {
-        let [_, rows] = self.size([width, height]);
+        let [columns, rows] = self.size([width, height]);
+        if let Some(lens) = camera.lens {
+            let reached = DVec2::new(f64::from(columns), f64::from(rows)) * f64::from(self.scale());
+            let beyond = reached - DVec2::new(f64::from(width), f64::from(height));
+            return Camera { lens: Some(lens.coarser(f64::from(self.scale()), beyond)), ..camera };
+        }
         let reach = f64::from(rows * self.scale()) / f64::from(height.max(1));
         match reach == 1.0 {
             true => camera,
@@ -97,9 +103,10 @@ impl FromStr for Detail {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DVec2, DVec3};
+    use glam::DVec3;
 
     use super::*;
+    use crate::{Distortion, Intrinsics, Lens};
 
     #[test]
     fn names_bring_back_every_detail_and_others_are_refused() {
@@ -111,7 +118,22 @@ mod tests {
 
     #[test]
     fn a_rendered_pixel_looks_through_the_middle_of_those_that_it_stands_for() {
-        let camera = Camera { fov_deg: 70.0, ..Camera::look_at(DVec3::new(3.0, 2.0, 1.0), DVec3::ZERO) };
+        let usual = Camera { fov_deg: 70.0, ..Camera::look_at(DVec3::new(3.0, 2.0, 1.0), DVec3::ZERO) };
+        let distortion = Distortion::Rational([-0.1, 0.02, 1e-3, -2e-3, 0.0, 0.0, 0.0, 0.0]);
+        let center = DVec2::new(90.0, 130.5);
+        let lens = |distortion| {
+            Some(Lens::Intrinsics(Intrinsics { focal: DVec2::new(310.0, 290.0), center, distortion }))
+        };
+        for camera in [
+            usual,
+            Camera { lens: lens(Distortion::None), ..usual },
+            Camera { lens: lens(distortion), ..usual },
+        ] {
+            stands_for_its_pixels(camera);
+        }
+    }
+
+    fn stands_for_its_pixels(camera: Camera) {
         // Sizes that the scale divides, and that it does not.
         for size @ [width, height] in [[320, 240], [319, 241], [7, 5], [1, 1]] {
             for detail in Detail::ALL {

@@ -43,6 +43,10 @@ impl Scene {
     /// Meshes that deform count in their shapes of time zero. It lies within the bounds of all that counts, and holds the
     /// eyes of the scene's cameras that lie within these. Empty if the scene has no finite triangle.
     pub fn extent(&self) -> Bounds {
+        // Wherever clients move nodes, the box stays: lattices of light hang on it.
+        if let Some(moved) = &self.by_request {
+            return moved.base.extent();
+        }
         let moments = if self.is_animated() { MOMENTS } else { 1 };
         let secs =
             self.animations.iter().map(Animation::length_secs).fold(0.0, f64::max) / f64::from(moments);

@@ -1,100 +1,8 @@
 //! Frames: the reply to a view, with its cost, confidence and provenance.
 
-use bytes::Bytes;
 use serde::{Deserialize, Serialize};
 
-use crate::{Plan, SceneHash, SceneState, Specification, Stage};
-
-/// One image a frame may hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Output {
-    /// sRGB, 8 bits.
-    Color,
-    /// Distance from the eye, metres, +inf without a surface.
-    Range,
-    /// 255 where no sample saw the pixel's surface and it is guessed, 128 where no sample saw it and it was traced, else 0.
-    Mask,
-    /// Sample of the pixel: 1 + its position in the plan's list; 0 for none.
-    Source,
-    /// Confidence of the pixel: 0 where no sample saw it; else the low seven bits are 127 × (1 − residual). The
-    /// residual is the difference between the searched depth and the sample's own, as a share of the tolerance. The
-    /// highest bit is set where a second sample has the same surface.
-    Confidence,
-}
-
-impl Output {
-    /// All outputs.
-    pub const ALL: [Self; 5] = [Self::Color, Self::Range, Self::Mask, Self::Source, Self::Confidence];
-
-    /// Its name on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Color => "color",
-            Self::Range => "range",
-            Self::Mask => "mask",
-            Self::Source => "source",
-            Self::Confidence => "confidence",
-        }
-    }
-
-    /// Bytes of a pixel.
-    pub fn pixel_bytes(self) -> usize {
-        match self {
-            Self::Color => 3,
-            Self::Range => 4,
-            Self::Mask | Self::Source | Self::Confidence => 1,
-        }
-    }
-}
-
-/// A set of [`Output`]s.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-pub struct Outputs {
-    /// sRGB colour.
-    pub color: bool,
-    /// Range.
-    pub range: bool,
-    /// Mask of unresolved pixels.
-    pub mask: bool,
-    /// Index of each pixel's sample.
-    pub source: bool,
-    /// Confidence of each pixel.
-    pub confidence: bool,
-}
-
-impl Outputs {
-    /// Only colour.
-    pub const COLOR: Self = Self { color: true, range: false, mask: false, source: false, confidence: false };
-
-    /// Only the given output.
-    pub fn only(output: Output) -> Self {
-        Self::default().with(output)
-    }
-
-    /// The set with one more output.
-    pub fn with(mut self, output: Output) -> Self {
-        match output {
-            Output::Color => self.color = true,
-            Output::Range => self.range = true,
-            Output::Mask => self.mask = true,
-            Output::Source => self.source = true,
-            Output::Confidence => self.confidence = true,
-        }
-        self
-    }
-
-    /// Whether an output is in the set.
-    pub fn has(self, output: Output) -> bool {
-        match output {
-            Output::Color => self.color,
-            Output::Range => self.range,
-            Output::Mask => self.mask,
-            Output::Source => self.source,
-            Output::Confidence => self.confidence,
-        }
-    }
-}
+use crate::{Images, Plan, SceneHash, SceneState, Specification, Stage};
 
 /// All that a frame's bytes are a function of, together with its camera, size and outputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -212,23 +120,15 @@ pub struct Decision {
     pub excess: f64,
 }
 
-/// The reply to a view. Images are tightly packed, row 0 at the top.
+/// The reply to a view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// sRGB, 3 bytes a pixel.
-    pub color: Option<Bytes>,
-    /// f32 little-endian, metres from the eye, +inf for sky.
-    pub range: Option<Bytes>,
-    /// One byte per pixel: 255 if no sample saw it and it is guessed, 128 if no sample saw it and it was traced.
-    pub mask: Option<Bytes>,
-    /// One byte per pixel: 1 + position of the sample in the plan's list, 0 for none.
-    pub source: Option<Bytes>,
-    /// One byte per pixel, see [`crate::Output::Confidence`].
-    pub confidence: Option<Bytes>,
+    /// Its images.
+    pub images: Images,
     /// Fraction of pixels that no sample saw and no ray filled: guesses. 0 for a direct view.
     pub unresolved_fraction: f64,
     /// Numbers of pixels by how they were served; all zero for a direct view.
@@ -250,11 +150,7 @@ impl Frame {
         Self {
             width,
             height,
-            color: None,
-            range: None,
-            mask: None,
-            source: None,
-            confidence: None,
+            images: Images::default(),
             unresolved_fraction: 0.0,
             served: Served::default(),
             predicted: None,
@@ -267,27 +163,5 @@ impl Frame {
     /// Milliseconds of all its rendering, including discarded frames.
     pub fn rendering_ms(&self) -> f64 {
         self.stages.iter().filter(|stage| !Stage::is_on_the_way(&stage.name)).map(|stage| stage.ms).sum()
-    }
-
-    /// One of its images, if present.
-    pub fn image(&self, output: Output) -> Option<&Bytes> {
-        match output {
-            Output::Color => self.color.as_ref(),
-            Output::Range => self.range.as_ref(),
-            Output::Mask => self.mask.as_ref(),
-            Output::Source => self.source.as_ref(),
-            Output::Confidence => self.confidence.as_ref(),
-        }
-    }
-
-    /// The slot of one of its images.
-    pub fn image_mut(&mut self, output: Output) -> &mut Option<Bytes> {
-        match output {
-            Output::Color => &mut self.color,
-            Output::Range => &mut self.range,
-            Output::Mask => &mut self.mask,
-            Output::Source => &mut self.source,
-            Output::Confidence => &mut self.confidence,
-        }
     }
 }

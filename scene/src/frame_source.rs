@@ -9,7 +9,7 @@ use bytes::Bytes;
 
 use crate::tone::linear_from_srgb;
 use crate::{
-    Camera, FaceMask, Frame, FrameSource, InvalidField, Limits, Plan, Plane, PlaneData, PlaneFormat,
+    Camera, FaceMask, Frame, FrameSource, InvalidField, Limits, Output, Plan, Plane, PlaneData, PlaneFormat,
     PlaneKind, Sample, SampleCamera, SampleId,
 };
 
@@ -32,6 +32,9 @@ impl FrameSource {
     /// The fields of [`Camera::validate`]; `width`, `height`, `samples_per_pixel`.
     pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
         self.camera.validate()?;
+        if !self.camera.is_pinhole() {
+            return Err(InvalidField::new("camera", "views are warped from frames of pinholes alone"));
+        }
         InvalidField::within("width", self.width, 1..=limits.max_side)?;
         InvalidField::within("height", self.height, 1..=limits.max_side)?;
         let n = self.samples_per_pixel;
@@ -56,13 +59,17 @@ impl FrameSource {
 
     /// Its number among frames of one state: the first 64 bits of the BLAKE3 of its fields.
     pub fn number(&self) -> u64 {
-        let Camera { eye, target, up, fov_deg } = self.camera;
+        let Camera { eye, target, up, fov_deg, lens } = self.camera;
         let mut hasher = blake3::Hasher::new();
         for value in [eye, target, up].iter().flat_map(glam::DVec3::to_array).chain([fov_deg]) {
             hasher.update(&value.to_bits().to_le_bytes());
         }
         for value in [self.width, self.height, self.samples_per_pixel] {
             hasher.update(&value.to_le_bytes());
+        }
+        if let Some(lens) = lens {
+            // Digits that bring back every f64.
+            hasher.update(format!("{lens:?}").as_bytes());
         }
         if let Some(light) = self.light {
             hasher.update(light.to_string().as_bytes());
@@ -97,7 +104,7 @@ impl FrameSource {
     pub fn sample(&self, frame: &Frame) -> Option<Sample> {
         let size = [self.width, self.height];
         let pixels = self.width as usize * self.height as usize;
-        let (color, range) = (frame.color.as_ref()?, frame.range.as_ref()?);
+        let (color, range) = (frame.images[Output::Color].as_ref()?, frame.images[Output::Range].as_ref()?);
         if [frame.width, frame.height] != size || color.len() != 3 * pixels || range.len() != 4 * pixels {
             return None;
         }
@@ -146,11 +153,11 @@ fn inverse(range: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
+    use glam::{DVec2, DVec3};
 
     use super::*;
     use crate::tone::display_from_radiance;
-    use crate::{Provenance, SceneHash, SceneState, Specification, SurfaceLight};
+    use crate::{Images, Intrinsics, Lens, Provenance, SceneHash, SceneState, Specification, SurfaceLight};
 
     fn source(width: u32, height: u32) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);
@@ -162,8 +169,10 @@ mod tests {
         let range = |i: usize| ranges.get(i).copied().unwrap_or(2.0).to_le_bytes();
         let source = source(256, 1);
         Frame {
-            color: Some((0..=255u8).flat_map(|byte| [byte; 3]).collect()),
-            range: Some((0..256).flat_map(range).collect()),
+            images: Images::from([
+                (Output::Color, (0..=255u8).flat_map(|byte| [byte; 3]).collect()),
+                (Output::Range, (0..256).flat_map(range).collect()),
+            ]),
             ..Frame::without_images(
                 256,
                 1,
@@ -207,8 +216,10 @@ mod tests {
     #[test]
     fn a_frame_of_another_size_or_without_images_is_no_sample() {
         assert!(source(255, 1).sample(&frame(&[])).is_none());
-        assert!(source(256, 1).sample(&Frame { range: None, ..frame(&[]) }).is_none());
-        assert!(source(256, 1).sample(&Frame { color: None, ..frame(&[]) }).is_none());
+        for lost in [Output::Range, Output::Color] {
+            let images = frame(&[]).images.with(lost, None);
+            assert!(source(256, 1).sample(&Frame { images, ..frame(&[]) }).is_none());
+        }
     }
 
     #[test]
@@ -218,9 +229,12 @@ mod tests {
             camera: Camera { eye: usual.camera.eye + by, ..usual.camera },
             ..usual
         };
+        let lens = |focal| Lens::Intrinsics(Intrinsics::pinhole(DVec2::splat(focal), DVec2::ONE));
         let others = [
             moved(DVec3::X * 1e-6),
             FrameSource { camera: Camera { fov_deg: 46.0, ..usual.camera }, ..usual },
+            FrameSource { camera: Camera { lens: Some(lens(3.0)), ..usual.camera }, ..usual },
+            FrameSource { camera: Camera { lens: Some(lens(3.0 + 1e-15)), ..usual.camera }, ..usual },
             FrameSource { width: 5, ..usual },
             FrameSource { height: 4, ..usual },
             FrameSource { samples_per_pixel: 1, ..usual },
@@ -228,6 +242,7 @@ mod tests {
             FrameSource { light: Some(SurfaceLight::Cells { rays: 16, reflected: true }), ..usual },
         ];
         assert!(others.iter().all(|other| other.id() != usual.id()));
+        assert_ne!(others[2].id(), others[3].id());
         assert_eq!(moved(DVec3::ZERO).id(), usual.id());
     }
 
@@ -245,5 +260,7 @@ mod tests {
         }
         let camera = Camera { eye: DVec3::NAN, ..usual.camera };
         assert_eq!(field(FrameSource { camera, ..usual }), "camera.eye");
+        let camera = Camera { lens: Some(Lens::Equirectangular), ..usual.camera };
+        assert_eq!(field(FrameSource { camera, ..usual }), "camera");
     }
 }

@@ -3,7 +3,7 @@
 //! A slowly moving camera sees mostly what it saw before, so [`crate::Search::Seeded`] may start there instead of at
 //! a coarse splat of the samples. It is only a start: the samples decide where the search ends.
 
-use crate::{Camera, Frame, Plan, SampleId};
+use crate::{Camera, Frame, Output, Plan, SampleId};
 
 /// An earlier frame, as the start of a search.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,8 +34,8 @@ impl History {
             .filter(|id| !id.is_reflection_probe())
             .take(1 << SOURCE_BITS)
             .collect();
-        let (ranges, rest) = frame.range.as_ref()?.as_chunks::<4>();
-        let sources = frame.source.as_ref()?;
+        let (ranges, rest) = frame.images[Output::Range].as_ref()?.as_chunks::<4>();
+        let sources = frame.images[Output::Source].as_ref()?;
         let pixels = u64::from(frame.width) * u64::from(frame.height);
         let whole = rest.is_empty() && ranges.len() as u64 == pixels && sources.len() as u64 == pixels;
         if !whole || pixels == 0 || samples.is_empty() {
@@ -104,7 +104,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::{Provenance, SceneHash, SceneState, Warp};
+    use crate::{Images, Provenance, SceneHash, SceneState, Warp};
 
     fn camera() -> Camera {
         Camera::look_at(DVec3::new(3.0, 2.0, 5.0), DVec3::ZERO)
@@ -114,8 +114,10 @@ mod tests {
         let id = |index| SampleId { version: 0, camera: index };
         let samples = vec![id(7), id(4), id(SampleId::REFLECTION_PROBES)];
         Frame {
-            range: Some(ranges.iter().flat_map(|range| range.to_le_bytes()).collect()),
-            source: Some(Bytes::copy_from_slice(sources)),
+            images: Images::from([
+                (Output::Range, ranges.iter().flat_map(|range| range.to_le_bytes()).collect()),
+                (Output::Source, Bytes::copy_from_slice(sources)),
+            ]),
             ..Frame::without_images(
                 ranges.len() as u32,
                 1,
@@ -164,8 +166,10 @@ mod tests {
     fn a_frame_without_range_or_source_has_no_history() {
         let whole = frame(&[1.0, 2.0], &[1, 1]);
         assert!(History::of(&whole, &camera(), None).is_some());
-        assert!(History::of(&Frame { range: None, ..whole.clone() }, &camera(), None).is_none());
-        assert!(History::of(&Frame { source: None, ..whole.clone() }, &camera(), None).is_none());
+        for lost in [Output::Range, Output::Source] {
+            let images = whole.images.clone().with(lost, None);
+            assert!(History::of(&Frame { images, ..whole.clone() }, &camera(), None).is_none());
+        }
         assert!(History::of(&Frame { width: 3, ..whole.clone() }, &camera(), None).is_none());
         assert!(History::of(&frame(&[], &[]), &camera(), None).is_none(), "no pixels");
         let nowhere = Camera { eye: DVec3::splat(f64::NAN), ..camera() };

@@ -9,8 +9,8 @@ use bytes::Bytes;
 
 use crate::{
     Camera, CellPages, CellReport, FaceMask, FaceMasks, Frame, History, InvalidField, LightEffects,
-    LightLevel, Outputs, Plan, ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
-    SceneState, Stage, Visibility,
+    LightLevel, Output, Outputs, Plan, RayList, ReflectionProbeSet, RenderError, Sample, SampleId, SampleSet,
+    SampleSetInfo, SceneState, Stage, Visibility,
 };
 
 /// A flag that cancels a render. Renders check it between submissions, so a batch ends early but not at once.
@@ -72,6 +72,8 @@ impl SampleJob {
 pub struct ViewJob {
     /// Viewpoint.
     pub camera: Camera,
+    /// The pixels' directions, of a camera of listed rays alone.
+    pub rays: Option<RayList>,
     /// Pixels in a row.
     pub width: u32,
     /// Rows.
@@ -107,6 +109,7 @@ impl ViewJob {
             visibility: Visibility::default(),
             reflections: None,
             history: None,
+            rays: None,
         }
     }
 }
@@ -218,7 +221,7 @@ pub trait Sampler: Send {
         let views: Vec<ViewJob> = jobs
             .iter()
             .map(|job| ViewJob {
-                outputs: Outputs { range: true, ..Outputs::COLOR },
+                outputs: Outputs::COLOR.with(Output::Range),
                 state: job.state,
                 time_secs: job.time_secs,
                 reflections: job.reflections,
@@ -232,8 +235,8 @@ pub trait Sampler: Send {
 
 /// Some pixels of a frame with colour and range.
 fn pick_pixels(pixels: &[u32], frame: &Frame) -> Result<Pixels, RenderError> {
-    let pick = |image: &Option<Bytes>, bytes: usize| -> Result<Bytes, RenderError> {
-        let image = image.as_deref().unwrap_or_default();
+    let pick = |output: Output| -> Result<Bytes, RenderError> {
+        let (image, bytes) = (frame.images[output].as_deref().unwrap_or_default(), output.pixel_bytes());
         let mut picked = Vec::with_capacity(pixels.len() * bytes);
         for &pixel in pixels {
             let at = pixel as usize * bytes;
@@ -244,7 +247,7 @@ fn pick_pixels(pixels: &[u32], frame: &Frame) -> Result<Pixels, RenderError> {
         }
         Ok(picked.into())
     };
-    Ok(Pixels { color: pick(&frame.color, 3)?, range: pick(&frame.range, 4)?, stages: frame.stages.clone() })
+    Ok(Pixels { color: pick(Output::Color)?, range: pick(Output::Range)?, stages: frame.stages.clone() })
 }
 
 /// Reconstructs views from samples; never sees a triangle.

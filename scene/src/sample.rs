@@ -256,7 +256,10 @@ impl SampleSetInfo {
     /// The set of the same rig in another version, with the lights and sky of that version.
     pub fn at_version(&self, scene: &Scene, version: Version) -> Self {
         let mut info = Self { version, ..self.clone() };
-        info.lighting = Lighting { exposure: self.lighting.exposure, ..scene.at(info.time_secs()).lighting };
+        info.lighting = Lighting {
+            exposure: self.lighting.exposure,
+            ..scene.lighting_at(info.time_secs(), version.state.revision)
+        };
         info
     }
 }

@@ -22,12 +22,15 @@ pub struct SceneState {
     pub epoch: u64,
     /// How much of the set's light is there.
     pub light: LightLevel,
+    /// Number of the state of the nodes' transforms; 0: as in the file. See [`crate::Transforms`].
+    #[serde(default)]
+    pub revision: u64,
 }
 
 impl SceneState {
     /// An epoch in all of the set's light.
     pub fn of_epoch(epoch: u64) -> Self {
-        Self { epoch, light: LightLevel::Full }
+        Self { epoch, light: LightLevel::Full, revision: 0 }
     }
 }
 

@@ -1,5 +1,6 @@
 //! The scene: triangles, materials, lights and animation, independent of its file format.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
@@ -8,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::animation::{Animation, Node};
 use crate::deformation::Deformation;
+use crate::revisions::Revisions;
 use crate::{Camera, Lighting, Material, Texture};
 
 /// BLAKE3 over the scene's whole bundle of files (or, for a generated scene, its name and version).
@@ -146,6 +148,19 @@ pub struct Scene {
     pub rig: RigKind,
     /// Features that the loader ignores, one line each.
     pub warnings: Vec<String>,
+    /// Transforms that clients set lately, by revision.
+    pub revisions: Revisions,
+    /// What it was made of, if clients moved nodes of it.
+    pub by_request: Option<Arc<MovedScene>>,
+}
+
+/// What a scene with other transforms was made of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MovedScene {
+    /// The scene as it was opened.
+    pub base: Arc<Scene>,
+    /// Nodes that clients may move, by index: those of this revision, and those that moved before.
+    pub movers: BTreeSet<u32>,
 }
 
 impl Default for Scene {
@@ -164,6 +179,8 @@ impl Default for Scene {
             cameras: Vec::new(),
             rig: RigKind::Cell,
             warnings: Vec::new(),
+            revisions: Revisions::default(),
+            by_request: None,
         }
     }
 }

@@ -18,6 +18,15 @@ pub enum SurfaceLight {
         /// Whether what reflections show is lit by cells, too: of [`crate::CellSettings::FIRST_RAYS`]. Else rays light it.
         reflected: bool,
     },
+    /// From light cells, of which some are still those of an earlier pose, since something moved and they are not filled anew yet.
+    /// Only frames say so. Requests and pins cannot ask for it: which cells were old depends on what the worker had filled by then, so
+    /// such a frame cannot be rendered again.
+    OlderCells {
+        /// Rays of each side of a cell.
+        rays: u32,
+        /// Whether what reflections show is lit by cells, too.
+        reflected: bool,
+    },
 }
 
 /// What the light cells of a sampler are.
@@ -43,17 +52,26 @@ pub struct CellReport {
     pub pages_taken: u64,
     /// Milliseconds spent on that.
     pub take_ms: f64,
+    /// Pages that were kept when something moved, since its boxes and its light touched nothing of them, since the sampler was made.
+    pub pages_kept: u64,
+    /// Pages that were touched then, and are filled anew.
+    pub pages_touched: u64,
+    /// Pages of an earlier pose that show until they are filled anew.
+    pub pages_older: usize,
     /// Whether there is anything to fill, or to refine.
     pub is_due: bool,
 }
 
 impl fmt::Display for SurfaceLight {
-    /// `rays`, `cells:N`, or `cells:N+rays` where rays light what reflections show.
+    /// `rays`, `cells:N`, or `cells:N+rays` where rays light what reflections show; `older-` before it for cells of an earlier pose.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Rays => f.write_str("rays"),
             Self::Cells { rays, reflected } => {
                 write!(f, "cells:{rays}{}", if *reflected { "" } else { "+rays" })
+            }
+            Self::OlderCells { rays, reflected } => {
+                write!(f, "older-{}", Self::Cells { rays: *rays, reflected: *reflected })
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, Detail, Holes, InvalidField, Outputs, Provenance, Search};
+use crate::{Camera, Detail, Holes, InvalidField, Lens, Output, Outputs, Plan, Provenance, RayList, Search};
 
 /// A named goal for quality; the explicit settings of a [`PlanRequest`] override it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -76,6 +76,10 @@ pub struct View {
     pub plan: PlanRequest,
     /// Requires exactly this provenance (its plan, epoch and specification); an error if it is not available.
     pub pin: Option<Provenance>,
+    /// The camera that flow leads to; with that output alone.
+    pub flow_to: Option<Camera>,
+    /// The pixels' directions, of a camera of listed rays alone.
+    pub rays: Option<RayList>,
 }
 
 /// The largest accepted view.
@@ -94,6 +98,77 @@ impl Default for Limits {
 }
 
 impl View {
+    /// The colour of a view, with nothing else.
+    pub fn new(camera: Camera, [width, height]: [u32; 2], plan: PlanRequest) -> Self {
+        Self { camera, width, height, outputs: Outputs::COLOR, plan, pin: None, flow_to: None, rays: None }
+    }
+
+    /// Whether the service may choose how the view is answered. Without a pinhole's image it is rendered from triangles.
+    pub fn leaves_way_open(&self) -> bool {
+        self.pin.is_none() && self.plan.leaves_way_open() && self.camera.is_pinhole()
+    }
+
+    /// Rejects a list of rays that is not that of the camera and the image, and a plan with several rays a pixel.
+    fn check_rays(&self) -> Result<(), InvalidField> {
+        let refused = |field, reason: String| Err(InvalidField::new(field, reason));
+        let is_listed = matches!(self.camera.lens, Some(Lens::Rays { .. }));
+        let Some(list) = &self.rays else {
+            return match is_listed {
+                true => refused("rays", "must be given, since the camera has no other".to_owned()),
+                false => Ok(()),
+            };
+        };
+        if !is_listed {
+            return refused("rays", "must not be given: the camera has a lens of its own".to_owned());
+        }
+        let (pixels, rays) = (u64::from(self.width) * u64::from(self.height), list.directions().len() as u64);
+        if rays != pixels {
+            return refused("rays", format!("must be one for each of {pixels} pixels, not {rays}"));
+        }
+        let pinned = self.pin.as_ref().is_some_and(|pin| pin.plan.sub_pixels(1) > 1);
+        let one_ray = "a pixel of listed rays is one ray";
+        let fields = [
+            ("plan.supersampling", self.plan.supersampling.is_some_and(|side| side > 1), one_ray),
+            ("pin.plan", pinned, one_ray),
+            ("outputs", self.outputs.has(Output::Flow), "flow is between images of pinholes"),
+        ];
+        let wrong = fields.into_iter().find(|(_, wrong, _)| *wrong);
+        wrong.map_or(Ok(()), |(field, _, reason)| refused(field, reason.to_owned()))
+    }
+
+    /// Rejects a plan that needs a pinhole, where the camera is none.
+    fn check_lens(&self) -> Result<(), InvalidField> {
+        if self.camera.is_pinhole() {
+            return Ok(());
+        }
+        let PlanRequest { search, steps, samples, holes, detail, .. } = self.plan;
+        let set = [
+            ("plan.search", search.is_some()),
+            ("plan.steps", steps.is_some()),
+            ("plan.samples", samples.is_some()),
+            ("plan.holes", holes.is_some()),
+            ("pin.plan", self.pin.as_ref().is_some_and(|pin| matches!(pin.plan, Plan::Warp(_)))),
+        ];
+        if let Some((field, _)) = set.into_iter().find(|(_, set)| *set) {
+            let reason = "is of views from samples, which a camera that is no pinhole has none of: it is \
+                          rendered from triangles";
+            return Err(InvalidField::new(field, reason));
+        }
+        let pinned = self.pin.as_ref().and_then(|pin| match pin.plan {
+            Plan::Direct { detail, .. } => Some(detail),
+            Plan::Warp(_) => None,
+        });
+        let reduced = |detail: Option<Detail>| detail.is_some_and(|detail| detail.scale() > 1);
+        let fields = [("plan.detail", reduced(detail)), ("pin.plan", reduced(pinned))];
+        match fields.into_iter().find(|(_, reduced)| *reduced) {
+            Some((field, _)) => {
+                let reason = "an image of no pinhole is rendered in its own size: full or few-rays";
+                Err(InvalidField::new(field, reason))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Rejects an invalid view by field. Code behind this check need not repeat it.
     pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
         self.camera.validate()?;
@@ -104,9 +179,30 @@ impl View {
             let reason = format!("width × height must be at most {} pixels, not {pixels}", limits.max_pixels);
             return Err(InvalidField::new("width", reason));
         }
-        if self.outputs == Outputs::default() {
+        match &self.flow_to {
+            None if self.outputs.has(Output::Flow) => {
+                return Err(InvalidField::new("flow_to", "must be given, since flow is asked for"));
+            }
+            Some(_) if !self.outputs.has(Output::Flow) => {
+                return Err(InvalidField::new("flow_to", "must not be given, since no flow is asked for"));
+            }
+            Some(to) => {
+                let at = |e: InvalidField| InvalidField::new("flow_to", format!("{}: {}", e.field, e.reason));
+                to.validate().map_err(at)?;
+                if !to.is_pinhole() {
+                    return Err(InvalidField::new(
+                        "flow_to",
+                        "must be a pinhole: flow to other lenses is not found",
+                    ));
+                }
+            }
+            None => {}
+        }
+        if self.outputs == Outputs::NONE {
             return Err(InvalidField::new("outputs", "at least one output must be asked for"));
         }
+        self.check_lens()?;
+        self.check_rays()?;
         let within = |field, value: Option<u32>, most| {
             value.map_or(Ok(0), |value| InvalidField::within(field, value, 1..=most))
         };
@@ -147,7 +243,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::Plan;
+    use glam::Vec3;
+
+    use crate::Warp;
 
     fn view() -> View {
         View {
@@ -157,6 +255,8 @@ mod tests {
             outputs: Outputs::COLOR,
             plan: PlanRequest::default(),
             pin: None,
+            flow_to: None,
+            rays: None,
         }
     }
 
@@ -179,6 +279,68 @@ mod tests {
     }
 
     #[test]
+    fn a_view_without_a_pinhole_is_rendered_from_triangles_alone() {
+        let camera = Camera { lens: Some(Lens::Equirectangular), ..view().camera };
+        let round = |plan| View { camera, plan, ..view() };
+        let open = PlanRequest::default();
+        let limits = Limits::default();
+        assert!(view().leaves_way_open() && !round(open).leaves_way_open());
+        for allowed in [
+            open,
+            PlanRequest { direct: true, supersampling: Some(2), ..open },
+            PlanRequest { preset: Some(Preset::Exact), max_error: Some(0.1), ..open },
+            PlanRequest { direct: true, detail: Some(Detail::FewRays), ..open },
+        ] {
+            round(allowed).validate(&limits).unwrap();
+        }
+        let field = |plan| round(plan).validate(&limits).unwrap_err().field;
+        assert_eq!(field(PlanRequest { search: Some(Search::Splat), ..open }), "plan.search");
+        assert_eq!(field(PlanRequest { steps: Some(8), ..open }), "plan.steps");
+        assert_eq!(field(PlanRequest { samples: Some(4), ..open }), "plan.samples");
+        assert_eq!(field(PlanRequest { holes: Some(Holes::Trace), ..open }), "plan.holes");
+        let half = PlanRequest { direct: true, detail: Some(Detail::Half), ..open };
+        assert_eq!(field(half), "plan.detail");
+        let pinned = |plan| {
+            let pin = Provenance::of_plan(crate::SceneHash([0; 32]), crate::SceneState::default(), plan);
+            View { pin: Some(pin), ..round(open) }.validate(&limits)
+        };
+        pinned(Plan::direct(4)).unwrap();
+        assert_eq!(pinned(Plan::Warp(Warp::default())).unwrap_err().field, "pin.plan");
+        let half = Plan::Direct { samples_per_pixel: 1, detail: Detail::Half, light: None };
+        assert_eq!(pinned(half).unwrap_err().field, "pin.plan");
+    }
+
+    #[test]
+    fn a_list_of_rays_goes_with_its_camera_its_size_and_one_ray_a_pixel() {
+        let camera = Camera { lens: Some(Lens::Rays { spacing_deg: 0.5 }), ..view().camera };
+        let rays = RayList::new(vec![Vec3::X; 12]).ok();
+        let listed = View { camera, width: 4, height: 3, rays, ..view() };
+        let limits = Limits::default();
+        listed.validate(&limits).unwrap();
+        assert!(!listed.leaves_way_open());
+        let finer = PlanRequest { direct: true, supersampling: Some(2), ..PlanRequest::default() };
+        let pin =
+            Provenance::of_plan(crate::SceneHash([0; 32]), crate::SceneState::default(), Plan::direct(4));
+        let flow = Outputs::only(Output::Flow);
+        for (wrong, field) in [
+            (View { rays: None, ..listed.clone() }, "rays"),
+            (View { camera: view().camera, ..listed.clone() }, "rays"),
+            (View { height: 4, ..listed.clone() }, "rays"),
+            (View { plan: finer, ..listed.clone() }, "plan.supersampling"),
+            (View { pin: Some(pin), ..listed.clone() }, "pin.plan"),
+            (View { outputs: flow, flow_to: Some(view().camera), ..listed.clone() }, "outputs"),
+            (View { plan: PlanRequest::from_samples(), ..listed.clone() }, "plan.search"),
+        ] {
+            assert_eq!(wrong.validate(&limits).unwrap_err().field, field);
+        }
+        for spacing_deg in [0.0, -1.0, 181.0, f64::NAN] {
+            let camera = Camera { lens: Some(Lens::Rays { spacing_deg }), ..camera };
+            let refused = View { camera, ..listed.clone() }.validate(&limits).unwrap_err();
+            assert_eq!(refused.field, "camera.listed_rays.spacing_deg", "{spacing_deg}");
+        }
+    }
+
+    #[test]
     fn sizes_and_settings_outside_their_limits_are_rejected_by_name() {
         let limits = Limits::default();
         let field = |change: fn(&mut View)| {
@@ -190,7 +352,16 @@ mod tests {
         assert_eq!(field(|v| v.height = 0), "height");
         assert_eq!(field(|v| v.width = 8193), "width");
         assert_eq!(field(|v| (v.width, v.height) = (8192, 4096)), "width");
-        assert_eq!(field(|v| v.outputs.color = false), "outputs");
+        assert_eq!(field(|v| v.outputs = Outputs::NONE), "outputs");
+        assert_eq!(field(|v| v.outputs = Outputs::only(Output::Flow)), "flow_to");
+        assert_eq!(field(|v| v.flow_to = Some(v.camera)), "flow_to");
+        assert_eq!(
+            field(|v| {
+                v.outputs = Outputs::only(Output::Flow);
+                v.flow_to = Some(Camera { fov_deg: 180.0, ..v.camera });
+            }),
+            "flow_to"
+        );
         assert_eq!(field(|v| v.plan.steps = Some(0)), "plan.steps");
         assert_eq!(field(|v| v.plan.supersampling = Some(9)), "plan.supersampling");
         assert_eq!(field(|v| v.plan.samples = Some(0)), "plan.samples");

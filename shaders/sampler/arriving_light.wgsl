@@ -17,14 +17,18 @@ struct ArrivingQuery {
 @group(0) @binding(7) var<storage, read> sky_sums: array<SkySums>;
 // Irradiance / pi of the open sky for normals from straight down to straight up: rows of so many directions around.
 @group(0) @binding(8) var<storage, read> sky_table: array<vec4f>;
-// Light that was found elsewhere, with the share of the sky in the last byte of w.
-@group(0) @binding(9) var<storage, read> rest: array<vec4u>;
-@group(0) @binding(10) var<storage, read_write> arriving: array<vec4u>;
+// The share of the sky that texels see by light cells; irradiance / pi of emitters, and of other surfaces.
+@group(0) @binding(9) var<storage, read> sky_share: array<vec4f>;
+@group(0) @binding(10) var<storage, read> emitted: array<vec4f>;
+@group(0) @binding(11) var<storage, read> indirect: array<vec4f>;
+@group(0) @binding(12) var<storage, read_write> arriving: array<vec4u>;
 
-// Whether rays were cast to the sky; whether the sky is part of `rest`; whether there is any `rest`; whether w is asked for.
+// Whether rays were cast to the sky, or its share looked up; whether there are emitters, and light of other surfaces; whether w is
+// asked for.
 override has_sky_rays: bool = false;
-override has_rest: bool = false;
-override sky_in_rest: bool = false;
+override has_sky_share: bool = false;
+override has_emitted: bool = false;
+override has_indirect: bool = false;
 override is_glossy: bool = false;
 
 const INTERVALS: u32 = 64;
@@ -67,15 +71,20 @@ fn sum_light(
     if has_sky_rays {
         share = ratio(sky_sums[at].seen.rgb, sky_sums[at].whole.rgb);
         sum += open_sky(texel.normal) * share;
-    } else if !sky_in_rest {
+    } else if has_sky_share {
+        share = sky_share[at].rgb;
+        sum += open_sky(texel.normal) * share;
+    } else {
         sum += sky_ambient(lighting, texel.normal);
     }
-    var word = 0xffffffffu;
-    var sky_byte = u32(saturate((share.r + share.g + share.b) / 3.0) * 255.0 + 0.5);
-    if has_rest {
-        sum += bitcast<vec3f>(rest[at].xyz);
-        sky_byte = select(sky_byte, rest[at].w >> 24u, sky_in_rest);
+    if has_emitted {
+        sum += emitted[at].rgb;
     }
+    if has_indirect {
+        sum += indirect[at].rgb;
+    }
+    var word = 0xffffffffu;
+    let sky_byte = u32(saturate((share.r + share.g + share.b) / 3.0) * 255.0 + 0.5);
     if is_glossy {
         let sums = seen[at];
         let others = select(1.0, sums.z / sums.w, sums.w > 0.0);

@@ -1,6 +1,7 @@
-// Program of `sampler/src/passes/resolve_view.rs`: colour and range of a direct view's pixels.
+// Program of `sampler/src/passes/resolve_view.rs`: colour, radiance and range of a direct view's pixels.
 
 import package::shared::encode::{display_from_radiance};
+import package::shared::finite::finite_or_zero;
 import package::shared::geometry::{instances, mesh_from_world, meshes, triangle_about_eye};
 import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{Rays, list_index, ray_through};
@@ -19,7 +20,8 @@ struct ResolveView {
 // sRGB bytes, three a pixel, rows without padding.
 @group(0) @binding(2) var<storage, read_write> color: array<u32>;
 
-fn display(pixel: u32) -> u32 {
+// Mean radiance of a pixel.
+fn mean(pixel: u32) -> vec3f {
     let corner = vec2u(pixel % resolve.size.x, pixel / resolve.size.x) * resolve.side;
     let width = resolve.size.x * resolve.side;
     // No tile has 2³² pixels. Quirk: uniform-bound.
@@ -30,7 +32,26 @@ fn display(pixel: u32) -> u32 {
             sum += shaded[(corner.y + y) * width + corner.x + x].rgb;
         }
     }
-    return display_from_radiance(sum / f32(resolve.side * resolve.side), resolve.exposure);
+    return sum / f32(resolve.side * resolve.side);
+}
+
+fn display(pixel: u32) -> u32 {
+    return display_from_radiance(mean(pixel), resolve.exposure);
+}
+
+// Three numbers a pixel, rows without padding.
+@group(0) @binding(7) var<storage, read_write> radiance: array<f32>;
+
+@compute @workgroup_size(8, 8)
+fn resolve_radiance(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= resolve.size.x || id.y >= resolve.size.y {
+        return;
+    }
+    let pixel = id.y * resolve.size.x + id.x;
+    let value = finite_or_zero(mean(pixel));
+    radiance[3u * pixel] = value.r;
+    radiance[3u * pixel + 1u] = value.g;
+    radiance[3u * pixel + 2u] = value.b;
 }
 
 // Writes four pixels, which are three words.
@@ -61,14 +82,17 @@ fn resolve_color(@builtin(global_invocation_id) id: vec3u) {
 
 const INFINITY_BITS: u32 = 0x7f800000u;
 
-// Bits of the distance along the ray through a pixel's centre.
-fn range_along(ids: vec2u, pixel: vec2u) -> u32 {
+// For rays that are listed, the unit direction of each pixel; zero for no ray.
+@group(0) @binding(7) var<storage, read> directions: array<vec4f>;
+
+// Bits of the distance along a ray.
+fn range_along(ids: vec2u, ray: vec3f) -> u32 {
     if ids.x == 0u {
         return INFINITY_BITS;
     }
     let instance = instances[ids.x - 1u];
     let triangle = triangle_about_eye(instance, meshes[instance.mesh], ids.y);
-    let direction = normalize(ray_through(rays, vec2f(pixel) + 0.5));
+    let direction = normalize(ray);
     let in_mesh = mesh_from_world(instance, direction);
     let crossing = cross_triangle(in_mesh, triangle.a, triangle.e1, triangle.e2);
     return bitcast<u32>(clamp(crossing.t, 0.0, 3.4e38));
@@ -80,7 +104,7 @@ fn resolve_range(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= rays.width || id.y >= rays.height {
         return;
     }
-    range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, id.xy);
+    range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, ray_through(rays, vec2f(id.xy) + 0.5));
 }
 
 // For a list of pixels.
@@ -91,5 +115,16 @@ fn resolve_pixel_range(@builtin(global_invocation_id) id: vec3u) {
     }
     let place = places[min(list_index(rays, id.xy), arrayLength(&places) - 1u)];
     let pixel = vec2u(place & 0xffffu, place >> 16u);
-    range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, pixel);
+    let ray = ray_through(rays, vec2f(pixel) + 0.5);
+    range[id.y * rays.width + id.x] = range_along(textureLoad(visibility, id.xy, 0).xy, ray);
+}
+
+// For listed rays. What has no ray has no visible triangle.
+@compute @workgroup_size(8, 8)
+fn resolve_ray_range(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= rays.width || id.y >= rays.height {
+        return;
+    }
+    let at = id.y * rays.width + id.x;
+    range[at] = range_along(textureLoad(visibility, id.xy, 0).xy, directions[at].xyz);
 }

@@ -1,5 +1,6 @@
 // Program of `sampler/src/passes/scattered_rays.rs`: traces scattered rays, one an invocation at a time.
 
+import package::shared::scattered::hit::{FRONT, ScatteredHit};
 import package::shared::scattered::ray::{exponent_of, is_ray, query, rays, unit_of};
 import package::shared::scattered::stack::Stack;
 import package::shared::scattered::trees::triangles;
@@ -7,26 +8,11 @@ import package::shared::scattered::walk::{
     Found, NO_TRIANGLE, Walk, begin_walk, go_on, instance_of, nothing_found,
 };
 
-// The nearest surface along a ray.
-struct ScatteredHit {
-    // 1 + its instance; 0 if there is none.
-    instance: u32,
-    // Index of the triangle in its mesh, and 1 in the highest bit if its front is hit.
-    primitive: u32,
-    // Distance in units of the direction.
-    t: f32,
-    unused: u32,
-    // Weights of the mesh's second and third corner.
-    weights: vec2f,
-}
-
 @group(0) @binding(2) var<storage, read_write> hits: array<ScatteredHit>;
 // The share of light that passes each ray.
 @group(0) @binding(3) var<storage, read_write> passed: array<f32>;
 // Set if a walk was cut off. Quirk: loop-limit.
 @group(0) @binding(4) var<storage, read_write> unfinished: atomic<u32>;
-
-const FRONT: u32 = 0x80000000u;
 
 // Rays that an invocation traces one after another, so that those of a subgroup wait less for the longest walk.
 override rays_each: u32 = 1;

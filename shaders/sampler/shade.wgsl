@@ -5,7 +5,7 @@ import package::shared::g_buffer::{keep_surface};
 import package::shared::rays::{list_index, listed_sub_sample};
 import package::shared::surface::{has_specular, lighting, lit_by_rays, radiance};
 import package::shared::reflection_probes::{ProbeUniform, reflected_radiance, reflector_word};
-import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of};
+import package::shared::visible::{CastRay, cast_through, hit_of, probe_of, rays, sky_along, surface_of};
 
 @group(0) @binding(3) var visibility: texture_2d<u32>;
 // Radiance.
@@ -13,6 +13,8 @@ import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of}
 @group(2) @binding(5) var<uniform> probes: ProbeUniform;
 // For a list of pixels, the position of each in the tile.
 @group(0) @binding(6) var<storage, read> places: array<u32>;
+// For rays that are listed, the unit direction of each sub-sample; zero for no ray.
+@group(0) @binding(7) var<storage, read> directions: array<vec4f>;
 
 // Word of the reflector that a sub-sample shows, 0 for none.
 @group(2) @binding(6) var<storage, read_write> reflectors: array<u32>;
@@ -21,15 +23,14 @@ import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of}
 override defers_reflection: bool = false;
 
 // Radiance along a sub-sample's ray, view-dependent reflection included.
-fn seen_along(ids: vec2u, sub_sample: vec2u, at: u32) -> vec4f {
-    let place = vec2f(sub_sample) + 0.5;
+fn seen_along(ids: vec2u, ray: CastRay, at: u32) -> vec4f {
     if defers_reflection {
         reflectors[at] = 0u;
     }
     if ids.x == 0u {
-        return vec4f(sky_along(place), 0.0);
+        return vec4f(sky_along(ray.along), 0.0);
     }
-    let hit = hit_at(ids, place, 1.0);
+    let hit = hit_of(ids, ray);
     let probe = probe_of(ids.x);
     let surface = surface_of(hit, probe);
     keep_surface(at, surface, probe);
@@ -51,7 +52,7 @@ fn shade_view(@builtin(global_invocation_id) id: vec3u) {
         return;
     }
     let at = id.y * rays.width + id.x;
-    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, id.xy, at);
+    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, cast_through(vec2f(id.xy) + 0.5, 1.0), at);
 }
 
 // Shades a list of a direct view's pixels.
@@ -63,5 +64,38 @@ fn shade_pixels(@builtin(global_invocation_id) id: vec3u) {
     let place = places[min(list_index(rays, id.xy), arrayLength(&places) - 1u)];
     let sub_sample = listed_sub_sample(rays, place, id.xy);
     let at = id.y * rays.width + id.x;
-    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, sub_sample, at);
+    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, cast_through(vec2f(sub_sample) + 0.5, 1.0), at);
+}
+
+// Change of a listed ray to the next one along an axis: by the neighbour after it, else by that before it.
+fn ray_step(at: u32, after: u32, before: u32) -> vec3f {
+    let along = directions[at].xyz;
+    let next = directions[after].xyz;
+    if after != at && any(next != vec3f(0.0)) {
+        return next - along;
+    }
+    let last = directions[before].xyz;
+    return select(vec3f(0.0), along - last, any(last != vec3f(0.0)));
+}
+
+// Shades a tile of listed rays. What has no ray is black.
+@compute @workgroup_size(8, 8)
+fn shade_rays(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= rays.width || id.y >= rays.height {
+        return;
+    }
+    let at = id.y * rays.width + id.x;
+    let along = directions[at].xyz;
+    if all(along == vec3f(0.0)) {
+        if defers_reflection {
+            reflectors[at] = 0u;
+        }
+        shaded[at] = vec4f(0.0);
+        return;
+    }
+    let right = ray_step(at, at + u32(id.x + 1u < rays.width), at - u32(id.x > 0u));
+    let down = ray_step(
+        at, at + select(0u, rays.width, id.y + 1u < rays.height), at - select(0u, rays.width, id.y > 0u),
+    );
+    shaded[at] = seen_along(textureLoad(visibility, id.xy, 0).xy, CastRay(along, right, down), at);
 }

@@ -14,7 +14,7 @@ import package::shared::ray_triangle::{cross_triangle};
 import package::shared::rays::{ray_through};
 import package::shared::surface::{radiance, reflects};
 import package::shared::reflection_probes::{reflector_word};
-import package::shared::visible::{hit_at, probe_of, rays, sky_along, surface_of};
+import package::shared::visible::{cast_through, hit_of, probe_of, rays, sky_along, surface_of};
 
 // Sub-samples along a texel's side, at most four. Constant, so that loops are unrolled.
 override side: u32 = 2u;
@@ -68,10 +68,10 @@ fn nothing() -> Texel {
 // Shades a point of the tile and adds it for `count` sub-samples. Returns its range; 0 for sky.
 fn add(texel: ptr<function, Texel>, ids: vec2u, place: vec2f, width: f32, members: f32) -> f32 {
     if ids.x == 0u {
-        (*texel).radiance += sky_along(place) * members;
+        (*texel).radiance += sky_along(ray_through(rays, place)) * members;
         return 0.0;
     }
-    let hit = hit_at(ids, place, width);
+    let hit = hit_of(ids, cast_through(place, width));
     let probe = probe_of(ids.x);
     let surface = surface_of(hit, probe);
     if keeps_g_buffer {

@@ -2,7 +2,7 @@
 // `sampler/src/light/sky.rs` is the same on the CPU.
 
 import package::shared::lit_texel::{
-    LitTexel, SkySums, agrees, index_of, may_leave, orthonormal_pair, slot_of, texel_at, texel_count, tile,
+    LitTexel, SkySums, above, agrees, index_of, may_leave, slot_of, texel_at, texel_count, tile,
 };
 import package::shared::scattered::ray::ScatteredRay;
 import package::shared::shading::{Lighting, sky_radiance};
@@ -31,9 +31,7 @@ override along_columns: bool = false;
 const SLOTS: u32 = 64;
 
 fn direction_of(texel: LitTexel, at: u32) -> vec3f {
-    let disc = sky_points[sky_query.ray * SLOTS + slot_of(at)];
-    let pair = orthonormal_pair(texel.normal);
-    return pair.first * disc.x + pair.second * disc.y + texel.normal * sqrt(max(1.0 - dot(disc, disc), 0.0));
+    return above(texel.normal, sky_points[sky_query.ray * SLOTS + slot_of(at)]);
 }
 
 @compute @workgroup_size(64)

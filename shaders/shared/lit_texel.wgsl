@@ -60,7 +60,10 @@ fn agrees(texel: LitTexel, other: LitTexel) -> bool {
 
 // The slot of a texel by its place in its image: `sampler/src/light/pattern.rs`.
 fn slot_of(at: u32) -> u32 {
-    let place = tile.first + vec2u(at % tile.size.x, at / tile.size.x);
+    return slot_of_place(tile.first + vec2u(at % tile.size.x, at / tile.size.x));
+}
+
+fn slot_of_place(place: vec2u) -> u32 {
     let digits = ((((vec3u(place.x) >> vec3u(0u, 1u, 2u)) & vec3u(1u)) * 2u))
         ^ (((vec3u(place.y) >> vec3u(0u, 1u, 2u)) & vec3u(1u)) * 3u);
     return digits.x * 16u + digits.y * 4u + digits.z;
@@ -83,6 +86,12 @@ fn orthonormal_pair(n: vec3f) -> Pair {
     let a = -1.0 / (s + n.z);
     let b = n.x * n.y * a;
     return Pair(vec3f(1.0 + s * n.x * n.x * a, s * b, -s * n.x), vec3f(b, s + n.y * n.y * a, -n.y));
+}
+
+// The unit vector over a point of the unit disc around a unit normal.
+fn above(normal: vec3f, disc: vec2f) -> vec3f {
+    let pair = orthonormal_pair(normal);
+    return pair.first * disc.x + pair.second * disc.y + normal * sqrt(max(1.0 - dot(disc, disc), 0.0));
 }
 
 // Index of an invocation's texel in the tile.

@@ -11,12 +11,23 @@ import package::shared::surface::{Hit, lighting, reflects, surface_at};
 // 1 + the index of each instance's reflection probe; 0 for none.
 @group(2) @binding(4) var<storage, read> probe_of_instance: array<u32>;
 
-// The hit of the ray through an image position with its visible triangle. Textures are filtered over `width` times the
-// distance of neighbouring rays.
-fn hit_at(ids: vec2u, at: vec2f, width: f32) -> Hit {
+// A ray of a sub-sample, not of unit length, and its change to the next ones across and down.
+struct CastRay {
+    along: vec3f,
+    right: vec3f,
+    down: vec3f,
+}
+
+// The ray through an image position. Textures are filtered over `width` times the distance of neighbouring rays.
+fn cast_through(at: vec2f, width: f32) -> CastRay {
+    return CastRay(ray_through(rays, at), rays.right * width, rays.down * width);
+}
+
+// The hit of a ray with its visible triangle.
+fn hit_of(ids: vec2u, ray: CastRay) -> Hit {
     let instance = instances[ids.x - 1u];
     let mesh = meshes[instance.mesh];
-    let along = ray_through(rays, at);
+    let along = ray.along;
     let scale = 1.0 / length(along);
     let in_mesh = mesh_from_world(instance, along * scale);
     let triangle = triangle_about_eye(instance, mesh, ids.y);
@@ -28,13 +39,13 @@ fn hit_at(ids: vec2u, at: vec2f, width: f32) -> Hit {
     return Hit(
         instance, mesh, triangle, records, attributes[records.x], attributes[records.y], attributes[records.z],
         weights, cross(triangle.e1, triangle.e2), in_mesh, along * scale, scale, range, crossing.front,
-        rays.right * width, rays.down * width,
+        ray.right, ray.down,
     );
 }
 
-// Radiance of the sky at an image position.
-fn sky_along(at: vec2f) -> vec3f {
-    return finite_or_zero(sky_radiance(lighting, normalize(ray_through(rays, at))));
+// Radiance of the sky along a ray.
+fn sky_along(along: vec3f) -> vec3f {
+    return finite_or_zero(sky_radiance(lighting, normalize(along)));
 }
 
 // The surface at a hit. Without a reflection probe it is opaque: transmitted light is reflected as albedo.

@@ -30,8 +30,11 @@ mod mirror;
 pub mod sampler;
 /// Mirrors of structs in `shared/` that both roles use.
 pub mod shared;
+/// Mirrors of the sampler's structs of light of cells, emitters and surfaces.
+pub mod surface_light;
 
 pub use mirror::Mirror;
 
 /// All mirrors, for the test. A mirror that is missing here is not tested.
-pub const MIRRORS: &[&[Mirror]] = &[shared::MIRRORS, gpu::MIRRORS, sampler::MIRRORS, compositor::MIRRORS];
+pub const MIRRORS: &[&[Mirror]] =
+    &[shared::MIRRORS, gpu::MIRRORS, sampler::MIRRORS, surface_light::MIRRORS, compositor::MIRRORS];

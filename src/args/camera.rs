@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use argus_scene::{Camera, Scene};
 use glam::DVec3;
 
-use super::{point, size};
+use super::{lens, point, size};
 use crate::exit::bad_arguments;
 
 /// A camera that is the scene's default view if no flag is given.
@@ -67,10 +67,16 @@ const DIGITS: f64 = 6.0;
 
 /// A camera as flags of `argus view`, with as many decimals as its scale needs.
 pub(crate) fn flags_of(camera: &Camera) -> String {
-    let Camera { eye, target, up, fov_deg } = camera;
+    let Camera { eye, target, up, fov_deg, lens } = camera;
     let decimals = (DIGITS - 1.0 - eye.distance(*target).log10().floor()).clamp(0.0, 15.0) as usize;
     let point = |p: &DVec3| format!("{:.decimals$},{:.decimals$},{:.decimals$}", p.x, p.y, p.z);
-    let mut flags = format!("--eye {} --target {} --fov-deg {fov_deg:.3}", point(eye), point(target));
+    let mut flags = format!("--eye {} --target {}", point(eye), point(target));
+    match lens {
+        Some(lens) => flags += &lens::flags_of(Some(lens)),
+        None => {
+            let _ = write!(flags, " --fov-deg {fov_deg:.3}");
+        }
+    }
     if *up != DVec3::Y {
         let _ = write!(flags, " --up {:.6},{:.6},{:.6}", up.x, up.y, up.z);
     }
@@ -98,7 +104,7 @@ mod tests {
     #[test]
     fn flags_that_are_not_given_follow_from_the_default_view() {
         let (eye, target) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(-4.0, 5.0, 6.0));
-        let usual = Camera { eye, target, up: DVec3::Z, fov_deg: 60.0 };
+        let usual = Camera { eye, target, up: DVec3::Z, fov_deg: 60.0, lens: None };
         assert_eq!(camera("", usual), usual);
         assert_eq!(camera("--fov-deg 30", usual), Camera { fov_deg: 30.0, ..usual });
         assert_eq!(camera("--up 1,0,0", usual), Camera { up: DVec3::X, ..usual });
@@ -115,6 +121,7 @@ mod tests {
             target: DVec3::new(-0.222_222, 0.333_333, -0.444_444),
             up: DVec3::new(0.0, 0.6, 0.8),
             fov_deg: 39.597_8,
+            lens: None,
         };
         for scale in [1e-3, 1.0, 1e3, 1e6] {
             let there = Camera { eye: unit.eye * scale, target: unit.target * scale, ..unit };

@@ -5,7 +5,7 @@ use argus_scene::{
     CellSettings, Effects, Exposure, Indirect, InvalidField, LightRequest, MapSource, PathSettings,
     PointSettings, RigKind, RigSettings, Visibility, VplSettings,
 };
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::{positive, size};
 use crate::settings::{Flags, HAS_PAPERS};
@@ -123,6 +123,17 @@ pub(crate) struct Samples {
     pub(crate) visibility: VisibilityArgs,
 }
 
+/// How a service renders, without where its samples stand.
+#[derive(clap::Args, Debug, Clone)]
+pub(crate) struct Rendering {
+    #[command(flatten)]
+    source: SampleSource,
+    #[command(flatten)]
+    sampling: Sampling,
+    #[command(flatten)]
+    visibility: VisibilityArgs,
+}
+
 /// How samples are rendered, by all workers alike.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Samplers")]
@@ -148,21 +159,29 @@ pub(crate) struct Sampling {
     pub(crate) indirect: IndirectLight,
 }
 
+/// The values of `--indirect`.
+fn indirect_methods() -> PossibleValuesParser {
+    let old = PossibleValue::new("paths").hide(true);
+    let named = ["auto", "off", "cells", "gather", "vpl", "points"].map(PossibleValue::new);
+    PossibleValuesParser::new(named.into_iter().chain([old]))
+}
+
 /// How surfaces light one another. `argus-lab study method virtual-lights` shows what each flag costs.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Indirect light")]
 pub(crate) struct IndirectLight {
-    /// Indirect light: auto (paths, where --effects is auto or all and the scene calls for it), off, vpl (gathered from virtual
-    /// point lights), points (gathered from small images of an octree of the scene, rendered at some of the visible points) or
-    /// paths (the scene's cells exchange light along rays, and some of the visible points gather it; switches on shadows, sky
-    /// visibility and emitters) or cells (the same light and the sky's, gathered once on surfaces and looked up by all views). It is
-    /// computed once a sample and costs warped views nothing. `argus-lab study light indirect` compares them
-    #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = ["auto", "off", "vpl", "points", "paths", "cells"])]
+    /// Indirect light: auto (cells, where --effects is auto or all and the scene calls for it), off, cells (light cells: it is
+    /// gathered once on surfaces, together with the sky's, and looked up by all views; rays light views until their cells are
+    /// filled), gather (parts of the scene exchange light along rays, and some of the visible points of each view and sample gather
+    /// it; it was called paths), vpl (gathered from virtual point lights) or points (gathered from small images of an octree of the
+    /// scene, rendered at some of the visible points). Cells and gather switch on shadows, sky visibility and emitters. `argus-lab
+    /// study light indirect` compares them
+    #[arg(long, value_name = "METHOD", default_value = "auto", value_parser = indirect_methods())]
     pub(crate) indirect: String,
     /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub(crate) vpls: Option<u32>,
-    /// Greatest number of reflections between a light and a visible surface: 1 to 4, with --indirect paths 1 to 16
+    /// Greatest number of reflections between a light and a visible surface: 1 to 4, with --indirect gather 1 to 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) bounces: Option<u32>,
     /// Shadow maps of virtual point lights: none, exact (a ray a texel), imperfect (splatted random points), megaviews (an
@@ -192,15 +211,15 @@ pub(crate) struct IndirectLight {
     /// Side, in sub-samples, of the blocks that share one or two of those images, 1 to 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) point_block: Option<u32>,
-    /// Cells on a side of the scene for --indirect paths, as a power of two, 1 to 10 [default: 7]. Light leaks by about a
+    /// Cells on a side of the scene for --indirect gather, as a power of two, 1 to 10 [default: 7]. Light leaks by about a
     /// cell along walls. One level more takes about four times the time and memory whenever the scene moves
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
     pub(crate) path_level: Option<u32>,
-    /// Rays of each cell's surfaces for --indirect paths, 1 to 256 [default: 4]. Four times as many halve the noise and take
+    /// Rays of each cell's surfaces for --indirect gather, 1 to 256 [default: 4]. Four times as many halve the noise and take
     /// four times the time whenever the scene moves
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) path_rays: Option<u32>,
-    /// Rays of each gathering texel for --indirect paths, 1 to 256 [default: 4]. A quarter of the texels gather. Time is
+    /// Rays of each gathering texel for --indirect gather, 1 to 256 [default: 4]. A quarter of the texels gather. Time is
     /// proportional, for each sample and each view from triangles
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) path_gather: Option<u32>,
@@ -218,7 +237,7 @@ impl IndirectLight {
     /// Converts the flags to the sample set's settings.
     ///
     /// # Errors
-    /// `--particles` together with `--indirect points` or `paths`, which cannot gather their light; or a setting out of the
+    /// `--particles` together with `--indirect points`, `gather` or `cells`, which cannot gather their light; or a setting out of the
     /// method's range.
     pub(crate) fn settings(&self) -> anyhow::Result<Option<Indirect>> {
         // Particles are gathered like virtual point lights, with which paths do not go.
@@ -229,7 +248,7 @@ impl IndirectLight {
             _ => {}
         }
         let settings = match self.indirect.as_str() {
-            "points" | "paths" | "cells" => {
+            "points" | "gather" | "paths" | "cells" => {
                 anyhow::ensure!(
                     self.particles.is_none(),
                     "--particles: their light is gathered like that of virtual point lights; use --indirect vpl or off"
@@ -245,8 +264,11 @@ impl IndirectLight {
         settings.validate()?;
         let of_papers = matches!(settings, Indirect::Vpl(_) | Indirect::Points(_));
         if of_papers && !HAS_PAPERS {
-            let field = if self.particles.is_some() { "particles" } else { "indirect" };
-            return Err(missing(field, &self.indirect).into());
+            return Err(match self.particles {
+                Some(count) => missing("--particles", &count.to_string()),
+                None => missing("--indirect", &self.indirect),
+            }
+            .into());
         }
         Ok(Some(settings))
     }

@@ -6,19 +6,24 @@
 
 mod flow;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::{ClientError, FrameMeta, Session, SessionEvent, SessionOptions};
-use argus_scene::Frame;
+use argus_client::{Client, ClientError, FrameMeta, Session, SessionEvent, SessionOptions};
+use argus_proto::relief::{self, Relief};
+use argus_scene::{Camera, Frame, Output};
 use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
 use serde_json::{Map, Value, json};
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until, timeout};
 
-use self::flow::{Flow, Image};
+use self::flow::{Asked, Flow, Image};
 use super::messages::{self, Message as Said};
-use super::site::{Site, jpeg};
+use super::simulated_link::{Gone, Wire};
+use super::site::{Site, jpeg, usual_camera};
+use super::viewers;
 
 /// Longest message of a page in bytes. A camera takes about 200.
 pub(super) const MAX_MESSAGE_BYTES: usize = 4096;
@@ -38,6 +43,9 @@ const PING: Duration = Duration::from_secs(20);
 /// A page without a message or pong for this long is closed.
 const SILENCE: Duration = Duration::from_secs(60);
 
+/// Interval between two messages about where other viewers are.
+const OTHERS: Duration = Duration::from_millis(200);
+
 /// Longest time to close a WebSocket, for a page that does not answer.
 const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -45,13 +53,14 @@ const CLOSE_TIMEOUT: Duration = Duration::from_secs(1);
 type Encoding = JoinHandle<anyhow::Result<Image>>;
 
 /// Serves a page until it closes its WebSocket, stops answering, or this process stops.
-pub(super) async fn run(mut socket: WebSocket, site: Arc<Site>) {
-    let (code, reason) = Bridge::new(site).serve(&mut socket).await;
-    close(&mut socket, code, &reason).await;
+pub(super) async fn run(socket: WebSocket, site: Arc<Site>, client: Client) {
+    let mut wire = Wire::new(socket, site.link);
+    let (code, reason) = Bridge::new(site, client).serve(&mut wire).await;
+    close(&mut wire, code, &reason).await;
 }
 
 /// Closes a WebSocket with a reason, of which at most 123 bytes fit.
-pub(super) async fn close(socket: &mut WebSocket, code: u16, reason: &str) {
+pub(super) async fn close(socket: &mut Wire, code: u16, reason: &str) {
     let frame = CloseFrame { code, reason: reason.into() };
     let told = async {
         // Closing a connection with unread bytes resets it, and the page may miss the reason. So read until the page
@@ -69,9 +78,14 @@ type End = (u16, String);
 
 struct Bridge {
     site: Arc<Site>,
+    client: Client,
     session: Session,
     flow: Flow,
     encoding: Option<Encoding>,
+    /// The viewer's number among all.
+    viewer: u64,
+    /// Where other viewers are, while this one is seen.
+    others: Option<watch::Receiver<BTreeMap<u64, Camera>>>,
     /// No request is sent to the service before this time.
     paused_until: Instant,
 }
@@ -82,21 +96,31 @@ enum Step {
     Event(Result<SessionEvent, ClientError>),
     Encoded(anyhow::Result<Image>),
     Ping,
+    Others,
     Resume,
     Stop,
 }
 
 impl Bridge {
-    fn new(site: Arc<Site>) -> Self {
-        let session = open(&site);
-        Self { site, session, flow: Flow::default(), encoding: None, paused_until: Instant::now() }
+    fn new(site: Arc<Site>, client: Client) -> Self {
+        let session = open(&client);
+        let viewer = site.viewers.enter();
+        let (flow, paused_until) = (Flow::default(), Instant::now());
+        Self { site, client, session, flow, encoding: None, viewer, others: None, paused_until }
     }
 
-    async fn serve(&mut self, socket: &mut WebSocket) -> End {
+    async fn serve(&mut self, socket: &mut Wire) -> End {
         let mut pings = interval(PING);
         pings.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut others = interval(OTHERS);
+        others.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut heard = Instant::now();
         loop {
+            if self.flow.is_held_up() {
+                // A new session cancels the full image in work, which may take seconds, and which is no longer wanted.
+                self.session = open(&self.client);
+                self.flow.ask_again();
+            }
             let paused = Instant::now() < self.paused_until;
             if !paused && let Some(view) = self.flow.to_ask() {
                 let view = view.clone();
@@ -114,6 +138,7 @@ impl Bridge {
                 image = encoded(&mut self.encoding) => Step::Encoded(image),
                 () = sleep_until(self.paused_until), if paused => Step::Resume,
                 _ = pings.tick() => Step::Ping,
+                _ = others.tick(), if self.others.is_some() => Step::Others,
                 () = self.site.closing.cancelled() => Step::Stop,
             };
             let answer = match step {
@@ -129,12 +154,13 @@ impl Bridge {
                     self.encoding = None;
                     self.encoded(image)
                 }
+                Step::Others => self.others_moved(),
                 Step::Resume => None,
                 Step::Ping if heard.elapsed() > SILENCE => {
                     return (close_code::POLICY, "the page does not answer".to_owned());
                 }
                 Step::Ping => Some(Message::Ping(Vec::new().into())),
-                Step::Stop => return (close_code::AWAY, "argus browse was stopped".to_owned()),
+                Step::Stop => return (close_code::AWAY, "the page's server was stopped".to_owned()),
             };
             if let Some(answer) = answer
                 && let Err(end) = send(socket, answer).await
@@ -160,38 +186,61 @@ impl Bridge {
                 return Err((close_code::SIZE, reason.chars().take(120).collect()));
             }
         };
-        let site = &self.site;
-        let read = messages::read(&text, site.usual_camera(), &site.plan).and_then(|said| match said {
-            Said::Shown(number) => {
-                self.flow.shown(number);
-                Ok(())
-            }
-            Said::Camera { number, view } => {
-                view.validate(&site.client.description().limits)?;
-                self.flow.wants(number, *view, Instant::now())
-            }
-        });
+        let read =
+            messages::read(&text, usual_camera(&self.client), &self.site.plan).and_then(|said| match said {
+                Said::Shown(number) => {
+                    self.flow.shown(number);
+                    Ok(())
+                }
+                Said::Seen(camera) => {
+                    camera.map_or(Ok(()), |camera| camera.validate())?;
+                    self.is_seen(camera);
+                    Ok(())
+                }
+                Said::Camera { number, view, form } => {
+                    view.validate(&self.client.description().limits)?;
+                    self.flow.wants(number, *view, form, Instant::now())
+                }
+            });
         Ok(read.err().map(|error| Message::Text(messages::refused(&error).into())))
+    }
+
+    fn is_seen(&mut self, camera: Option<Camera>) {
+        self.site.viewers.is_at(self.viewer, camera);
+        match camera {
+            None => self.others = None,
+            Some(_) if self.others.is_none() => {
+                let mut others = self.site.viewers.follow();
+                others.mark_changed();
+                self.others = Some(others);
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// The message about where other viewers are, if one of them moved.
+    fn others_moved(&mut self) -> Option<Message> {
+        let seen = self.others.as_mut().filter(|others| others.has_changed().unwrap_or(false))?;
+        let others = viewers::others(&seen.borrow_and_update(), self.viewer);
+        Some(Message::Text(messages::viewers(&others).into()))
     }
 
     /// Handles an event of the session. Returns the message for the page, if any.
     fn take(&mut self, event: Result<SessionEvent, ClientError>) -> Option<Message> {
         match event {
             Ok(SessionEvent::Frame { camera_seq, frame, meta }) => {
-                if let Some((number, since)) = self.flow.answered(camera_seq) {
-                    let bridge_ms = since.elapsed().as_secs_f64() * 1e3;
-                    self.encoding =
-                        Some(tokio::task::spawn_blocking(move || encode(number, bridge_ms, &frame, &meta)));
+                if let Some(asked) = self.flow.answered(camera_seq) {
+                    self.encoding = Some(tokio::task::spawn_blocking(move || encode(&asked, &frame, &meta)));
                 }
                 None
             }
             Ok(SessionEvent::Failed { camera_seq, error }) => {
-                let (number, _) = self.flow.answered(camera_seq)?;
+                let number = self.flow.answered(camera_seq)?.number;
                 let again = !matches!(error, ClientError::Invalid { .. });
                 Some(Message::Text(messages::failed(number, &error.to_string(), again).into()))
             }
             Err(error) => {
-                self.session = open(&self.site);
+                self.session = open(&self.client);
                 self.flow.ask_again();
                 self.paused_until = Instant::now() + PAUSE;
                 Some(Message::Text(messages::trouble(&error.to_string()).into()))
@@ -210,8 +259,14 @@ impl Bridge {
     }
 }
 
-fn open(site: &Site) -> Session {
-    site.client.session(SessionOptions { patience: PATIENCE, ..SessionOptions::default() })
+impl Drop for Bridge {
+    fn drop(&mut self) {
+        self.site.viewers.is_at(self.viewer, None);
+    }
+}
+
+fn open(client: &Client) -> Session {
+    client.session(SessionOptions { patience: PATIENCE, ..SessionOptions::default() })
 }
 
 /// Waits for the running encoding; forever if there is none.
@@ -223,21 +278,35 @@ async fn encoded(encoding: &mut Option<Encoding>) -> anyhow::Result<Image> {
 }
 
 /// Encodes an image's message. Adds to its description what only this process knows: the page's number of the camera, the
-/// milliseconds from the camera's arrival to the frame's (`bridge_ms`), and those of encoding (`jpeg_ms`).
-fn encode(number: u64, bridge_ms: f64, frame: &Frame, meta: &FrameMeta) -> anyhow::Result<Image> {
-    let begin = std::time::Instant::now();
-    let jpeg = jpeg(frame)?;
+/// milliseconds from the camera's arrival to the frame's (`bridge_ms`), and those of encoding the JPEG (`jpeg_ms`) and the
+/// relief (`relief_ms`).
+fn encode(asked: &Asked, frame: &Frame, meta: &FrameMeta) -> anyhow::Result<Image> {
     let mut about: Map<String, Value> = messages::about(frame, meta);
-    about.insert("camera_seq".to_owned(), json!(number));
-    about.insert("bridge_ms".to_owned(), json!(bridge_ms));
-    about.insert("jpeg_ms".to_owned(), json!(begin.elapsed().as_secs_f64() * 1e3));
-    Ok(Image { number, message: messages::image(&about, &jpeg) })
+    let ms = |since: std::time::Duration| json!(since.as_secs_f64() * 1e3);
+    about.insert("camera_seq".to_owned(), json!(asked.number));
+    about.insert("bridge_ms".to_owned(), ms(asked.since.elapsed()));
+    let begin = std::time::Instant::now();
+    let jpeg = jpeg(frame, asked.form.quality)?;
+    about.insert("jpeg_ms".to_owned(), ms(begin.elapsed()));
+    let begin = std::time::Instant::now();
+    let relief = relief_of(frame, asked);
+    about.insert("relief_ms".to_owned(), ms(begin.elapsed()));
+    Ok(Image { number: asked.number, message: messages::image(about, &jpeg, relief.as_ref()) })
 }
 
-async fn send(socket: &mut WebSocket, message: Message) -> Result<(), End> {
+/// The relief of a frame, if it was asked for: off by half a pixel once the viewer has moved as far as asked.
+fn relief_of(frame: &Frame, Asked { camera, form, .. }: &Asked) -> Option<Relief> {
+    let (reach, range) = (form.reach?, frame.images[Output::Range].as_ref()?);
+    let range: Vec<f32> = range.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+    let tan_half = camera.tan_half_fov(frame.width, frame.height);
+    let focal_pixels = f64::from(frame.height) / 2.0 / tan_half.y;
+    relief::encode(&range, frame.width, frame.height, tan_half.to_array(), 0.5 / (focal_pixels * reach))
+}
+
+async fn send(socket: &mut Wire, message: Message) -> Result<(), End> {
     match timeout(SEND_TIMEOUT, socket.send(message)).await {
         Ok(Ok(())) => Ok(()),
-        Ok(Err(error)) => Err((close_code::ABNORMAL, error.to_string())),
+        Ok(Err(Gone(error))) => Err((close_code::ABNORMAL, error)),
         Err(_) => Err((close_code::POLICY, "the page does not read".to_owned())),
     }
 }

@@ -6,31 +6,40 @@ use std::time::Duration;
 use argus_client::{ClientError, LightCells, RenderOptions};
 use argus_scene::LightLevel;
 use axum::Router;
+use axum::body::Bytes;
 use axum::extract::ws::{WebSocketUpgrade, close_code};
-use axum::extract::{RawQuery, Request, State};
+use axum::extract::{DefaultBodyLimit, Path, RawQuery, Request, State};
 use axum::http::{HeaderMap, HeaderName, StatusCode, header};
 use axum::middleware::{self, Next};
-use axum::response::{Html, IntoResponse, Response};
-use axum::routing::get;
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
 use serde_json::{Value, json};
 
-use super::site::{MAX_FRAMES, MAX_PAGES, Site, jpeg};
-use super::{bridge, guard, messages, query};
+use super::access::Access;
+use super::simulated_link::Wire;
+use super::site::{MAX_FRAMES, MAX_PAGES, Site, jpeg, usual_camera};
+use super::{assets, bridge, guard, messages, query};
 
 /// Deadline of a single frame: the first one may wait for samples.
 const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Longest token.
+const MAX_TOKEN_BYTES: usize = 4096;
 
 /// The header with a frame's description, [`messages::about`].
 const ABOUT: HeaderName = HeaderName::from_static("argus-frame");
 
 pub(super) fn router(site: Arc<Site>) -> Router {
     Router::new()
-        .route("/", get(async || Html(include_str!("page.html"))))
+        .route("/", get(async || assets::page()))
+        .route("/{file}", get(async |Path(name): Path<String>| assets::file(&name)))
         .route("/scene", get(scene))
         .route("/cells", get(cells))
         .route("/frame", get(frame))
         .route("/session", get(session))
-        .fallback(async || (StatusCode::NOT_FOUND, "the paths are /, /scene, /cells, /session and /frame\n"))
+        .route("/login", post(login))
+        .fallback(async || assets::file(""))
+        .layer(DefaultBodyLimit::max(MAX_TOKEN_BYTES))
         .layer(middleware::from_fn_with_state(site.clone(), of_this_machine))
         .with_state(site)
 }
@@ -38,7 +47,7 @@ pub(super) fn router(site: Arc<Site>) -> Router {
 /// Rejects requests with another machine's host name, see [`guard::is_of_this_machine`].
 async fn of_this_machine(State(site): State<Arc<Site>>, request: Request, next: Next) -> Response {
     if site.local && !guard::is_of_this_machine(request.headers(), request.uri().host()) {
-        let reason = "open the page at the address that argus browse printed\n";
+        let reason = "open the page at the address that argus printed\n";
         return (StatusCode::MISDIRECTED_REQUEST, reason).into_response();
     }
     next.run(request).await
@@ -49,25 +58,48 @@ async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: Web
     if !guard::is_of_own_page(&headers) {
         return reply(StatusCode::FORBIDDEN, "only the page of this address may open a WebSocket here");
     }
+    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
     let place = site.pages.clone().try_acquire_owned();
     let open = site.open.token();
     upgrade.max_message_size(bridge::MAX_MESSAGE_BYTES).max_frame_size(bridge::MAX_MESSAGE_BYTES).on_upgrade(
-        async move |mut socket| {
+        async move |socket| {
             let _open = open;
             match place {
-                Ok(_place) => bridge::run(socket, site).await,
+                Ok(_place) => bridge::run(socket, site, client).await,
                 // A page cannot read why an upgrade failed, but it can read why a WebSocket was closed.
                 Err(_) => {
                     let reason = format!("{MAX_PAGES} pages are open, the limit: close one of them");
-                    bridge::close(&mut socket, close_code::AGAIN, &reason).await;
+                    bridge::close(&mut Wire::new(socket, None), close_code::AGAIN, &reason).await;
                 }
             }
         },
     )
 }
 
-async fn scene(State(site): State<Arc<Site>>) -> Response {
-    let about = site.client.description();
+/// Logs in with the token in the request's body.
+async fn login(State(site): State<Arc<Site>>, headers: HeaderMap, token: Bytes) -> Response {
+    if !guard::is_of_own_page(&headers) {
+        return reply(StatusCode::FORBIDDEN, "only the page of this address may log in here");
+    }
+    let Access::ByToken(logins) = &site.access else {
+        return reply(StatusCode::NOT_FOUND, "this page needs no login");
+    };
+    let token = String::from_utf8_lossy(&token);
+    match logins.enter(&token).await {
+        Ok(cookie) => ([(header::SET_COOKIE, cookie)], StatusCode::NO_CONTENT).into_response(),
+        Err(error @ ClientError::Refused { .. }) => reply(StatusCode::UNAUTHORIZED, error),
+        Err(error) => reply(StatusCode::BAD_GATEWAY, error),
+    }
+}
+
+/// The answer to a request without a login.
+fn log_in_first() -> Response {
+    reply(StatusCode::UNAUTHORIZED, "log in with your token first")
+}
+
+async fn scene(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
+    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+    let about = client.description();
     let cameras: Vec<_> =
         about.cameras.iter().map(|named| json!({ "name": named.name, "camera": named.camera })).collect();
     let effects: Vec<_> = about
@@ -91,8 +123,9 @@ async fn scene(State(site): State<Arc<Site>>) -> Response {
 }
 
 /// The light cells of all workers together, as in the cluster's status; `null` without any.
-async fn cells(State(site): State<Arc<Site>>) -> Response {
-    let status = match site.client.status().await {
+async fn cells(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
+    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+    let status = match client.status().await {
         Ok(status) => status,
         Err(error) => return reply(StatusCode::BAD_GATEWAY, error),
     };
@@ -111,9 +144,10 @@ async fn cells(State(site): State<Arc<Site>>) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], json!(all).to_string()).into_response()
 }
 
-async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Response {
-    let view = query::view(&asked.unwrap_or_default(), site.usual_camera(), &site.plan).and_then(|view| {
-        view.validate(&site.client.description().limits)?;
+async fn frame(State(site): State<Arc<Site>>, headers: HeaderMap, RawQuery(asked): RawQuery) -> Response {
+    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+    let view = query::view(&asked.unwrap_or_default(), usual_camera(&client), &site.plan).and_then(|view| {
+        view.validate(&client.description().limits)?;
         Ok(view)
     });
     let view = match view {
@@ -127,14 +161,15 @@ async fn frame(State(site): State<Arc<Site>>, RawQuery(asked): RawQuery) -> Resp
         );
     };
     let options = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
-    let answer = match site.client.render(&view, &options).await {
+    let answer = match client.render(&view, &options).await {
         Ok(answer) => answer,
         Err(error @ ClientError::Invalid { .. }) => return reply(StatusCode::BAD_REQUEST, error),
         Err(error @ ClientError::Overloaded { .. }) => return reply(StatusCode::SERVICE_UNAVAILABLE, error),
         Err(error) => return reply(StatusCode::BAD_GATEWAY, error),
     };
     let about = Value::Object(messages::about(&answer.frame, &answer.meta)).to_string();
-    let image = tokio::task::spawn_blocking(move || jpeg(&answer.frame)).await;
+    let image =
+        tokio::task::spawn_blocking(move || jpeg(&answer.frame, messages::Form::default().quality)).await;
     match image {
         Ok(Ok(image)) => {
             let headers = [

@@ -38,7 +38,7 @@ pub(super) fn view(query: &str, usual: Camera, plan: &PlanRequest) -> Result<Vie
         }
     }
     let [width, height] = size;
-    Ok(View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None })
+    Ok(View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None, flow_to: None, rays: None })
 }
 
 #[cfg(test)]

@@ -15,7 +15,6 @@ use std::time::Duration;
 use anyhow::Context;
 use argus_local::{LocalCluster, connect, settle};
 use argus_scene::PlanRequest;
-use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::demo::crowd::{Load, Shown};
 use crate::demo::rate::Rate;
@@ -83,7 +82,7 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     let size = args.size.unwrap_or(defaults.1);
     let seconds = args.seconds.unwrap_or(defaults.2);
     let workers = args.workers.map_or_else(processes::default_count, usize::from);
-    let progress = progress();
+    let progress = output::progress();
 
     progress.set_message(format!("starting a coordinator and {workers} workers"));
     let program = std::env::current_exe().context("cannot find this program's own file")?;
@@ -136,14 +135,4 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     print!("{figures}");
     println!("\nThe images, the contact sheet and latency.svg are in {}", args.out.display());
     Ok(())
-}
-
-/// A progress bar on standard error, if that is a terminal.
-fn progress() -> ProgressBar {
-    let bar = ProgressBar::no_length();
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos:>4}/{len} {msg} ({elapsed})") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(100));
-    bar
 }

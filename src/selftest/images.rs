@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use argus_compositor::SearchBackend;
 use argus_scene::metrics::Comparison;
 use argus_scene::sample::{PlaneData, PlaneKind, Sample};
-use argus_scene::{Frame, RenderError, SampleCamera, Search, Visibility, Warp};
+use argus_scene::{Frame, Output, RenderError, SampleCamera, Search, Visibility, Warp};
 
 use super::check::{Checks, Limit};
 use super::limits;
@@ -112,7 +112,10 @@ pub(super) fn searches(stage: &mut Stage, checks: &mut Checks) {
 /// Share of differing colour bytes; 1 if the images differ in size.
 fn differing(a: &[Frame], b: &[Frame]) -> f64 {
     let bytes = |frames: &[Frame]| -> Vec<u8> {
-        frames.iter().flat_map(|frame| frame.color.iter().flat_map(|color| color.to_vec())).collect()
+        frames
+            .iter()
+            .flat_map(|frame| frame.images[Output::Color].iter().flat_map(|color| color.to_vec()))
+            .collect()
     };
     let (a, b) = (bytes(a), bytes(b));
     if a.len() != b.len() || a.is_empty() {

@@ -2,7 +2,7 @@
 
 use anyhow::{Context as _, Result, bail, ensure};
 use argus_gpu::{Gpu, GpuOptions};
-use argus_scene::{Frame, Visibility};
+use argus_scene::{Frame, Output, Visibility};
 
 use super::check::Checks;
 use super::stage::Stage;
@@ -39,5 +39,8 @@ fn render(stage: &mut Stage) -> Result<Vec<Frame>> {
 }
 
 fn colors(frames: &[Frame]) -> Result<Vec<&[u8]>> {
-    frames.iter().map(|frame| frame.color.as_deref().context("the frame has no colour")).collect()
+    frames
+        .iter()
+        .map(|frame| frame.images[Output::Color].as_deref().context("the frame has no colour"))
+        .collect()
 }

@@ -10,8 +10,8 @@ use argus_scene::metrics::{self, Comparison};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::sample::{Sample, SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Plan, RenderError, Rig, RigSettings, SampleJob, Sampler as _,
-    Scene, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor as _, Frame, Output, Plan, RenderError, Rig, RigSettings, SampleJob,
+    Sampler as _, Scene, ViewJob, Visibility, Warp,
 };
 use image::RgbImage;
 
@@ -119,7 +119,7 @@ impl Stage {
     /// The worst FLIP and PSNR of the views' frames against the reference.
     pub(super) fn judge(&self, frames: &[Frame]) -> Result<Comparison> {
         let judge = |(frame, truth): (&Frame, &RgbImage)| -> Result<Comparison> {
-            let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+            let pixels = frame.images[Output::Color].as_ref().context("the frame has no colour")?.to_vec();
             let image =
                 RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
             Ok(metrics::compare(truth, &image)?)

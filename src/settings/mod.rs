@@ -275,7 +275,7 @@ impl Default for Limits {
             sessions: 16384,
             sessions_per_client: 12288,
             connections: 16384,
-            request_kib: 256,
+            request_kib: 1024,
             view_side: view.max_side,
             view_pixels: view.max_pixels,
         }
@@ -292,7 +292,7 @@ pub(crate) struct Security {
     pub(crate) key: Option<PathBuf>,
     /// PEM file of the authority that signs the certificates of the cluster's processes.
     pub(crate) ca: Option<PathBuf>,
-    /// File of the clients' tokens, one per line: role (view or admin), name, token.
+    /// File of the clients' tokens, one per line: role (view, author or admin), name, token.
     pub(crate) tokens: Option<PathBuf>,
     /// Whether clients must have certificates too; health probes then need one as well.
     pub(crate) require_client_certificates: bool,

@@ -1,9 +1,11 @@
 //! `argus view`: renders one view into a file.
 
 mod alone;
+pub(crate) mod images;
+pub(crate) mod record;
 mod report;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -13,11 +15,13 @@ use argus_cluster::coordinator::Config;
 use argus_proto::Description;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer, cache};
 use argus_scene::{
-    Camera, Frame, Indirect, LightEffects, LightLevel, Output, Outputs, Plan, PlanRequest, Provenance,
-    SceneState, View, metrics,
+    Camera, Indirect, LightEffects, LightLevel, Output, Plan, PlanRequest, Provenance, SceneState, View,
+    metrics,
 };
+use glam::DVec3;
 
 use self::alone::AloneArgs;
+use self::record::Record;
 use self::report::{Report, Taken};
 use crate::exit::bad_arguments;
 use crate::settings::Sources;
@@ -34,10 +38,12 @@ const REFERENCE_SAMPLES: u32 = 16;
 
 /// Renders one view and writes it to a file: by a service, or with --scene in this process.
 ///
-/// The file's format follows from --output. color: sRGB PNG. range: OpenEXR with one 32-bit float channel, Z, in
-/// metres from the eye, +inf for the sky. The rest are grey PNG. mask: 255 where no sample saw the pixel's surface.
-/// source: the number, from 1, of the plan's sample that served the pixel; 0 for none. confidence: 0 to 127, plus 128
-/// if a second sample agrees.
+/// The file's format follows from --output. color: sRGB PNG. mask, source and confidence: grey PNG. mask: 255 where no sample saw the
+/// pixel's surface. source: the number, from 1, of the plan's sample that served the pixel; 0 for none. confidence: 0 to 127, plus
+/// 128 if a second sample agrees. The rest are OpenEXR. radiance: channels R, G, B, linear, before exposure. range: distance from the
+/// eye, metres, +inf for the sky. depth: channel Z, the same along the camera's axis. normal: N.X, N.Y, N.Z in world space. instance
+/// and material: indices, 4294967295 for the sky. flow: flow.X and flow.Y, pixels right and down to where a camera at --flow-eye
+/// shows the same point.
 #[derive(clap::Args, Clone)]
 #[command(
     allow_negative_numbers = true,
@@ -49,6 +55,8 @@ Examples:
   argus view --eye 60,40,60 --target 0,5,0 --direct --out exact.png
   argus view --eye 60,40,60 --target 0,5,0 --max-error 0.05 --verify --out good-enough.png
   argus view --eye -1.5,2,0 --target 0,2,-3 --fov-deg 70 --output range --out range.exr --json
+  argus view --output color,depth,normal,instance --out images --provenance images.json
+  argus view --intrinsics 500,500,320,240 --distortion -0.3,0.1,0,0 --pose pose.txt --out lens.png
 `argus scene S` lists viewpoints that the scene's author recommends."
 )]
 pub(crate) struct Args {
@@ -58,15 +66,28 @@ pub(crate) struct Args {
     alone: AloneArgs,
     #[command(flatten)]
     viewpoint: args::Viewpoint,
+    #[command(flatten)]
+    lens: args::LensArgs,
     /// Size of the image in pixels
     #[arg(long, value_name = "WxH", default_value = "640x480", value_parser = args::size)]
     size: [u32; 2],
-    /// Image to write: color, range, mask, source or confidence
-    #[arg(long, value_name = "IMAGE", default_value = "color", value_parser = args::output())]
-    output: Output,
-    /// File to write
+    /// Images to write, with commas between or by several flags: color, range, mask, source, confidence, radiance, depth, normal,
+    /// instance, material, flow
+    #[arg(long, value_name = "IMAGE", default_value = "color", value_delimiter = ',', value_parser = args::output())]
+    output: Vec<Output>,
+    /// File to write; with several images, a folder of files that are named for them: color.png, depth.exr, …
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Position of the camera that flow leads to, metres; its up direction and field of view are the view's
+    #[arg(long, value_name = "X,Y,Z", value_parser = args::point, allow_hyphen_values = true)]
+    flow_eye: Option<DVec3>,
+    /// Point that this camera looks at, metres [default: as far from --flow-eye, and in the same direction, as the view's target from its
+    /// eye]
+    #[arg(long, value_name = "X,Y,Z", requires = "flow_eye", value_parser = args::point, allow_hyphen_values = true)]
+    flow_target: Option<DVec3>,
+    /// Also write what made the frame as JSON, for `argus replay`; not with --scene
+    #[arg(long, value_name = "FILE", conflicts_with = "scene")]
+    provenance: Option<PathBuf>,
     /// Show an animated scene at this time, rounded to the nearest epoch, instead of the time that is served now (with --scene:
     /// 0); needs --direct or --scene
     #[arg(long, value_name = "SECONDS", value_parser = args::zero_or_more)]
@@ -76,10 +97,10 @@ pub(crate) struct Args {
     timeout: f64,
     /// Also render the reference on this machine, which is slow, and report the true error beside the predicted one; needs
     /// the scene's file here
-    #[arg(long)]
+    #[arg(long, conflicts_with = "rays")]
     verify: bool,
     /// Print one JSON object: width, height, camera, epoch, light, search, samples, decision: {reason, wait_ms, render_ms, excess},
-    /// unresolved_fraction, served, worker, predicted: {error, ms}, measured_ms, true_error, stages_ms: {name: ms}, total_ms, …
+    /// unresolved_fraction, served, worker, predicted: {error, ms}, measured_ms, true_error, digest, stages_ms: {name: ms}, total_ms, …
     #[arg(long)]
     json: bool,
     #[command(flatten)]
@@ -88,15 +109,24 @@ pub(crate) struct Args {
 
 impl Args {
     /// The view of these flags in a scene with that default view.
-    fn view(&self, usual: Camera, pin: Option<Provenance>) -> View {
+    ///
+    /// # Errors
+    /// A lens or pose that is malformed.
+    fn view(&self, usual: Camera, pin: Option<Provenance>) -> anyhow::Result<View> {
         let [width, height] = self.size;
-        let (camera, outputs) = (self.viewpoint.camera(usual), Outputs::only(self.output));
-        View { camera, width, height, outputs, plan: self.plan.request(), pin }
+        let camera = self.lens.camera(self.viewpoint.camera(usual))?;
+        let (camera, rays) = self.lens.listed(camera, width)?;
+        let (outputs, plan) = (self.output.iter().copied().collect(), self.plan.request());
+        let flow_to = self.flow_eye.map(|eye| {
+            let target = self.flow_target.unwrap_or(eye + (camera.target - camera.eye));
+            Camera { eye, target, ..camera }
+        });
+        Ok(View { camera, width, height, outputs, plan, pin, flow_to, rays })
     }
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
-    if args.verify && args.output != Output::Color {
+    if args.verify && args.output != [Output::Color] {
         return Err(bad_arguments("--verify compares colours: use it without --output"));
     }
     if args.time.is_some() && !args.plan.direct && args.alone.scene.is_none() {
@@ -110,7 +140,13 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
         }
         None => served(&args, sources).await?,
     };
-    write(&args.out, args.output, &taken.frame)?;
+    let outputs: Vec<Output> = taken.view.outputs.iter().collect();
+    for (output, file) in images::files(&args.out, &outputs) {
+        images::write(&file, output, &taken.frame)?;
+    }
+    if let Some(file) = &args.provenance {
+        Record::of(&taken.view, &taken.scene.0, &taken.frame).write(file)?;
+    }
     let mut report = Report::of(&taken);
     if args.verify {
         let judged = tokio::task::spawn_blocking(move || true_error(&taken));
@@ -130,13 +166,13 @@ async fn served(args: &Args, sources: &Sources) -> anyhow::Result<Taken> {
     let plan = args.plan.request();
     let pin = args.time.map(|secs| moment(description, &plan, secs)).transpose()?;
     let usual = description.cameras.first().context("the service names no camera")?.camera;
-    let view = args.view(usual, pin);
+    let view = args.view(usual, pin)?;
     let deadline =
         Duration::try_from_secs_f64(args.timeout).unwrap_or(Duration::from_secs(u64::from(u32::MAX)));
     let options = RenderOptions { deadline, ..RenderOptions::default() };
     let Answer { frame, meta, latency, attempts } = client.render(&view, &options).await?;
     Ok(Taken {
-        camera: view.camera,
+        view,
         frame,
         scene: (description.scene_name.clone(), description.scene_hash),
         epoch_secs: description.epoch_secs,
@@ -153,10 +189,10 @@ fn alone(args: &Args, config: &Config) -> anyhow::Result<Taken> {
     let began = Instant::now();
     let mut alone = Alone::open(&args.alone.spec(), config)?;
     let (scene, light) = (alone.scene().clone(), alone.full_light());
-    let view = args.view(scene.default_camera(), None);
+    let view = args.view(scene.default_camera(), None)?;
     let frame = alone.render(&view, light, args.time.unwrap_or(0.0))?;
     Ok(Taken {
-        camera: view.camera,
+        view,
         frame,
         scene: (scene.name.clone(), scene.hash),
         epoch_secs: alone.prepared().set.epoch_secs,
@@ -172,14 +208,18 @@ fn alone(args: &Args, config: &Config) -> anyhow::Result<Taken> {
 fn moment(description: &Description, plan: &PlanRequest, secs: f64) -> anyhow::Result<Provenance> {
     let side = plan.supersampling.unwrap_or(1);
     let (samples_per_pixel, detail) = (side.saturating_mul(side), plan.detail.unwrap_or_default());
-    let state = SceneState { epoch: epoch_of(secs, description.epoch_secs)?, light: description.first_light };
+    let state = SceneState {
+        epoch: epoch_of(secs, description.epoch_secs)?,
+        light: description.first_light,
+        revision: 0,
+    };
     let plan = Plan::Direct { samples_per_pixel, detail, light: None };
     Ok(Provenance::of_plan(description.scene_hash, state, plan))
 }
 
 /// Mean FLIP of a view against the reference. The reference is traced on this machine and kept for the next call.
 fn true_error(taken: &Taken) -> anyhow::Result<f64> {
-    let Taken { camera, frame, scene: (name, hash), epoch_secs, .. } = taken;
+    let Taken { view, frame, scene: (name, hash), epoch_secs, .. } = taken;
     let scene = argus_scene::open(name).with_context(|| format!("--verify needs the scene {name} here"))?;
     let mut scene = scene
         .in_light_of(*hash)
@@ -197,19 +237,7 @@ fn true_error(taken: &Taken) -> anyhow::Result<f64> {
     let tracer = tracer.with_direct_light(DirectLight { effects, rays: LIGHT_RAYS });
     let (folder, size) = (cache::directory(), [frame.width, frame.height]);
     let folder = folder.as_deref();
-    let reference = cache::render_with(folder, &tracer, camera, size, REFERENCE_SAMPLES, indirect, |_| ());
+    let reference =
+        cache::render_with(folder, &tracer, &view.camera, size, REFERENCE_SAMPLES, indirect, |_| ());
     Ok(metrics::flip_mean(&reference.display(exposure), &output::image_of(frame)?)?)
-}
-
-/// Writes the requested image.
-fn write(path: &Path, output: Output, frame: &Frame) -> anyhow::Result<()> {
-    let (width, height) = (frame.width, frame.height);
-    let image = frame.image(output).context("the frame lacks the requested image")?;
-    match output {
-        Output::Color => output::write_rgb_png(path, width, height, image),
-        Output::Range => output::write_range_exr(path, width, height, image),
-        Output::Mask | Output::Source | Output::Confidence => {
-            output::write_gray_png(path, width, height, image)
-        }
-    }
 }

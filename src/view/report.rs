@@ -5,7 +5,8 @@ use std::path::Path;
 
 use argus_scene::frame::Decision;
 use argus_scene::{
-    Camera, Frame, FrameSource, Holes, LightLevel, Plan, Prediction, SceneHash, Served, Specification, Stage,
+    Camera, Frame, FrameDigest, FrameSource, Holes, LightLevel, Plan, Prediction, SceneHash, Served,
+    Specification, Stage, View,
 };
 use serde::Serialize;
 
@@ -13,7 +14,7 @@ use crate::args;
 
 /// A view that was rendered.
 pub(super) struct Taken {
-    pub(super) camera: Camera,
+    pub(super) view: View,
     pub(super) frame: Frame,
     /// The scene's name and hash.
     pub(super) scene: (String, SceneHash),
@@ -64,6 +65,8 @@ pub(super) struct Report {
     specification: Option<Specification>,
     /// BLAKE3 of the specification, hexadecimal.
     specification_hash: Option<String>,
+    /// BLAKE3 of the images in the order of their outputs, each in its raw layout, hexadecimal.
+    digest: FrameDigest,
     stages_ms: BTreeMap<String, f64>,
     /// Milliseconds that the frame spent within the service.
     age_ms: f64,
@@ -74,7 +77,7 @@ pub(super) struct Report {
 
 impl Report {
     pub(super) fn of(taken: &Taken) -> Self {
-        let Taken { camera, frame, worker, start, age_ms, total_ms, attempts, .. } = taken;
+        let Taken { view, frame, worker, start, age_ms, total_ms, attempts, .. } = taken;
         let (search, samples, samples_per_pixel) = match &frame.provenance.plan {
             Plan::Direct { samples_per_pixel, .. } => ("direct", Vec::new(), *samples_per_pixel),
             Plan::Warp(warp) => {
@@ -95,7 +98,7 @@ impl Report {
         Self {
             width: frame.width,
             height: frame.height,
-            camera: *camera,
+            camera: view.camera,
             epoch: frame.provenance.state.epoch,
             light: frame.provenance.state.light,
             search,
@@ -115,6 +118,7 @@ impl Report {
                 .provenance
                 .specification
                 .map(|specification| specification.hash().to_string()),
+            digest: frame.images.digest(),
             stages_ms,
             age_ms: *age_ms,
             total_ms: *total_ms,

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use argus_cluster::coordinator::{Config, Prepared, prepare};
 use argus_cluster::{RoleFactory as _, SceneSource as _};
 use argus_scene::{
-    Cancel, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob,
+    Cancel, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob, derived,
 };
 
 use super::{Device, OpenScene};
@@ -89,20 +89,25 @@ impl Alone {
             camera: view.camera,
             width: view.width,
             height: view.height,
-            outputs: view.outputs,
+            outputs: derived::rendered(view.outputs),
             plan: Plan::Direct {
                 samples_per_pixel: side * side,
                 detail: view.plan.detail.unwrap_or_default(),
                 light: None,
             },
-            state: SceneState { epoch, light },
+            state: SceneState { epoch, light, revision: 0 },
             time_secs: epoch as f64 * set.epoch_secs,
             visibility: self.sampler.usual_visibility(),
             reflections: set.reflections,
             history: None,
+            rays: view.rays.clone(),
         };
         let frames = self.sampler.render_views(std::slice::from_ref(&job), &Cancel::new());
-        Ok(frames.into_iter().next().context("the sampler rendered no view")??)
+        let mut frame = frames.into_iter().next().context("the sampler rendered no view")??;
+        let camera = (&view.camera, view.rays.as_ref());
+        derived::complete(&mut frame, view.outputs, camera, view.flow_to.as_ref());
+        frame.images.keep_only(view.outputs);
+        Ok(frame)
     }
 }
 

@@ -12,8 +12,8 @@ use argus_scene::reference::{DirectLight, Indirect as Paths, SceneSight, Tracer,
 use argus_scene::rig::{CandidateCameras, VisibilityQuery};
 use argus_scene::sample::{SampleId, SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, InvalidField, Outputs, Plan, RenderError, Rig, RigSettings,
-    SampleJob, Sampler as _, Sampling, Scene, Version, ViewJob, Visibility,
+    Camera, Cancel, Compositor as _, Frame, InvalidField, Output, Outputs, Plan, RenderError, Rig,
+    RigSettings, SampleJob, Sampler as _, Sampling, Scene, Version, ViewJob, Visibility,
 };
 use glam::{DVec2, DVec3};
 use image::RgbImage;
@@ -278,7 +278,7 @@ impl Bench {
     /// Compares a frame's colour and range with the reference. `side`: the frame's sub-pixels a side; 1 for a direct
     /// view, which reports the range at the pixel's centre.
     pub(crate) fn judge(frame: &Frame, truth: &Truth, side: u32) -> Result<FrameErrors> {
-        let range = frame.range.as_ref().context("the frame has no range")?;
+        let range = frame.images[Output::Range].as_ref().context("the frame has no range")?;
         let (_, ranges) =
             truth.ranges.iter().find(|(s, _)| *s == side).context("no true ranges for these sub-pixels")?;
         let (values, _) = range.as_chunks::<4>();
@@ -341,6 +341,6 @@ pub(crate) fn compare(frame: &Frame, reference: &RgbImage) -> Result<Comparison>
 
 /// A frame's colour.
 pub(crate) fn image_of(frame: &Frame) -> Result<RgbImage> {
-    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    let pixels = frame.images[Output::Color].as_ref().context("the frame has no colour")?.to_vec();
     RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
 }

@@ -41,6 +41,18 @@ impl Machine {
     }
 }
 
+/// Rows with the columns of all of them, in the order in which they first occur.
+fn aligned(rows: Vec<Map<String, Value>>) -> Vec<Map<String, Value>> {
+    let mut columns = Map::new();
+    for name in rows.iter().flat_map(Map::keys) {
+        columns.entry(name.clone()).or_insert(Value::Null);
+    }
+    let all = |mut row: Map<String, Value>| {
+        columns.keys().map(|name| (name.clone(), row.remove(name).unwrap_or_default())).collect()
+    };
+    rows.into_iter().map(all).collect()
+}
+
 /// The result of a study.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -59,9 +71,9 @@ pub struct Report {
 }
 
 impl Report {
-    /// A report without notes or plots.
+    /// A report without notes or plots. A row without a column that others have is null there.
     pub fn new(scene: impl Into<String>, machine: Machine, rows: Vec<Map<String, Value>>) -> Self {
-        Self { scene: scene.into(), machine, rows, notes: Vec::new(), plots: Vec::new() }
+        Self { scene: scene.into(), machine, rows: aligned(rows), notes: Vec::new(), plots: Vec::new() }
     }
 
     /// Notes the duration of the longest GPU pass, if the device reports it: drivers end passes that take too long.
@@ -195,5 +207,12 @@ mod tests {
         report.notes.push("One was left out.".to_owned());
         assert!(report.markdown().ends_with("|\n\nOne was left out.\n"));
         assert_eq!(report.csv(), "name,ms\n\"a,b\",1.25\nc,\n");
+    }
+
+    #[test]
+    fn rows_with_different_columns_have_the_columns_of_all() {
+        let rows = [serde_json::json!({"a": 1}), serde_json::json!({"b": 3, "a": 2})];
+        let report = Report::new("s", Machine::here("none"), rows.map(super::row).to_vec());
+        assert_eq!(report.csv(), "a,b\n1,\n2,3\n");
     }
 }

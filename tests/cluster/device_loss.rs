@@ -13,7 +13,7 @@ use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
 use argus_scene::{
-    Compositor, Holes, Outputs, PlanRequest, RenderError, SampleSetInfo, Sampler, Scene, View,
+    Compositor, Holes, Output, Outputs, PlanRequest, RenderError, SampleSetInfo, Sampler, Scene, View,
 };
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
@@ -132,12 +132,14 @@ async fn views_in_flight_survive_the_loss_of_the_device_with_the_same_image() {
             outputs: Outputs::COLOR,
             plan: plans[i % plans.len()],
             pin: None,
+            flow_to: None,
+            rays: None,
         })
         .collect();
     let patient = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
     let mut whole = Vec::new();
     for view in &views {
-        whole.push(client.render(view, &patient).await.unwrap().frame.color.unwrap());
+        whole.push(client.render(view, &patient).await.unwrap().frame.images[Output::Color].clone().unwrap());
     }
     for losses in 1..=3 {
         let mut answers = JoinSet::new();
@@ -154,7 +156,10 @@ async fn views_in_flight_survive_the_loss_of_the_device_with_the_same_image() {
         while let Some(answer) = answers.join_next().await {
             let (i, round, answer) = answer.unwrap();
             let frame = answer.unwrap_or_else(|error| panic!("view {i} of round {round}: {error}")).frame;
-            assert!(frame.color.unwrap() == whole[i], "view {i} of round {round} is another one now");
+            assert!(
+                frame.images[Output::Color].clone().unwrap() == whole[i],
+                "view {i} of round {round} is another one now"
+            );
         }
         assert_eq!(machine.opened.load(Ordering::SeqCst), losses + 1, "one device after the other");
     }

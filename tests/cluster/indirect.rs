@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, SMALL, run, stderr};
-use argus_scene::{Frame, Indirect, LightLevel, Outputs, PlanRequest, Provenance, SceneState, View};
+use argus_scene::{Frame, Indirect, LightLevel, Output, Outputs, PlanRequest, Provenance, SceneState, View};
 
 fn brightness(frame: &Frame) -> f64 {
-    let color = frame.color.as_ref().unwrap();
+    let color = frame.images[Output::Color].as_ref().unwrap();
     color.iter().map(|&byte| f64::from(byte)).sum::<f64>() / color.len() as f64
 }
 
@@ -62,7 +62,9 @@ async fn light_rises_while_views_are_answered_and_a_pin_shows_an_earlier_level()
         let light = direct.provenance.state.light;
         assert!(warped.provenance.state.light <= light, "light does not fall");
         match shown.last().filter(|last| last.provenance.state.light == light) {
-            Some(last) => assert_eq!(last.color, direct.color, "a level has one image"),
+            Some(last) => {
+                assert_eq!(last.images[Output::Color], direct.images[Output::Color], "a level has one image")
+            }
             None => shown.push(direct),
         }
         if warped.provenance.state.light == LightLevel::Full {

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod browse;
+mod dataset;
 mod demo;
 mod deploy;
 mod device_loss;
@@ -10,11 +11,15 @@ mod extent;
 mod frames;
 mod holes;
 mod indirect;
+mod lenses;
 mod megaviews;
 mod motion;
+mod moved;
 mod observe;
+mod outputs;
 mod processes;
 mod reflections;
+mod reload;
 mod rolling_restart;
 mod scenes;
 mod security;

@@ -2,7 +2,7 @@
 
 use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, SMALL, run, stderr};
-use argus_scene::{Outputs, Plan, PlanRequest, Sampling, View};
+use argus_scene::{Output, Outputs, Plan, PlanRequest, Sampling, View};
 
 /// With a fixed visibility backend: on a busy machine two clusters may measure different ones as cheapest.
 const MAPS: [&str; 6] = [
@@ -34,7 +34,7 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     let (exact, _) = of_many.render((&direct).into()).await.unwrap();
     assert_eq!(exact.provenance.specification.unwrap().sampling, Sampling::Triangles);
     let image = |frame: &argus_scene::Frame| {
-        let color = frame.color.as_ref().unwrap().to_vec();
+        let color = frame.images[Output::Color].as_ref().unwrap().to_vec();
         image::RgbImage::from_raw(frame.width, frame.height, color).unwrap()
     };
     let compared = argus_scene::metrics::compare(&image(&exact), &image(&frame)).unwrap();
@@ -47,7 +47,11 @@ async fn views_come_from_shared_maps_and_two_workers_give_the_bytes_of_one() {
     let pinned = View { pin: Some(frame.provenance.clone()), ..small_view(camera) };
     let (alone, _) = Wire::connect(&single.url).await.render((&pinned).into()).await.unwrap();
     assert_eq!(alone.provenance, frame.provenance);
-    assert!(alone.color == frame.color && alone.range == frame.range && alone.mask == frame.mask);
+    assert!(
+        alone.images[Output::Color] == frame.images[Output::Color]
+            && alone.images[Output::Range] == frame.images[Output::Range]
+            && alone.images[Output::Mask] == frame.images[Output::Mask]
+    );
 
     // Samples from triangles differ, and a request pinned to maps is refused.
     let triangles = Coordinator::start(SMALL, &["--rig=cell", "--face=128", "--visibility=raster"]);

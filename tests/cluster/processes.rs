@@ -7,7 +7,7 @@ use crate::support::wire::{Wire, small_view};
 use crate::support::{Coordinator, Process, SMALL, argus, run, stderr};
 use argus_proto::status::invalid_field;
 use argus_proto::v1;
-use argus_scene::{Frame, PlanRequest, Search, View};
+use argus_scene::{Frame, Output, PlanRequest, Search, View};
 use serde_json::Value;
 use tokio::sync::{RwLock, RwLockReadGuard, RwLockWriteGuard};
 use tonic::Code;
@@ -226,13 +226,9 @@ fn plans() -> [PlanRequest; 5] {
 }
 
 fn same_pixels(a: &Frame, b: &Frame, what: &str) {
-    for (name, a, b) in [
-        ("colour", &a.color, &b.color),
-        ("range", &a.range, &b.range),
-        ("mask", &a.mask, &b.mask),
-        ("source", &a.source, &b.source),
-    ] {
-        assert!(a.is_some() && a == b, "{what}: {name} differs");
+    for output in [Output::Color, Output::Range, Output::Mask, Output::Source] {
+        let (a, b) = (&a.images[output], &b.images[output]);
+        assert!(a.is_some() && a == b, "{what}: {} differs", output.name());
     }
 }
 
@@ -298,7 +294,7 @@ async fn a_worker_without_the_scene_fetches_it_from_the_coordinator_and_keeps_it
     coordinator.wait_for_workers(1);
     let (again, _) = wire.render(view).await.unwrap();
     same_pixels(&again, &frame, "from the kept scene");
-    let color = frame.color.unwrap();
+    let color = frame.images[Output::Color].clone().unwrap();
     assert!(
         color.chunks(3).any(|pixel| u32::from(pixel[0]) > 2 * u32::from(pixel[2])),
         "the quad is red somewhere"

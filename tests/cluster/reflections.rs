@@ -2,7 +2,7 @@
 
 use crate::support::wire::Wire;
 use crate::support::{Coordinator, run, stderr};
-use argus_scene::{Outputs, Plan, PlanRequest, View};
+use argus_scene::{Output, Outputs, Plan, PlanRequest, View};
 
 const SCENE: &str = "mirrors:6";
 
@@ -13,7 +13,7 @@ const STILL: [&str; 5] =
 const MAPS: [&str; 3] = ["--reflections=maps", "--reflection-side=32", "--reflection-levels=7"];
 
 fn image(frame: &argus_scene::Frame) -> image::RgbImage {
-    let color = frame.color.as_ref().unwrap().to_vec();
+    let color = frame.images[Output::Color].as_ref().unwrap().to_vec();
     image::RgbImage::from_raw(frame.width, frame.height, color).unwrap()
 }
 
@@ -31,6 +31,8 @@ async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
         outputs: Outputs::COLOR,
         plan: PlanRequest { supersampling: Some(2), ..PlanRequest::from_samples() },
         pin: None,
+        flow_to: None,
+        rays: None,
     };
     let (frame, _) = of_many.render((&view).into()).await.unwrap();
     let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
@@ -66,7 +68,7 @@ async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
     single.wait_for_workers(1);
     let (alone, _) = Wire::connect(&single.url).await.render((&pinned).into()).await.unwrap();
     assert_eq!(alone.provenance, frame.provenance);
-    assert!(alone.color == frame.color);
+    assert!(alone.images[Output::Color] == frame.images[Output::Color]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -80,7 +82,7 @@ async fn moving_objects_are_reflected_at_their_positions_by_points() {
     let camera = wire.describe().await.cameras[0].camera;
     let (width, height) = (64, 48);
     let (outputs, plan) = (Outputs::COLOR, PlanRequest::from_samples());
-    let view = View { camera, width, height, outputs, plan, pin: None };
+    let view = View { camera, width, height, outputs, plan, pin: None, flow_to: None, rays: None };
     let mut epochs = Vec::new();
     let until = std::time::Instant::now() + std::time::Duration::from_secs(60);
     while epochs.len() < 3 && std::time::Instant::now() < until {

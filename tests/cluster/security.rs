@@ -14,7 +14,7 @@ use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::v1::scenes_client::ScenesClient;
 use argus_proto::v1::views_client::ViewsClient;
-use argus_scene::{Outputs, PlanRequest, View};
+use argus_scene::{Output as Image, Outputs, PlanRequest, View};
 use base64::Engine;
 use tonic::body::Body;
 use tonic::codegen::{Body as _, Service as _, http};
@@ -257,7 +257,7 @@ async fn only_members_reach_the_services_within_a_cluster() {
 
     let camera = operator.description().cameras[0].camera;
     let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
-    let view = View { camera, width: 48, height: 32, outputs, plan, pin: None };
+    let view = View { camera, width: 48, height: 32, outputs, plan, pin: None, flow_to: None, rays: None };
     let answer = operator.render(&view, &Default::default()).await.unwrap();
     assert_eq!((answer.frame.width, answer.frame.height), (48, 32));
 }
@@ -272,7 +272,7 @@ async fn a_session_fetches_frames_from_a_worker_that_refuses_its_other_requests(
     let client = Client::connect_with(&cluster.url, &options).await.unwrap();
     let camera = client.description().cameras[0].camera;
     let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
-    let view = View { camera, width: 48, height: 32, outputs, plan, pin: None };
+    let view = View { camera, width: 48, height: 32, outputs, plan, pin: None, flow_to: None, rays: None };
     let mut colors = Vec::new();
     for redirect in [true, false] {
         let mut session = client.session(SessionOptions { redirect, ..SessionOptions::default() });
@@ -289,7 +289,7 @@ async fn a_session_fetches_frames_from_a_worker_that_refuses_its_other_requests(
         let frame = frame.await.unwrap();
         let relayed = frame.stages.iter().any(|stage| stage.name == "relay");
         assert_eq!(relayed, !redirect, "{:?}", frame.stages);
-        colors.push(frame.color.unwrap());
+        colors.push(frame.images[Image::Color].clone().unwrap());
     }
     assert_eq!(colors[0], colors[1], "it does not show which way a frame came");
 }
@@ -375,8 +375,16 @@ fn certificates_are_made_only_once_and_secrets_are_readable_only_by_the_owner() 
     let bad = run(&["certs", text(&bad.path().join("x")), "--host", "not a name"]);
     assert!(stderr(&bad).contains("--host"), "{}", stderr(&bad));
     #[cfg(unix)]
-    for secret in ["ca.key", "server.key", "worker.key", "client.key", "tokens", "view.token", "admin.token"]
-    {
+    for secret in [
+        "ca.key",
+        "server.key",
+        "worker.key",
+        "client.key",
+        "tokens",
+        "view.token",
+        "author.token",
+        "admin.token",
+    ] {
         use std::os::unix::fs::PermissionsExt;
         let mode = std::fs::metadata(ours(secret)).unwrap().permissions().mode();
         assert_eq!(mode & 0o077, 0, "{secret} has mode {mode:o}");

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::support::{Coordinator, SMALL};
 use argus_client::{Client, ClientError, Session, SessionEvent, SessionOptions};
-use argus_scene::{Camera, Frame, Outputs, PlanRequest, Search, View, metrics};
+use argus_scene::{Camera, Frame, Output, Outputs, PlanRequest, Search, View, metrics};
 use image::RgbImage;
 
 async fn next(session: &mut Session, view: &View) -> Result<Frame, ClientError> {
@@ -27,11 +27,14 @@ fn turned(camera: &Camera, steps: u32) -> View {
         outputs: Outputs::COLOR,
         plan: PlanRequest::default(),
         pin: None,
+        flow_to: None,
+        rays: None,
     }
 }
 
 fn image_of(frame: &Frame) -> RgbImage {
-    RgbImage::from_raw(frame.width, frame.height, frame.color.as_ref().unwrap().to_vec()).unwrap()
+    RgbImage::from_raw(frame.width, frame.height, frame.images[Output::Color].as_ref().unwrap().to_vec())
+        .unwrap()
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -51,7 +54,10 @@ async fn a_session_with_history_shows_the_same_image_and_survives_its_worker() {
         assert_eq!(frame.provenance.history, i > 0, "frame {i}");
         let fresh = next(&mut plain, &View { plan: seeded, ..view }).await.unwrap();
         assert!(!fresh.provenance.history);
-        assert!(frame.range.is_none() && frame.source.is_none(), "nobody asked for more than colour");
+        assert!(
+            frame.images[Output::Range].is_none() && frame.images[Output::Source].is_none(),
+            "colour alone was asked for"
+        );
         let exact = PlanRequest { direct: true, supersampling: Some(2), ..PlanRequest::default() };
         let exact = image_of(&next(&mut plain, &View { plan: exact, ..turned(&camera, i) }).await.unwrap());
         let error = |of: &Frame| metrics::flip_mean(&exact, &image_of(of)).unwrap();
@@ -70,7 +76,10 @@ async fn a_session_with_history_shows_the_same_image_and_survives_its_worker() {
     let frame = next(&mut session, &view).await.unwrap();
     assert!(!frame.provenance.history);
     let fresh = next(&mut plain, &View { plan: seeded, ..view.clone() }).await.unwrap();
-    assert_eq!((frame.color, frame.provenance), (fresh.color, fresh.provenance));
+    assert_eq!(
+        (&frame.images[Output::Color], &frame.provenance),
+        (&fresh.images[Output::Color], &fresh.provenance)
+    );
     assert!(next(&mut session, &turned(&camera, 6)).await.unwrap().provenance.history);
 
     // A camera that turns away gains nothing from history, and its frame says so.

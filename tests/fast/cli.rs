@@ -5,9 +5,10 @@ use std::process::Stdio;
 
 use crate::support::{Process, SMALL, argus, json, run, stderr};
 
-const SUBCOMMANDS: [&str; 13] = [
+const SUBCOMMANDS: [&str; 15] = [
     "certs",
     "config",
+    "dataset",
     "demo",
     "serve",
     "coordinator",
@@ -15,6 +16,7 @@ const SUBCOMMANDS: [&str; 13] = [
     "view",
     "load",
     "status",
+    "move",
     "scene",
     "reference",
     "selftest",
@@ -67,7 +69,7 @@ fn invalid_arguments_end_with_2_before_any_work() {
     let view = ["view", "--eye", "1,2,3", "--target", "-1,-2,-3", "--out", "x.png"];
     for (wrong, word) in [
         (["--search", "best"], "splat"),
-        (["--output", "depth"], "range"),
+        (["--output", "deepness"], "depth"),
         (["--size", "big"], "640x480"),
         (["--steps", "-1"], "--steps"),
         (["--time", "1"], "--direct"),

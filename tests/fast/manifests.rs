@@ -27,16 +27,16 @@ const PROMETHEUS_TRIGGER: [&str; 11] = [
     "customHeaders",
 ];
 
-fn deploy(path: &str) -> PathBuf {
+pub(crate) fn deploy(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("deploy").join(path)
 }
 
 /// Programs that read manifests.
-struct Tools(PathBuf);
+pub(crate) struct Tools(PathBuf);
 
 impl Tools {
     /// `None`, with a notice, if they cannot be installed.
-    fn ready() -> Option<Self> {
+    pub(crate) fn ready() -> Option<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/manifest-tools");
         let output = Command::new(script).stdin(Stdio::null()).output().unwrap();
         if output.status.success() {
@@ -48,7 +48,7 @@ impl Tools {
         None
     }
 
-    fn command(&self, program: &str) -> Command {
+    pub(crate) fn command(&self, program: &str) -> Command {
         Command::new(self.0.join("bin").join(program))
     }
 
@@ -58,7 +58,7 @@ impl Tools {
         serde_json::from_str(&printed).unwrap()
     }
 
-    fn document(&self, file: &Path) -> Value {
+    pub(crate) fn document(&self, file: &Path) -> Value {
         let [document] = self.documents(&[file]).try_into().unwrap();
         document
     }
@@ -103,7 +103,7 @@ fn find<'d>(documents: &'d [Value], kind: &str, name: &str) -> Option<&'d Value>
 }
 
 /// The entries of a list; none if the value is not a list.
-fn list(value: &Value) -> impl Iterator<Item = &Value> {
+pub(crate) fn list(value: &Value) -> impl Iterator<Item = &Value> {
     value.as_array().into_iter().flatten()
 }
 

@@ -3,7 +3,7 @@
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Description, v1};
-use argus_scene::{Camera, Frame, Limits, Outputs, PlanRequest, View};
+use argus_scene::{Camera, Frame, Limits, Output, Outputs, PlanRequest, View};
 use tonic::Status;
 use tonic::transport::Channel;
 
@@ -44,8 +44,10 @@ pub(crate) fn small_view(camera: Camera) -> View {
         camera,
         width: 96,
         height: 72,
-        outputs: Outputs { range: true, mask: true, source: true, ..Outputs::COLOR },
+        outputs: Outputs::COLOR.with(Output::Range).with(Output::Mask).with(Output::Source),
         plan: PlanRequest::from_samples(),
         pin: None,
+        flow_to: None,
+        rays: None,
     }
 }

@@ -91,6 +91,8 @@ pub fn path_views(description: &Description, count: u32, size: [u32; 2], plan: P
         outputs: Outputs::COLOR,
         plan,
         pin: None,
+        flow_to: None,
+        rays: None,
     };
     (0..count).map(view).collect()
 }

@@ -13,5 +13,14 @@ pub fn direct_view(like: &Frame, camera: Camera, state: SceneState, side: u32) -
         history: false,
         ..like.provenance.clone()
     });
-    View { camera, width: like.width, height: like.height, outputs: Outputs::COLOR, plan, pin }
+    View {
+        camera,
+        width: like.width,
+        height: like.height,
+        outputs: Outputs::COLOR,
+        plan,
+        pin,
+        flow_to: None,
+        rays: None,
+    }
 }

@@ -127,6 +127,8 @@ impl Schedule {
             outputs: Outputs::COLOR,
             plan: self.plan,
             pin: None,
+            flow_to: None,
+            rays: None,
         }
     }
 }

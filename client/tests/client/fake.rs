@@ -18,8 +18,8 @@ use argus_proto::v1::{self, Encoding};
 use argus_proto::{Description, Fault, status};
 use argus_scene::scene::NamedCamera;
 use argus_scene::{
-    Bounds, Camera, Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId, SceneHash,
-    SceneState, View, Warp,
+    Bounds, Camera, Frame, Images, Limits, Output, Outputs, Plan, PlanRequest, Provenance, Rig, SampleId,
+    SceneHash, SceneState, View, Warp,
 };
 use futures::{Stream, StreamExt};
 use glam::DVec3;
@@ -40,6 +40,8 @@ pub(crate) struct Fake {
     pub(crate) version: Option<u32>,
     /// Number of first renders rejected with `UNAVAILABLE`.
     pub(crate) unavailable: AtomicU32,
+    /// Number of first frames of batches that fail since all workers were lost.
+    pub(crate) lost: AtomicU32,
     /// Number of first frames that lose their last chunk.
     pub(crate) truncate: AtomicU32,
     /// Number of first sessions that end in the middle of a frame.
@@ -118,7 +120,12 @@ impl Fake {
             sleep(end - first.elapsed()).await;
         }
         sleep(self.frame_time).await;
-        let meta = FrameMeta { view_id: view_id.to_owned(), worker: "fake".to_owned(), age_ms: 1.5 };
+        let meta = FrameMeta {
+            view_id: view_id.to_owned(),
+            worker: "fake".to_owned(),
+            age_ms: 1.5,
+            ..FrameMeta::default()
+        };
         let encoding = Encoding::try_from(encoding).unwrap();
         let mut chunks = frame_chunks(&frame(view), &meta, encoding).unwrap();
         if take_one(&self.truncate) {
@@ -148,9 +155,11 @@ pub(crate) fn view(x: f64) -> View {
         camera: Camera::look_at(DVec3::new(x, 2.0, 3.0), DVec3::ZERO),
         width: 40,
         height: 30,
-        outputs: Outputs { range: true, ..Outputs::COLOR },
+        outputs: Outputs::COLOR.with(Output::Range),
         plan: PlanRequest::default(),
         pin: None,
+        flow_to: None,
+        rays: None,
     }
 }
 
@@ -165,8 +174,12 @@ pub(crate) fn frame(view: &View) -> Frame {
         ..Provenance::of_plan(SceneHash([7; 32]), SceneState::default(), plan)
     };
     Frame {
-        color: view.outputs.color.then(|| vec![shade; 3 * pixels].into()),
-        range: view.outputs.range.then(|| 2.5f32.to_le_bytes().repeat(pixels).into()),
+        images: Images::default()
+            .with(Output::Color, view.outputs.has(Output::Color).then(|| vec![shade; 3 * pixels].into()))
+            .with(
+                Output::Range,
+                view.outputs.has(Output::Range).then(|| 2.5f32.to_le_bytes().repeat(pixels).into()),
+            ),
         ..Frame::without_images(view.width, view.height, provenance)
     }
 }
@@ -194,6 +207,9 @@ struct Handler(Arc<Fake>);
 
 type Chunks<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
 
+/// Names that the fake server has.
+pub(crate) const NAMES: u32 = 7;
+
 #[tonic::async_trait]
 impl Views for Handler {
     async fn describe(
@@ -203,6 +219,21 @@ impl Views for Handler {
         let mut response = v1::DescribeResponse::from(&description());
         response.protocol_version = self.0.version.unwrap_or(response.protocol_version);
         Ok(Response::new(response))
+    }
+
+    async fn names(&self, request: Request<v1::NamesRequest>) -> Result<Response<v1::NamesResponse>, Status> {
+        let first = request.get_ref().first;
+        let names = (first..NAMES.min(first + 3)).map(|id| format!("name {id}")).collect();
+        Ok(Response::new(v1::NamesResponse { names, total: NAMES }))
+    }
+
+    /// Answers with the number of nodes as the revision.
+    async fn set_transforms(
+        &self,
+        request: Request<v1::SetTransformsRequest>,
+    ) -> Result<Response<v1::SetTransformsResponse>, Status> {
+        let revision = request.get_ref().nodes.len() as u64;
+        Ok(Response::new(v1::SetTransformsResponse { revision, ..v1::SetTransformsResponse::default() }))
     }
 
     type RenderStream = Chunks<v1::FrameChunk>;
@@ -245,11 +276,26 @@ impl Views for Handler {
         lock(&self.0.view_ids).push(batch_id);
         let mut said = Vec::new();
         for (index, camera) in cameras.into_iter().enumerate().rev() {
-            let view =
-                v1::View { camera: Some(camera), width, height, outputs: outputs.clone(), plan, pin: None };
-            let view = View::try_from(view).map_err(status::invalid)?;
+            let view = v1::View {
+                camera: Some(camera),
+                width,
+                height,
+                outputs: outputs.clone(),
+                plan,
+                pin: None,
+                flow_to: None,
+                rays: Default::default(),
+            };
+            let (view, index) = (View::try_from(view).map_err(status::invalid)?, index as u32);
+            if take_one(&self.0.lost) {
+                let failure = v1::SessionFailure {
+                    code: tonic::Code::Unavailable as i32,
+                    ..v1::SessionFailure::default()
+                };
+                said.push((0, index, Batched::Failure(failure)));
+                continue;
+            }
             let chunks = self.0.chunks(&view, "", encoding).await?.into_iter().map(Batched::Chunk);
-            let index = index as u32;
             said.extend(chunks.enumerate().map(|(at, body)| (at, index, body)));
         }
         said.sort_by_key(|(at, ..)| *at);

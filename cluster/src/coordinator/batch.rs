@@ -63,7 +63,16 @@ impl Batch {
         InvalidField::within("cameras", cameras.len(), 1..=MOST_CAMERAS)?;
         let plan = PlanRequest::try_from(plan.unwrap_or_default())?;
         let (is_open, plan) = (plan.leaves_way_open(), fixed(plan));
-        let view = v1::View { camera: None, width, height, outputs, plan: Some((&plan).into()), pin: None };
+        let view = v1::View {
+            camera: None,
+            width,
+            height,
+            outputs,
+            plan: Some((&plan).into()),
+            pin: None,
+            flow_to: None,
+            rays: Default::default(),
+        };
         // Checks the other fields with a valid camera.
         let some = Camera::look_at(DVec3::ZERO, DVec3::X);
         checked(shared, Some(&v1::View { camera: Some((&some).into()), ..view.clone() }))?;
@@ -76,7 +85,7 @@ impl Batch {
         if self.is_open {
             let open = |index: usize| {
                 let wire = v1::View { camera: self.cameras.get(index).cloned(), ..self.view.clone() };
-                let view = checked(shared, Some(&wire)).ok()?;
+                let view = checked(shared, Some(&wire)).ok().filter(|view| view.camera.is_pinhole())?;
                 Some(View { plan: PlanRequest { direct: false, ..view.plan }, ..view })
             };
             self.pins = batch_plan::pins(shared, (0..self.cameras.len()).map(open).collect()).await;

@@ -41,7 +41,7 @@ impl Cluster for ClusterService {
             return Err(invalid(InvalidField::new("hello", "must be the first message")));
         };
         check_version(hello.protocol_version)?;
-        let hello = wire::hello_from(hello, self.shared.channels.security()).map_err(invalid)?;
+        let hello = wire::hello_from(hello, self.shared.channels.security().as_deref()).map_err(invalid)?;
         let JoinedWorker { worker, assignments, expelled } = self.shared.join(hello)?;
         let shared = self.shared.clone();
         tokio::spawn(async move {

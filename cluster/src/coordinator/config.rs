@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::core;
 use crate::network::Network;
-use crate::security::Security;
+use crate::security::ReloadableSecurity;
 
 /// The coordinator's configuration. `Config::default()` can serve any scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -56,7 +56,7 @@ pub struct Config {
     pub max_connections: usize,
     /// TLS and tokens; `None`: plaintext without authentication.
     #[serde(skip)]
-    pub security: Option<Arc<Security>>,
+    pub security: Option<Arc<ReloadableSecurity>>,
     /// The network, which tests may simulate.
     #[serde(skip)]
     pub network: Network,
@@ -79,7 +79,7 @@ impl Default for Config {
             advertise: None,
             grace: Duration::from_secs(5),
             connect_timeout: Duration::from_secs(2),
-            max_request_bytes: 256 << 10,
+            max_request_bytes: 1 << 20,
             read_within: Duration::from_secs(20),
             max_connections: 16384,
             security: None,

@@ -46,7 +46,10 @@ pub(super) fn answer<'a>(
                 match command {
                     Command::Send(chunk) => yield Ok(Answer::Chunk(chunk)),
                     Command::Redirect(redirect) => yield Ok(Answer::Redirect(redirect)),
-                    Command::Fail(status) => yield Err(status),
+                    Command::Fail(status) => {
+                        view.shared.client_metrics.ended(&view.request.client, status.code());
+                        yield Err(status);
+                    }
                     Command::CloseStream => view.close_stream().await,
                     command => view.execute(command),
                 }
@@ -163,6 +166,9 @@ impl<'a> ViewDriver<'a> {
             true => self.shared.frame_metrics.relayed(),
             false => self.shared.frame_metrics.fetched(),
         }
+        let view = &self.request.view;
+        let pixels = u64::from(view.width) * u64::from(view.height);
+        self.shared.client_metrics.answered(&self.request.client, pixels);
         self.handle.answered(answered.attempt, answered.uncovered, answered.ms, answered.fell_short);
         let Some(header) = &answered.header else { return };
         self.shared.frame_metrics.arrived(header);

@@ -55,7 +55,7 @@ impl SessionMemory {
 mod tests {
     use std::time::Duration;
 
-    use argus_scene::{Camera, Outputs, Plan, PlanRequest, SceneHash, SceneState, Warp};
+    use argus_scene::{Camera, Plan, PlanRequest, SceneHash, SceneState, Warp};
     use glam::DVec3;
 
     use super::*;
@@ -63,7 +63,7 @@ mod tests {
     fn view() -> View {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
         let plan = PlanRequest::default();
-        View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None }
+        View::new(camera, [40, 30], plan)
     }
 
     fn header(plan: Plan) -> v1::FrameHeader {

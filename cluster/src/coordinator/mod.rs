@@ -5,12 +5,15 @@
 //! tracks which part of a frame the client has, `redirect` sends clients to workers with `tickets`, and `memory`
 //! holds a session's last view.
 //!
+//! `set_transforms` moves nodes: `movers` are their transforms, and `node_names` finds them.
+//!
 //! `shared_core` holds the core behind a lock. Workers join at `cluster` and fetch the scene from `scenes`. `lead`
-//! keeps the lease. `monitor` and `frame_metrics` serve metrics and probes.
+//! keeps the lease. `monitor`, `frame_metrics` and `client_metrics` serve metrics and probes.
 
 mod batch;
 mod batch_plan;
 mod checks;
+mod client_metrics;
 mod cluster;
 mod config;
 mod drive;
@@ -20,6 +23,9 @@ mod inbox;
 mod lead;
 mod memory;
 mod monitor;
+mod movers;
+mod names;
+mod node_names;
 mod planning_time;
 mod prepare;
 mod recent_estimates;
@@ -27,6 +33,7 @@ mod redirect;
 mod relayed;
 mod scenes;
 mod session;
+mod set_transforms;
 mod shared_core;
 mod tickets;
 mod view_handle;
@@ -60,6 +67,7 @@ use crate::net;
 use crate::network::Accept;
 use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
+use crate::security::handshake::secured;
 use crate::wire::ServiceInfo;
 use crate::{SceneRef, SceneSource};
 
@@ -161,9 +169,10 @@ pub async fn serve_prepared(
         .add_service(ScenesServer::new(scenes::ScenesService::new(shared.clone())))
         .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
         .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
-    let server = net::server(Guarded::Coordinator, config.security.as_ref())?
+    let connections = secured(incoming(listener, config.max_connections), config.security.clone());
+    let server = net::server(Guarded::Coordinator, config.security.as_ref())
         .add_routes(with_pages(services, monitor, shared.frame_metrics.registry()))
-        .serve_with_incoming_shutdown(incoming(listener, config.max_connections), draining);
+        .serve_with_incoming_shutdown(connections, draining);
     let cut_off = async {
         shared.closing.cancelled().await;
         tokio::time::sleep(Duration::from_secs(1)).await;

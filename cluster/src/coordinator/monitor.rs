@@ -34,7 +34,20 @@ impl Monitored for Monitor {
     }
 
     fn expose(&self, to: &mut Exposition<'_>) -> fmt::Result {
+        if let Some(security) = self.0.channels.reloadable() {
+            security.expose(to)?;
+        }
+        let leads = f64::from(self.0.check_leading().is_ok());
+        to.gauge("leading", "1 for the coordinator that leads, 0 for one that stands by", leads)?;
+        self.0.client_metrics.expose(to)?;
         let (status, in_flight) = self.0.read(|core| (core.status(), core.views_in_flight()));
+        let (most_views, most_sessions) =
+            self.0.read(|core| (core.config().max_views, core.config().max_sessions));
+        to.gauges(
+            "limits",
+            "The largest number of views in flight and of open sessions; further ones are rejected",
+            [([("what", "views")], most_views as f64), ([("what", "sessions")], most_sessions as f64)],
+        )?;
         cluster(to, &status, in_flight)?;
         counters(to, &status)?;
         workers(to, &status)

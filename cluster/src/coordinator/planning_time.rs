@@ -18,7 +18,7 @@ pub(super) struct PlanningTimer<'a>(Option<(&'a PlanningTime, Instant)>);
 impl PlanningTime {
     /// Starts planning a view.
     pub(super) fn begin(&self, view: &View) -> PlanningTimer<'_> {
-        let is_open = view.pin.is_none() && view.plan.leaves_way_open();
+        let is_open = view.leaves_way_open();
         PlanningTimer(is_open.then(|| (self, Instant::now())))
     }
 
@@ -50,7 +50,16 @@ mod tests {
     fn only_views_that_leave_the_way_open_are_counted() {
         let planning = PlanningTime::default();
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
-        let view = |plan| View { camera, width: 8, height: 8, outputs: Outputs::COLOR, plan, pin: None };
+        let view = |plan| View {
+            camera,
+            width: 8,
+            height: 8,
+            outputs: Outputs::COLOR,
+            plan,
+            pin: None,
+            flow_to: None,
+            rays: None,
+        };
         planning.begin(&view(PlanRequest { direct: true, ..PlanRequest::default() })).end();
         assert_eq!(planning.so_far(), (0, 0.0));
         planning.begin(&view(PlanRequest::default())).end();

@@ -13,6 +13,8 @@ use tonic::Status;
 pub(super) struct Relayed {
     header: Option<v1::FrameHeader>,
     bytes: u64,
+    /// Whether the trailer was sent.
+    ended: bool,
     /// Milliseconds of rendering frames that were rejected.
     refused_ms: f64,
 }
@@ -32,9 +34,7 @@ impl Relayed {
 
     /// Whether the last chunk completed the frame.
     pub(super) fn is_whole(&self) -> bool {
-        let due =
-            |header: &v1::FrameHeader| header.images.iter().map(|image| image.packed_bytes).sum::<u64>();
-        self.header.as_ref().is_some_and(|header| self.bytes == due(header))
+        self.ended
     }
 
     /// The part of a chunk to send to the client; `None` if the client has it already. The chunk came `age_ms` after
@@ -58,6 +58,17 @@ impl Relayed {
             Some(Body::Data(data)) => {
                 self.bytes = data.offset.saturating_add(data.bytes.len() as u64);
                 Ok(Some(v1::FrameChunk { body: Some(Body::Data(data)) }))
+            }
+            Some(Body::Trailer(trailer)) => {
+                let due: Option<u64> = self
+                    .header
+                    .as_ref()
+                    .map(|header| header.images.iter().map(|image| image.packed_bytes).sum());
+                if due != Some(self.bytes) {
+                    return Err(Status::data_loss("the worker ended a frame before its last byte"));
+                }
+                self.ended = true;
+                Ok(Some(v1::FrameChunk { body: Some(Body::Trailer(trailer)) }))
             }
             None => Err(Status::data_loss("the worker sent an empty chunk")),
         }
@@ -135,6 +146,10 @@ mod tests {
         v1::FrameChunk { body: Some(Body::Data(v1::FrameData { offset, bytes: bytes.into() })) }
     }
 
+    fn trailer() -> v1::FrameChunk {
+        v1::FrameChunk { body: Some(Body::Trailer(v1::FrameTrailer::default())) }
+    }
+
     #[test]
     fn a_frame_that_another_worker_continues_is_sent_once() {
         let mut relayed = Relayed::default();
@@ -146,6 +161,8 @@ mod tests {
         for (chunk, is_new) in [(header(4), false), (data(0, b"ab"), false), (data(2, b"cd"), true)] {
             assert_eq!(passes(&mut relayed, chunk).unwrap(), is_new);
         }
+        assert!(!relayed.is_whole());
+        assert!(passes(&mut relayed, trailer()).unwrap());
         assert!(relayed.is_whole());
         assert_eq!(relayed.header().unwrap().stages[0].ms, 2.0, "the relay's own time");
         let other = passes(&mut relayed, header(5)).unwrap_err();
@@ -167,8 +184,10 @@ mod tests {
         let mut relayed = Relayed::default();
         assert!(relayed.pass(data(0, b"a"), 5.0, None).is_err(), "before its header");
         assert!(relayed.pass(v1::FrameChunk { body: None }, 5.0, None).is_err());
+        assert!(relayed.pass(trailer(), 5.0, None).is_err(), "before its header");
         assert!(!relayed.is_whole());
         assert!(relayed.pass(header(2), 5.0, None).is_ok());
+        assert!(relayed.pass(trailer(), 5.0, None).is_err(), "before its bytes");
         assert!(
             relayed.pass(data(u64::MAX, b"ab"), 5.0, None).is_ok(),
             "a wrong offset is the client's to see"
@@ -182,7 +201,8 @@ mod tests {
         relayed.refuse(f64::NAN);
         relayed.refuse(7.0);
         relayed.pass(header(0), 5.0, None).unwrap();
-        assert!(relayed.is_whole(), "a frame of no bytes is its header");
+        relayed.pass(trailer(), 5.0, None).unwrap();
+        assert!(relayed.is_whole());
         assert!(rendering_ms(relayed.header().unwrap()) == 7.0);
     }
 }

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
+use argus_scene::revisions::MOST_REVISIONS;
 use argus_scene::rig::{CoverageEstimate, VisibilityQuery};
-use argus_scene::{Prediction, View};
+use argus_scene::{Prediction, Transforms, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
 use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver, UnboundedSender, channel, unbounded_channel};
@@ -15,8 +16,10 @@ use tokio_util::sync::CancellationToken;
 use tonic::{Request, Status};
 use tracing::{debug, info, warn};
 
+use super::client_metrics::ClientMetrics;
 use super::config::Config;
 use super::frame_metrics::FrameMetrics;
+use super::movers::Movers;
 use super::planning_time::PlanningTime;
 use super::recent_estimates::RecentEstimates;
 use super::tickets::{IssuedRedirect, RedirectTickets};
@@ -27,7 +30,7 @@ use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
 use crate::wire::{self, ServiceInfo};
 
-/// Most unread assignments of a worker. Each replaces those before it and they come a few a second, so a worker with
+/// Most unread assignments of a worker, beside the transforms that it gets at first. Each replaces those before it and they come a few a second, so a worker with
 /// a full queue does not read.
 const MOST_ASSIGNMENTS: usize = 64;
 
@@ -42,6 +45,7 @@ pub(super) struct SharedCore {
     pub(super) read_within: Duration,
     /// Metrics of frames.
     pub(super) frame_metrics: FrameMetrics,
+    pub(super) client_metrics: ClientMetrics,
     /// Counts of the clients' redirect tickets.
     tickets: RedirectTickets,
     planning: PlanningTime,
@@ -62,6 +66,7 @@ struct State {
     leader: Option<String>,
     next_id: u64,
     streams: HashMap<WorkerId, WorkerStream>,
+    movers: Movers,
     views: HashMap<ViewId, UnboundedSender<CoreReply>>,
 }
 
@@ -138,7 +143,8 @@ impl SharedCore {
         service: ServiceInfo,
     ) -> Self {
         let (streams, views) = (HashMap::new(), HashMap::new());
-        let state = State { core: fresh(), leading: None, leader: None, next_id: 1, streams, views };
+        let (core, movers) = (fresh(), Movers::default());
+        let state = State { core, leading: None, leader: None, next_id: 1, streams, movers, views };
         Self {
             source,
             service,
@@ -147,6 +153,7 @@ impl SharedCore {
                 .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
             frame_metrics: FrameMetrics::default(),
+            client_metrics: ClientMetrics::new(config.security.clone()),
             tickets: RedirectTickets::default(),
             planning: PlanningTime::default(),
             estimates: RecentEstimates::default(),
@@ -230,6 +237,7 @@ impl SharedCore {
     pub(super) fn lead(&self, term: u64, until: Option<Instant>, expected: usize) {
         let mut state = self.state.lock();
         state.core = (self.fresh)().expecting(expected);
+        state.movers = Movers::default();
         state.leading = Some(Leading { term, since: Instant::now(), until });
         state.leader = None;
         info!(term, expected, "coordinator leads");
@@ -301,7 +309,7 @@ impl SharedCore {
     /// # Errors
     /// [`Fault::Unavailable`] on standby.
     pub(super) fn join(&self, hello: Hello) -> Result<JoinedWorker, Fault> {
-        let (assignments, receiver) = channel(MOST_ASSIGNMENTS);
+        let (assignments, receiver) = channel(MOST_ASSIGNMENTS + MOST_REVISIONS);
         let expelled = self.closing.child_token();
         let mut state = self.state.lock();
         if state.leading.is_none() {
@@ -315,11 +323,41 @@ impl SharedCore {
         let new_target =
             |key| RedirectTarget { key, serial: 0, in_flight: Arc::default(), alive: Arc::default() };
         let redirect_target = key.map(new_target);
+        // Before its first order.
+        for transforms in state.movers.kept() {
+            let _ = assignments.try_send(Ok(wire::moved(&transforms, state.leading.map_or(0, |l| l.term))));
+        }
         let stream =
             WorkerStream { hello: hello.clone(), redirect_target, assignments, expelled: expelled.clone() };
         state.streams.insert(worker, stream);
         self.step_locked(&mut state, Event::Joined { worker, hello });
         Ok(JoinedWorker { worker, assignments: receiver, expelled })
+    }
+
+    /// Changes the nodes' transforms by a function, which sees the present ones, and serves the result. Workers learn it before
+    /// any order for it. Returns the function's result with the number of samples that became stale, 0 if nothing changed.
+    ///
+    /// # Errors
+    /// The fault of the function; [`Fault::Unavailable`] on standby, [`Fault::Overloaded`] if a worker does not keep up.
+    pub(super) fn move_nodes<T>(
+        &self,
+        change: impl FnOnce(&mut Movers) -> Result<(T, Option<Arc<Transforms>>), Fault>,
+    ) -> Result<(T, u64), Fault> {
+        let mut state = self.state.lock();
+        let Some(leading) = state.leading else { return Err(stands_by(state.leader.as_deref())) };
+        if state.streams.values().any(|stream| stream.assignments.capacity() < MOST_ASSIGNMENTS / 2) {
+            let what = "a worker has not read the last transforms yet".to_owned();
+            return Err(Fault::Overloaded { what, retry_after: Duration::from_millis(50) });
+        }
+        let (result, moved) = change(&mut state.movers)?;
+        let Some(moved) = moved else { return Ok((result, 0)) };
+        for stream in state.streams.values() {
+            // There is room, as was checked.
+            let _ = stream.assignments.try_send(Ok(wire::moved(&moved, leading.term)));
+        }
+        let kept = state.movers.revisions();
+        let stale = state.core.move_nodes(moved.revision, &kept);
+        Ok((result, stale))
     }
 
     /// Removes a worker whose stream ended.

@@ -18,7 +18,10 @@ use tracing::debug_span;
 use super::batch::{self, Batch};
 use super::checks::checked_request;
 use super::drive::{Answer, answer};
+use super::names;
+use super::node_names::NodeNames;
 use super::session;
+use super::set_transforms::set_transforms;
 use super::shared_core::SharedCore;
 use super::view_request::ViewRequest;
 use crate::core::Core;
@@ -30,6 +33,7 @@ pub(super) struct ViewsService {
     pub(super) shared: Arc<SharedCore>,
     /// The description before anything was measured.
     description: Description,
+    nodes: NodeNames,
 }
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
@@ -66,7 +70,8 @@ impl ViewsService {
                 ..PlanRequest::default()
             },
         };
-        Self { shared, description }
+        let nodes = NodeNames::new(scene);
+        Self { shared, description, nodes }
     }
 }
 
@@ -88,6 +93,19 @@ impl Views for ViewsService {
         let costs = self.shared.read(Core::effect_costs);
         let effect_plan = self.description.effect_plan.clone().with_costs(&costs);
         Ok(Response::new((&Description { effect_plan, ..self.description.clone() }).into()))
+    }
+
+    async fn names(&self, request: Request<v1::NamesRequest>) -> Result<Response<v1::NamesResponse>, Status> {
+        let scene = self.shared.source.scene();
+        Ok(Response::new(names::part(scene, request.into_inner()).map_err(invalid)?))
+    }
+
+    async fn set_transforms(
+        &self,
+        request: Request<v1::SetTransformsRequest>,
+    ) -> Result<Response<v1::SetTransformsResponse>, Status> {
+        let client = Caller::of(&request).name;
+        Ok(Response::new(set_transforms(&self.shared, &self.nodes, client, request.get_ref())?))
     }
 
     async fn render(

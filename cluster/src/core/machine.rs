@@ -170,6 +170,19 @@ impl Core {
         status::of(&self.workers, &self.samples, &self.views)
     }
 
+    /// Serves the scene with other transforms of nodes from now on. Views that wait show them, too, unless they are pinned. `kept`: the
+    /// revisions that can still be shown. Returns the number of samples that show the state before.
+    pub fn move_nodes(&mut self, revision: u64, kept: &[u64]) -> u64 {
+        let stale = self.samples.move_nodes(revision, kept.iter().copied(), self.views.needed_versions());
+        self.views.move_waiting(self.samples.set().version);
+        stale
+    }
+
+    /// Pages of light cells that workers hold.
+    pub fn cell_pages(&self) -> u64 {
+        self.workers.members().filter_map(|worker| Some(worker.report().light_cells.as_ref()?.pages)).sum()
+    }
+
     fn cluster(&self) -> Cluster<'_> {
         Cluster {
             config: &self.config,

@@ -27,7 +27,7 @@ impl<const N: usize> EncodeLabelSet for LabelSet<'_, N> {
 }
 
 impl<'a> Exposition<'a> {
-    pub(super) fn new(encoder: DescriptorEncoder<'a>) -> Self {
+    pub(crate) fn new(encoder: DescriptorEncoder<'a>) -> Self {
         Self(encoder)
     }
 

@@ -12,14 +12,14 @@ use futures::future::{Either, Ready, ready};
 use rustls_pki_types::{CertificateDer, ServerName};
 use tonic::body::Body;
 use tonic::codegen::http;
-use tonic::transport::server::TlsConnectInfo;
 use tonic::{Code, Status};
 use tower::{Layer, Service};
 use tracing::warn;
 use webpki::EndEntityCert;
 
+use super::handshake::PeerInfo;
 use super::tokens::Rank;
-use super::{CLUSTER_NAME, Security};
+use super::{CLUSTER_NAME, ReloadableSecurity};
 use crate::incoming::ConnectionInfo;
 use crate::rate_limited_log::RateLimitedLog;
 
@@ -55,6 +55,7 @@ fn needed(guarded: Guarded, path: &str) -> Rank {
         // A redirected client has a ticket, which the service checks.
         (Guarded::Worker, "/argus.v1.Views/Redeem") => Rank::Anybody,
         (_, "/metrics") => Rank::Admin,
+        (Guarded::Coordinator, "/argus.v1.Views/SetTransforms") => Rank::Author,
         (Guarded::Coordinator, path) if path.starts_with("/argus.v1.Views/") => Rank::View,
         (Guarded::Coordinator, path) if path.starts_with("/grpc.reflection.") => Rank::View,
         (Guarded::Coordinator, "/argus.v1.Cluster/Status") => Rank::Admin,
@@ -78,11 +79,11 @@ fn no_slot() -> Status {
 #[derive(Debug, Clone)]
 pub(crate) struct Guard {
     guarded: Guarded,
-    security: Option<Arc<Security>>,
+    security: Option<Arc<ReloadableSecurity>>,
 }
 
 impl Guard {
-    pub(crate) fn new(guarded: Guarded, security: Option<Arc<Security>>) -> Self {
+    pub(crate) fn new(guarded: Guarded, security: Option<Arc<ReloadableSecurity>>) -> Self {
         Self { guarded, security }
     }
 
@@ -108,7 +109,7 @@ impl Guard {
             Some(value) => {
                 let bearer = value.as_bytes().strip_prefix(b"Bearer ");
                 let malformed = || Status::unauthenticated("authorization must be `Bearer TOKEN`");
-                let known = security.tokens.find(bearer.ok_or_else(malformed)?);
+                let known = security.current().tokens.find(bearer.ok_or_else(malformed)?);
                 Some(
                     known
                         .ok_or_else(|| Status::unauthenticated("the token is not one that is known here"))?,
@@ -125,7 +126,9 @@ impl Guard {
         Err(match rank {
             Rank::Anybody => Status::unauthenticated("a token is required: give one with --token-file"),
             _ => Status::permission_denied(format!(
-                "a token of the role admin is required, but that of {name} has the role view"
+                "a token of the role {} is required, but that of {name} has the role {}",
+                needs.role(),
+                rank.role()
             )),
         })
     }
@@ -178,14 +181,12 @@ where
     }
 
     fn call(&mut self, mut request: http::Request<B>) -> Self::Future {
-        let extensions = request.extensions();
-        let secured = extensions.get::<TlsConnectInfo<ConnectionInfo>>();
-        let certificates = secured.and_then(TlsConnectInfo::peer_certs);
-        let connection = secured.map(TlsConnectInfo::get_ref).or_else(|| extensions.get::<ConnectionInfo>());
+        let info = request.extensions().get::<PeerInfo>();
+        let connection = info.map(|info| &info.connection);
         let address = connection.and_then(|connection| connection.tcp.remote_addr());
         let peer = Peer {
             address: address.map_or_else(|| "unknown".into(), |address| address.ip().to_string().into()),
-            certificate: certificates.as_deref().and_then(|chain| chain.first()),
+            certificate: info.and_then(|info| info.certificate.as_deref()),
         };
         let path = request.uri().path();
         let needs = needed(self.guard.guarded, path);
@@ -230,22 +231,21 @@ where
 #[cfg(test)]
 mod tests {
 
-    use super::super::Tokens;
+    use super::super::testing::Authority;
+    use super::super::{Security, Tokens};
     use super::*;
 
     const VIEW: &str = "AAAAAAAAAAAAAAAAAAAAAAAAAAAA";
     const ADMIN: &str = "BBBBBBBBBBBBBBBBBBBBBBBBBBBB";
 
     fn guard(guarded: Guarded) -> Guard {
-        let tokens = Tokens::parse(&format!("view shop {VIEW}\nadmin ops {ADMIN}")).unwrap();
-        let security = Security {
-            certificate: Vec::new(),
-            key: Vec::new(),
-            ca: Vec::new(),
-            tokens,
-            require_client_certificates: false,
-        };
-        Guard::new(guarded, Some(Arc::new(security)))
+        guarded_by(guarded, &format!("view shop {VIEW}\nadmin ops {ADMIN}"))
+    }
+
+    fn guarded_by(guarded: Guarded, tokens: &str) -> Guard {
+        let tokens = Tokens::parse(tokens).unwrap();
+        let security = Security { tokens, ..Authority::new().member() };
+        Guard::new(guarded, Some(Arc::new(ReloadableSecurity::new(security).unwrap())))
     }
 
     fn call(guard: &Guard, path: &str, authorization: Option<&str>) -> Result<Arc<str>, Code> {
@@ -302,6 +302,26 @@ mod tests {
         ] {
             assert_eq!(call(&guard, path, Some(&admin)), Err(Code::PermissionDenied), "{path}");
         }
+    }
+
+    #[test]
+    fn nodes_are_moved_by_authors_and_operators_and_not_by_viewers() {
+        const AUTHOR: &str = "CCCCCCCCCCCCCCCCCCCCCCCCCCCC";
+        let text = format!("view shop {VIEW}\nauthor robot {AUTHOR}\nadmin ops {ADMIN}");
+        let guard = guarded_by(Guarded::Coordinator, &text);
+        let by = |token: &str, path| call(&guard, path, Some(&format!("Bearer {token}")));
+        let path = "/argus.v1.Views/SetTransforms";
+        assert_eq!(by(AUTHOR, path).as_deref(), Ok("robot"));
+        assert_eq!(by(ADMIN, path).as_deref(), Ok("ops"));
+        assert_eq!(by(VIEW, path), Err(Code::PermissionDenied));
+        assert_eq!(call(&guard, path, None), Err(Code::Unauthenticated));
+        assert_eq!(by(AUTHOR, "/argus.v1.Views/Render").as_deref(), Ok("robot"));
+        assert_eq!(by(AUTHOR, "/argus.v1.Cluster/Status"), Err(Code::PermissionDenied));
+        let mut headers = http::HeaderMap::new();
+        headers.insert(http::header::AUTHORIZATION, format!("Bearer {VIEW}").parse().unwrap());
+        let refused = guard.admit(path, &headers, &Peer { address: "10.0.0.1".into(), certificate: None });
+        let said = refused.unwrap_err();
+        assert!(said.message().contains("the role author") && said.message().contains("role view"), "{said}");
     }
 
     #[test]

@@ -6,21 +6,26 @@
 //! * *members*, the cluster's own processes, have a certificate of the cluster's authority with the name
 //!   [`CLUSTER_NAME`]. Only they join, fetch scenes and samples, and give orders. They verify each other by this
 //!   name, not by host names, which change;
-//! * *clients* have a token, of the role view or admin, and at most a certificate without that name;
+//! * *clients* have a token, of the role view, author or admin, and at most a certificate without that name;
 //! * health is open to any caller, since probes have no credentials.
+//!
+//! Certificates and tokens may be replaced while a process runs ([`reloadable`]).
 
+mod expiry;
 pub(crate) mod guard;
+pub(crate) mod handshake;
+mod reloadable;
+#[cfg(test)]
+pub(crate) mod testing;
 mod tokens;
 
 use std::fmt;
 
-use tonic::transport::{Certificate, ClientTlsConfig, Identity, ServerTlsConfig};
+use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 
 pub use argus_proto::CLUSTER_NAME;
+pub use reloadable::{InvalidSecurity, LoadedSecurity, ReloadableSecurity};
 pub use tokens::Tokens;
-
-/// Timeout of a TLS handshake at a listener, so that silent connections are closed.
-const HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(10);
 
 /// Timeout of a TLS handshake of a connection that this process opens. Another server may answer.
 const CONNECTION_HANDSHAKE: std::time::Duration = std::time::Duration::from_secs(2);
@@ -52,23 +57,10 @@ impl fmt::Debug for Security {
 }
 
 impl Security {
-    fn identity(&self) -> Identity {
-        Identity::from_pem(&self.certificate, &self.key)
-    }
-
-    /// The TLS configuration of a listener, which requests client certificates.
-    pub(crate) fn of_listener(&self) -> ServerTlsConfig {
-        ServerTlsConfig::new()
-            .identity(self.identity())
-            .client_ca_root(Certificate::from_pem(&self.ca))
-            .client_auth_optional(!self.require_client_certificates)
-            .timeout(HANDSHAKE)
-    }
-
     /// The TLS configuration of a connection to another member.
     pub(crate) fn of_connection(&self) -> ClientTlsConfig {
         ClientTlsConfig::new()
-            .identity(self.identity())
+            .identity(Identity::from_pem(&self.certificate, &self.key))
             .ca_certificate(Certificate::from_pem(&self.ca))
             .domain_name(CLUSTER_NAME)
             // The connection timeout covers only TCP: the listener may be a process that hangs.

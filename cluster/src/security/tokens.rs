@@ -15,6 +15,8 @@ pub(crate) enum Rank {
     Anybody,
     /// May request views.
     View,
+    /// May move nodes of the scene.
+    Author,
     /// May read status and metrics.
     Admin,
     /// May act as a process of the cluster.
@@ -40,8 +42,21 @@ impl fmt::Debug for Tokens {
     }
 }
 
+impl Rank {
+    /// The role that a token of this rank has in its file.
+    pub(super) fn role(self) -> &'static str {
+        match self {
+            Self::Anybody => "none",
+            Self::View => "view",
+            Self::Author => "author",
+            Self::Admin => "admin",
+            Self::Member => "member",
+        }
+    }
+}
+
 impl Tokens {
-    /// Parses tokens, one a line: role (`view` or `admin`), name and token, separated by spaces. Empty lines and
+    /// Parses tokens, one a line: role (`view`, `author` or `admin`), name and token, separated by spaces. Empty lines and
     /// lines that begin with `#` are ignored.
     ///
     /// # Errors
@@ -59,8 +74,9 @@ impl Tokens {
             };
             let rank = match role {
                 "view" => Rank::View,
+                "author" => Rank::Author,
                 "admin" => Rank::Admin,
-                _ => return Err(format!("line {number}: the role must be view or admin")),
+                _ => return Err(format!("line {number}: the role must be view, author or admin")),
             };
             if token.len() < LEAST_TOKEN {
                 return Err(format!("line {number}: a token has at least {LEAST_TOKEN} characters"));
@@ -75,6 +91,11 @@ impl Tokens {
             return Err("the file has no token".to_owned());
         }
         Ok(Self(tokens))
+    }
+
+    /// Whether a token has this name.
+    pub(crate) fn has_name(&self, name: &str) -> bool {
+        self.0.iter().any(|entry| *entry.name == *name)
     }
 
     /// The role and the name of a token. Compares with all tokens, to take constant time.
@@ -115,7 +136,7 @@ mod tests {
         assert!(reason("").contains("no token"));
         for (line, word) in [
             (format!("view {VIEW}"), "ROLE NAME TOKEN"),
-            (format!("root ops {VIEW}"), "view or admin"),
+            (format!("root ops {VIEW}"), "view, author or admin"),
             ("view ops short".to_owned(), "at least"),
             (format!("view a {VIEW}\nview b {VIEW}"), "line 2"),
             (format!("view a {VIEW}\nview a {ADMIN}"), "line 2"),

@@ -5,7 +5,7 @@
 //! coarse: a surface that is far from its sample and near the viewer shows blocks. Only the ranges reveal this.
 
 use argus_scene::rig::Coverage;
-use argus_scene::{Camera, Frame, SampleCamera};
+use argus_scene::{Camera, Frame, Output, SampleCamera};
 use glam::DVec2;
 
 use crate::core::planner::{LEAST_FINE, MOST_TEXEL_PIXELS, predicted_excess};
@@ -44,7 +44,8 @@ pub(super) fn shortfall(
 
 /// Share of the checked pixels whose texel is fine enough. `None` if no pixel has a source.
 fn fine_share(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Option<f64> {
-    let (ranges, sources) = (frame.range.as_ref()?.as_chunks::<4>().0, frame.source.as_ref()?);
+    let (ranges, sources) =
+        (frame.images[Output::Range].as_ref()?.as_chunks::<4>().0, frame.images[Output::Source].as_ref()?);
     let [width, height] = [frame.width, frame.height];
     let pixel_angle = 2.0 * camera.tan_half_fov(width, height).y / f64::from(height.max(1));
     let angles: Vec<f64> = samples.iter().map(SampleCamera::texel_angle).collect();
@@ -79,7 +80,7 @@ fn fine_share(frame: &Frame, camera: &Camera, samples: &[SampleCamera]) -> Optio
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{OmniLayout, Plan, Provenance, SceneHash, SceneState, Warp};
+    use argus_scene::{Images, OmniLayout, Plan, Provenance, SceneHash, SceneState, Warp};
     use bytes::Bytes;
     use glam::DVec3;
 
@@ -91,14 +92,21 @@ mod tests {
     fn frame(range: f32, source: u8) -> Frame {
         let pixels = (SIZE[0] * SIZE[1]) as usize;
         Frame {
-            range: Some(Bytes::from(range.to_le_bytes().repeat(pixels))),
-            source: Some(Bytes::from(vec![source; pixels])),
+            images: Images::from([
+                (Output::Range, range.to_le_bytes().repeat(pixels).into()),
+                (Output::Source, vec![source; pixels].into()),
+            ]),
             ..Frame::without_images(
                 SIZE[0],
                 SIZE[1],
                 Provenance::of_plan(SceneHash([0; 32]), SceneState::default(), Plan::Warp(Warp::default())),
             )
         }
+    }
+
+    /// The frame with another image, or without it.
+    fn with(frame: Frame, output: Output, image: Option<Bytes>) -> Frame {
+        Frame { images: frame.images.clone().with(output, image), ..frame }
     }
 
     /// A cube map whose texels, seen from its centre, are slightly finer than the pixels of a view of `SIZE`.
@@ -147,7 +155,7 @@ mod tests {
         let with_coarse_rows = |rows: usize| {
             let mut sources = vec![2; (SIZE[0] * SIZE[1]) as usize];
             sources[..rows * SIZE[0] as usize].fill(1);
-            judged(&Frame { source: Some(sources.into()), ..frame(2.0, 2) }, eye, &samples)
+            judged(&with(frame(2.0, 2), Output::Source, Some(sources.into())), eye, &samples)
         };
         assert_eq!(with_coarse_rows(8), None);
         assert!(with_coarse_rows(40).is_some());
@@ -177,7 +185,7 @@ mod tests {
         assert!(judged(&frame(1.0, 1), eye, &samples).is_some());
         assert_eq!(judged(&frame(1.0, 0), eye, &samples), None);
         assert_eq!(judged(&frame(1.0, 9), eye, &samples), None);
-        assert_eq!(judged(&Frame { range: None, ..frame(1.0, 1) }, eye, &samples), None);
+        assert_eq!(judged(&with(frame(1.0, 1), Output::Range, None), eye, &samples), None);
         assert_eq!(judged(&Frame { width: 0, height: 0, ..frame(1.0, 1) }, eye, &samples), None);
         assert_eq!(judged(&frame(1.0, 1), eye, &[]), None);
     }

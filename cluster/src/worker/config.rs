@@ -7,7 +7,7 @@ use argus_scene::RenderError;
 use serde::Serialize;
 
 use crate::network::Network;
-use crate::security::Security;
+use crate::security::ReloadableSecurity;
 
 /// Suggested time until a retry at a full worker: a few batches.
 pub(super) const RETRY: Duration = Duration::from_millis(250);
@@ -79,7 +79,7 @@ pub struct Config {
     pub max_connections: usize,
     /// TLS configuration for the coordinator and other workers; `None`: plaintext.
     #[serde(skip)]
-    pub security: Option<Arc<Security>>,
+    pub security: Option<Arc<ReloadableSecurity>>,
     /// The network: real, or simulated in tests.
     #[serde(skip)]
     pub network: Network,

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{Output, ViewJob};
+use argus_scene::{Output, Outputs, ViewJob};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::config::RETRY;
@@ -30,9 +30,9 @@ pub(super) struct FramePermit {
     of_clients: Option<OwnedSemaphorePermit>,
 }
 
-/// Bytes that rendering a frame needs: twice its images, as rendered and as packed, since packing may save nothing.
-pub(super) fn bytes_of(job: &ViewJob) -> u64 {
-    let pixel: usize = Output::ALL.iter().filter(|o| job.outputs.has(**o)).map(|o| o.pixel_bytes()).sum();
+/// Bytes that rendering a frame of a job with these outputs needs: twice its images, as rendered and as packed, since packing may save nothing.
+pub(super) fn bytes_of(job: &ViewJob, outputs: Outputs) -> u64 {
+    let pixel: usize = job.outputs.union(outputs).iter().map(Output::pixel_bytes).sum();
     u64::from(job.width) * u64::from(job.height) * pixel as u64 * 2
 }
 

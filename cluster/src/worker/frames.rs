@@ -155,7 +155,7 @@ pub(super) fn set_of_frames(info: &SampleSetInfo, visibility: Visibility) -> Sam
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Plan, Provenance, SceneHash};
+    use argus_scene::{Camera, Images, Output, Plan, Provenance, SceneHash};
     use glam::DVec3;
 
     use super::*;
@@ -172,8 +172,10 @@ mod tests {
     fn frame() -> Frame {
         let pixels = (SIZE[0] * SIZE[1]) as usize;
         Frame {
-            color: Some(vec![9; 3 * pixels].into()),
-            range: Some(2f32.to_le_bytes().repeat(pixels).into()),
+            images: Images::from([
+                (Output::Color, vec![9; 3 * pixels].into()),
+                (Output::Range, 2f32.to_le_bytes().repeat(pixels).into()),
+            ]),
             ..Frame::without_images(
                 SIZE[0],
                 SIZE[1],

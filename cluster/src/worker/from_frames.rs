@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{Detail, Frame, FrameSource, Outputs, Plan, Sample, SampleSetInfo, ViewJob, Warp};
+use argus_scene::{
+    Detail, Frame, FrameSource, Output, Outputs, Plan, Sample, SampleSetInfo, SurfaceLight, ViewJob, Warp,
+};
 
 use super::frames::FrameKey;
 use super::node::Node;
@@ -13,14 +15,18 @@ use super::queue::Rendered;
 /// frame has no colour or would not fit, or its exposure is out of the range of a texel.
 pub(super) fn outputs_to_keep(node: &Node, job: &ViewJob, exposure: f32) -> Option<Outputs> {
     let fits = FrameSource::allows(exposure) && node.frames.has_room_for(&source_of(job, 1));
-    (job.outputs.color && fits).then_some(Outputs { range: true, ..job.outputs })
+    (job.outputs.has(Output::Color) && fits).then_some(job.outputs.with(Output::Range))
 }
 
-/// Keeps a direct frame, which was rendered for a job.
+/// Keeps a direct frame, which was rendered for a job, to warp other views from it. A frame that shows light cells of an earlier pose is
+/// not kept: it cannot be rendered again, so a view warped from it could not be pinned.
 pub(super) fn keep(node: &Node, job: &ViewJob, frame: &Frame) {
     let Plan::Direct { samples_per_pixel, detail: Detail::Full, light } = frame.provenance.plan else {
         return;
     };
+    if matches!(light, Some(SurfaceLight::OlderCells { .. })) {
+        return;
+    }
     let source = FrameSource { light, ..source_of(job, samples_per_pixel) };
     let _ = node.frames.keep(FrameKey::of(&source, job), frame);
 }
@@ -79,9 +85,9 @@ async fn rendered(
     info: &Arc<SampleSetInfo>,
 ) -> Result<(FrameSource, Arc<Sample>), Fault> {
     let FrameSource { camera, width, height, .. } = key.source;
-    let outputs = Outputs { range: true, ..Outputs::COLOR };
+    let outputs = Outputs::COLOR.with(Output::Range);
     let plan = key.source.plan();
-    let direct = ViewJob { camera, width, height, outputs, plan, history: None, ..job.clone() };
+    let direct = ViewJob { camera, width, height, outputs, plan, history: None, rays: None, ..job.clone() };
     let Rendered { frame, .. } =
         node.render_thread.render_view(direct, info.clone(), Vec::new(), false).await?;
     let without = || Fault::Unavailable("a rendered frame lacks colour or range".to_owned());

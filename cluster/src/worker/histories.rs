@@ -82,7 +82,9 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Frame, Plan, Provenance, SampleId, SceneHash, SceneState, Warp};
+    use argus_scene::{
+        Camera, Frame, Images, Output, Plan, Provenance, SampleId, SceneHash, SceneState, Warp,
+    };
     use glam::DVec3;
 
     use super::*;
@@ -90,8 +92,10 @@ mod tests {
     fn history(pixels: usize) -> History {
         let samples = vec![SampleId { version: 0, camera: 0 }];
         let frame = Frame {
-            range: Some(2f32.to_le_bytes().repeat(pixels).into()),
-            source: Some(vec![1; pixels].into()),
+            images: Images::from([
+                (Output::Range, 2f32.to_le_bytes().repeat(pixels).into()),
+                (Output::Source, vec![1; pixels].into()),
+            ]),
             ..Frame::without_images(
                 pixels as u32,
                 1,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::convert::scene_hash;
+use argus_proto::convert::{scene_hash, shared_transforms};
 use argus_proto::transport::replaceable;
 use argus_proto::v1;
 use argus_proto::v1::cluster_client::ClusterClient;
@@ -12,7 +12,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_util::sync::CancellationToken;
-use tonic::transport::{Channel, Endpoint};
+use tonic::transport::Channel;
 use tonic::{Code, Status};
 use tracing::{debug, info, warn};
 
@@ -66,24 +66,29 @@ pub(super) async fn stay(
 ) -> Result<(), RunError> {
     let url = node.config.coordinator.clone();
     let address = |reason| RunError::Address { what: "the coordinator's URL", reason };
-    let endpoints = url
-        .split(',')
-        .map(|url| net::endpoint(url.trim(), node.config.connect_timeout, node.config.security.as_deref()));
-    let mut endpoints: Vec<Endpoint> = endpoints.collect::<Result<_, _>>().map_err(address)?;
-    if endpoints.len() > 1 {
+    let several = url.contains(',');
+    // Made anew for each attempt, since certificates may have been replaced.
+    let endpoint = |url: &str| {
+        let security = node.config.security.as_ref().map(|security| security.current());
+        let endpoint = net::endpoint(url.trim(), node.config.connect_timeout, security.as_deref());
         // If a coordinator hangs, a standby can lead as soon as workers join it.
-        endpoints = endpoints.into_iter().map(replaceable).collect();
+        endpoint.map(|endpoint| if several { replaceable(endpoint) } else { endpoint }).map_err(address)
+    };
+    let urls: Vec<&str> = url.split(',').collect();
+    for url in &urls {
+        endpoint(url)?;
     }
     // Tries the addresses in turn. The leader is found within one attempt per address.
-    let mut turn = endpoints.iter().cycle();
+    let mut turn = urls.iter().cycle();
     let began = Instant::now();
     let mut joined_once = false;
     let mut pause = FIRST_PAUSE;
     loop {
-        let Some(endpoint) = turn.next() else { return Err(address("no address is given".to_owned())) };
+        let Some(next) = turn.next() else { return Err(address("no address is given".to_owned())) };
+        let endpoint = endpoint(next)?;
         let attempt = async {
             let channel =
-                node.config.network.connect(endpoint).await.map_err(|e| Ended::Lost(net::root_cause(&e)))?;
+                node.config.network.connect(&endpoint).await.map_err(|e| Ended::Lost(net::root_cause(&e)))?;
             once(&node, opener.clone(), channel, &mut joined_once, &mut pause).await
         };
         let ended = tokio::select! {
@@ -118,7 +123,7 @@ pub(super) async fn stay(
             () = shutdown.cancelled() => return Ok(()),
         }
         // With several coordinators, another one may already lead, so pauses are shorter.
-        let longest = node.config.rejoin_pause / endpoints.len() as u32;
+        let longest = node.config.rejoin_pause / urls.len() as u32;
         pause = (pause * 2).min(longest.max(FIRST_PAUSE));
     }
 }
@@ -161,6 +166,12 @@ async fn once(
                 return Ok(());
             };
             node.check_term(assignment.term).map_err(|fault| Ended::Lost(fault.to_string()))?;
+            if let Some(transforms) = assignment.transforms {
+                let malformed = |at| Ended::Lost(format!("malformed transforms: {at}"));
+                let transforms = shared_transforms(transforms).map_err(malformed)?;
+                node.transforms.learn(transforms, node.served.scene().as_deref());
+                continue;
+            }
             if assignment.report_interval_ms > 0 {
                 interval.send_replace(Duration::from_millis(assignment.report_interval_ms.into()));
             }
@@ -287,8 +298,11 @@ async fn carry_out(
     duty: Duty,
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
+    node.transforms.tell(&scene);
     node.served.set_visibility_is_open(duty.visibility_is_open);
     let new_sampler = node.served.serve(&scene, duty.set, duty.limits);
+    // Those that came meanwhile.
+    node.transforms.tell(&scene);
     if new_sampler || node.status.role() != Some(duty.role) {
         node.render_thread.prepare(duty.role).await.map_err(|error| Ended::Fatal(RunError::Device(error)))?;
     }

@@ -34,6 +34,7 @@ mod scene;
 mod slices;
 mod store;
 mod trace;
+mod transforms;
 mod view_costs;
 mod views;
 mod warm;
@@ -73,6 +74,7 @@ use crate::net;
 use crate::network::Accept;
 use crate::observe::{PREFIX, keep_health, with_pages};
 use crate::security::guard::Guarded;
+use crate::security::handshake::secured;
 use crate::{RoleFactory, SceneOpener};
 
 /// How long an order of the coordinator may be in flight when the worker leaves.
@@ -81,7 +83,7 @@ const ORDERS_ON_THE_WAY: Duration = Duration::from_millis(50);
 const TICKETS_ON_THE_WAY: Duration = Duration::from_millis(500);
 
 /// Largest request for a view, bytes. An order lists samples and their addresses.
-const MOST_ORDER_BYTES: usize = 1 << 20;
+const MOST_ORDER_BYTES: usize = 2 << 20;
 
 /// Joins the coordinator, and serves views and samples on `listener`, until `shutdown` is cancelled. Then it tells
 /// the coordinator that it leaves, finishes its requests, and returns. If it loses the coordinator, it keeps its
@@ -158,12 +160,11 @@ async fn serve_and_stay(
         .add_service(SamplesServer::new(samples::SamplesService { node: node.clone() }))
         .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
         .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
-    let server = net::server(Guarded::Worker, node.config.security.as_ref())?
+    let security = &node.config.security;
+    let connections = secured(incoming(listener, node.config.max_connections), security.clone());
+    let server = net::server(Guarded::Worker, security.as_ref())
         .add_routes(with_pages(services, watch, Registry::with_prefix(PREFIX)))
-        .serve_with_incoming_shutdown(
-            incoming(listener, node.config.max_connections),
-            closing.clone().cancelled_owned(),
-        );
+        .serve_with_incoming_shutdown(connections, closing.clone().cancelled_owned());
     // The connection to the coordinator outlives the shutdown's start by the time that the requests take. So the
     // coordinator hears that the worker leaves, instead of losing it.
     let gone = CancellationToken::new();
@@ -314,6 +315,7 @@ async fn advertised(config: &Config, local: SocketAddr) -> Result<String, RunErr
 
 /// Checks that an address is a valid URL.
 fn check_address(what: &'static str, address: &str, config: &Config) -> Result<(), RunError> {
-    let endpoint = net::endpoint(address, config.connect_timeout, config.security.as_deref());
+    let security = config.security.as_ref().map(|security| security.current());
+    let endpoint = net::endpoint(address, config.connect_timeout, security.as_deref());
     endpoint.map(drop).map_err(|reason| RunError::Address { what, reason })
 }

@@ -31,6 +31,7 @@ use super::prefetches::Prefetches;
 use super::probes::Probes;
 use super::queue::Queue;
 use super::store::Store;
+use super::transforms::KnownTransforms;
 use crate::core::{Hello, Report};
 use crate::net::Channels;
 
@@ -72,6 +73,8 @@ pub(super) struct Node {
     pub(super) suspected: watch::Sender<HashSet<String>>,
     /// Addresses of other workers that hold light cells.
     pub(super) cell_holders: watch::Sender<Vec<String>>,
+    /// Transforms of nodes that clients set.
+    pub(super) transforms: KnownTransforms,
     meter: Arc<Meter>,
     /// Highest term seen.
     term: AtomicU64,
@@ -111,6 +114,7 @@ impl Node {
             health,
             suspected: watch::Sender::default(),
             cell_holders: watch::Sender::default(),
+            transforms: KnownTransforms::default(),
             meter,
             term: AtomicU64::new(0),
             requests: AtomicUsize::new(0),

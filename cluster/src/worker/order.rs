@@ -6,9 +6,9 @@ use std::sync::Arc;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Difference, FaceMask, Frame, FrameSource, Holes, InvalidField, Output, Outputs, Plan, Provenance,
+    Camera, Difference, FaceMask, Frame, FrameSource, Holes, InvalidField, Output, Outputs, Plan, Provenance,
     RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version,
-    View, ViewJob,
+    View, ViewJob, Warp, derived,
 };
 use futures::future::try_join_all;
 use tokio::time::Instant;
@@ -42,6 +42,8 @@ pub(super) struct Ordered {
     specification: Option<Specification>,
     /// The requested images. The job may have more.
     pub(super) outputs: Outputs,
+    /// The camera that flow leads to.
+    pub(super) flow_to: Option<Camera>,
     /// Key under which the frame's depth is cached. The job has the previous frame's.
     pub(super) history: Option<String>,
     /// The planner's decision; `None` if the request named the plan.
@@ -98,14 +100,14 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
         samples.push(Source { id: *id, faces: faces_of(id.camera), addresses, dispensable });
     }
-    let View { camera, width, height, outputs, pin, plan: asked_plan } = view;
+    let View { camera, width, height, outputs, pin, plan: asked_plan, flow_to, rays } = view;
     // A pinned direct view is repeated by the backend that rendered it, even if the cluster uses another one.
     let specification = pin.as_ref().and_then(|pin| pin.specification);
     let visibility =
         specification.map_or_else(|| node.served.visibility_of_views(&info), |pinned| pinned.visibility);
     let device = pin.as_ref().map(|pin| pin.device.clone()).unwrap_or_default();
     let time_secs = info.time_secs();
-    let asked = outputs;
+    let (asked, rendered) = (outputs, derived::rendered(outputs));
     let reprojects = matches!(&plan, Plan::Warp(warp) if warp.search == Search::Seeded);
     let name = Some(order.history).filter(|name| reprojects && (1..=MAX_NAME).contains(&name.len()));
     // Extra images: those that the frame is judged by, and those that the next frame's search starts from.
@@ -113,11 +115,22 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
     let judged_by = [(Output::Color, order.observe || is_bounded), (Output::Confidence, order.observe)];
     let judged_by = judged_by.into_iter().filter_map(|(output, is_needed)| is_needed.then_some(output));
     let starts_from = [Output::Range, Output::Source].into_iter().filter(|_| name.is_some());
-    let outputs = judged_by.chain(starts_from).fold(asked, Outputs::with);
+    let outputs = judged_by.chain(starts_from).fold(rendered, Outputs::with);
     let history = name.as_deref().and_then(|name| node.histories.get(name));
     let reflections = info.reflections;
-    let job =
-        ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history };
+    let job = ViewJob {
+        camera,
+        rays,
+        width,
+        height,
+        outputs,
+        plan,
+        state,
+        time_secs,
+        visibility,
+        reflections,
+        history,
+    };
     let (tracers, pinned) = (order.tracers, pin.is_some());
     let decision = order.decision.map(Decision::try_from).transpose()?;
     let fallback = order.fallback.map(wire::fallback).transpose()?;
@@ -127,6 +140,7 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
         info,
         samples,
         outputs,
+        flow_to,
         tracers,
         pinned,
         device,
@@ -159,7 +173,7 @@ pub(super) async fn good_enough(
         Err(fault) => return Err(fault),
     }
     let refused_ms = began.elapsed().as_secs_f64() * 1e3;
-    let job = ViewJob { plan: plan.clone(), history: None, ..ordered.job.clone() };
+    let job = ViewJob { plan: plan.clone(), history: None, rays: None, ..ordered.job.clone() };
     let mut frame = render_direct(node, ordered, job).await?;
     frame.stages.push(Stage::new(Stage::REFUSED, refused_ms));
     let excess = match plan {
@@ -178,17 +192,23 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     };
     let traces = warp.holes == Holes::Trace;
     let mut job = ordered.job.clone();
-    job.outputs.mask |= traces;
+    if traces {
+        job.outputs = job.outputs.with(Output::Mask);
+    }
     if ordered.is_judged() {
         // The frame is judged by these images.
-        (job.outputs.range, job.outputs.source) = (true, true);
+        job.outputs = job.outputs.with(Output::Range).with(Output::Source);
     }
+    let beside = job.outputs.within(Outputs::GEOMETRY);
+    job.outputs = job.outputs.outside(Outputs::GEOMETRY);
     let mut frame = render(node, ordered, &ordered.samples, &job).await?;
     if let Some(Fallback { max_excess, .. }) = ordered.fallback.as_ref().filter(|_| ordered.is_judged())
         && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?, *max_excess)
     {
         return Err(Fault::NotFound(reason));
     }
+    let holes = if traces && job.outputs.has(Output::Radiance) { trace::guessed(&frame) } else { Vec::new() };
+    let mut filled = traces;
     if traces && let Err(fault) = trace::fill(node, &job, warp, &ordered.tracers, until, &mut frame).await {
         if ordered.pinned {
             return Err(fault);
@@ -200,11 +220,39 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
         if let Plan::Warp(done) = &mut frame.provenance.plan {
             done.holes = Holes::Mark;
         }
+        filled = false;
     }
-    if !ordered.job.outputs.mask {
-        frame.mask = None;
+    add_from_triangles(node, &job, &ordered.info, beside, if filled { &holes } else { &[] }, &mut frame)
+        .await?;
+    if !ordered.job.outputs.has(Output::Mask) {
+        frame.images[Output::Mask] = None;
     }
     Ok(frame)
+}
+
+/// Adds what a frame from samples has from the triangles: `outputs`, and the radiance of traced pixels.
+async fn add_from_triangles(
+    node: &Node,
+    job: &ViewJob,
+    info: &Arc<SampleSetInfo>,
+    outputs: Outputs,
+    traced: &[u32],
+    frame: &mut Frame,
+) -> Result<(), Fault> {
+    let wanted = if traced.is_empty() { outputs } else { outputs.with(Output::Radiance) };
+    let Plan::Warp(Warp { supersampling, .. }) = job.plan else { return Ok(()) };
+    if wanted == Outputs::NONE {
+        return Ok(());
+    }
+    let began = Instant::now();
+    let plan = Plan::direct(supersampling * supersampling);
+    let direct = ViewJob { outputs: wanted, plan, history: None, rays: None, ..job.clone() };
+    let rendered = node.render_thread.render_view(direct, info.clone(), Vec::new(), false).await?;
+    let mut images = rendered.frame.images;
+    trace::place_traced(frame, Output::Radiance, traced, images[Output::Radiance].take());
+    frame.images.take_over(images);
+    frame.stages.push(Stage::new("geometry", began.elapsed().as_secs_f64() * 1e3));
+    Ok(())
 }
 
 /// Renders a view from triangles, and keeps its frame if the order says so.

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use argus_scene::frame::Reason;
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Frame, PixelJob, Plan, Prediction, ViewJob};
+use argus_scene::{Frame, Output, PixelJob, Plan, Prediction, ViewJob};
 use tracing::debug;
 
 use super::node::Node;
@@ -135,7 +135,7 @@ async fn measure(
 /// Pixels of the blocks, ascending, each with the number of its block; and their sRGB colours. `turn` moves the
 /// blocks, of which there are `side` × `side`.
 fn blocks_of(frame: &Frame, side: u32, turn: u64) -> Option<(BTreeMap<u32, usize>, Vec<u8>)> {
-    let color = frame.color.as_ref()?;
+    let color = frame.images[Output::Color].as_ref()?;
     let mut blocks = BTreeMap::new();
     for block in 0..side * side {
         // Roberts' two-dimensional sequence (2018) spreads positions evenly.
@@ -218,14 +218,14 @@ fn adjusted_lab([r, g, b]: [f64; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Provenance, SceneHash, SceneState, Warp};
+    use argus_scene::{Images, Provenance, SceneHash, SceneState, Warp};
 
     use super::*;
 
     fn frame(width: u32, height: u32) -> Frame {
         let color = (0..width * height).flat_map(|pixel| [pixel as u8, 7, 9]).collect::<Vec<u8>>();
         Frame {
-            color: Some(color.into()),
+            images: Images::from([(Output::Color, color.into())]),
             ..Frame::without_images(
                 width,
                 height,
@@ -258,7 +258,7 @@ mod tests {
             }
         }
         assert_ne!(blocks_of(&frame(320, 240), BLOCKS, 0), blocks_of(&frame(320, 240), BLOCKS, 1));
-        assert_eq!(blocks_of(&Frame { color: None, ..frame(4, 4) }, BLOCKS, 0), None);
+        assert_eq!(blocks_of(&Frame { images: Images::default(), ..frame(4, 4) }, BLOCKS, 0), None);
     }
 
     #[test]

@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use argus_scene::{
-    Compositor, Detail, FaceMask, Frame, LightLevel, PixelJob, Plan, RenderError, Sample, SampleId,
+    Compositor, Detail, FaceMask, Frame, LightLevel, Outputs, PixelJob, Plan, RenderError, Sample, SampleId,
     SampleJob, SampleSetInfo, Sampler, Scene,
 };
 use tracing::debug;
@@ -328,8 +328,11 @@ impl Renderer {
                 None => own.sampler()?.render_views(&jobs, &batch.cancel),
             })
         });
-        self.record(Kind::Direct, &results, began, began);
-        self.observe(&results);
+        // What the triangles alone decide costs less than a view.
+        if jobs.iter().all(|job| job.outputs.has_any(Outputs::SHADED)) {
+            self.record(Kind::Direct, &results, began, began);
+            self.observe(&results);
+        }
         deliver_frames(tasks, results, began);
     }
 

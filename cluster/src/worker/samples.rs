@@ -44,6 +44,8 @@ impl Samples for SamplesService {
             debug_span!(target: TARGET, "serve samples", worker, count = request.get_ref().cameras.len());
         continued(&span, request.metadata());
         let request = request.into_inner();
+        let state = request.version.and_then(|version| version.state);
+        self.node.transforms.known(state.map_or(0, |state| state.revision)).await?;
         let info = check(&self.node, &request)?;
         let have: HashMap<u64, Bytes> =
             request.have.into_iter().map(|held| (held.camera, held.hash)).collect();
@@ -79,6 +81,7 @@ impl Samples for SamplesService {
         let active = self.node.begin()?;
         let span = debug_span!(target: TARGET, "trace pixels", worker = self.node.hello.name);
         continued(&span, request.metadata());
+        self.node.transforms.known(request.get_ref().revision).await?;
         let job = trace::check(&self.node, request.into_inner())?;
         let pixels = self.node.render_thread.render_pixels(&job).instrument(span).await?;
         let chunks = pixel_chunks(&pixels).map_err(Fault::from)?.into_iter().map(move |chunk| {

@@ -11,7 +11,7 @@ use argus_proto::convert::light_level;
 use argus_proto::trace::within;
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
-use argus_scene::{Frame, PixelJob, Pixels, SceneState, Stage, ViewJob, Warp};
+use argus_scene::{Frame, Output, PixelJob, Pixels, SceneState, Stage, ViewJob, Warp};
 use bytes::Bytes;
 use tokio::time::Instant;
 use tracing::{Span, warn};
@@ -90,8 +90,8 @@ pub(super) async fn fill(
 }
 
 /// Indices of the guessed pixels, ascending.
-fn guessed(frame: &Frame) -> Vec<u32> {
-    let mask = frame.mask.as_deref().unwrap_or_default();
+pub(super) fn guessed(frame: &Frame) -> Vec<u32> {
+    let mask = frame.images[Output::Mask].as_deref().unwrap_or_default();
     (0..).zip(mask).filter(|(_, value)| **value == GUESSED).map(|(pixel, _)| pixel).collect()
 }
 
@@ -123,9 +123,9 @@ async fn by_other_worker(
 /// [`Fault::NotFound`] for a scene, epoch or specification that is not served; [`Fault::Invalid`] for a malformed
 /// request.
 pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, Fault> {
-    let (info, limits) = node
-        .served
-        .set_showing(SceneState { epoch: request.epoch, light: light_level(request.light, "light")? })?;
+    let (epoch, revision) = (request.epoch, request.revision);
+    let state = SceneState { epoch, light: light_level(request.light, "light")?, revision };
+    let (info, limits) = node.served.set_showing(state)?;
     let (TracedFrame { scene, specification }, job) =
         argus_proto::chunks::trace_job(request, info.time_secs(), &limits)?;
     if scene != info.scene {
@@ -135,25 +135,22 @@ pub(super) fn check(node: &Node, request: v1::TraceRequest) -> Result<PixelJob, 
     Ok(PixelJob { reflections: info.reflections, ..job })
 }
 
-/// Replaces the pixels at `pixels` by as many traced ones.
+/// Replaces the pixels at `pixels` by as many traced ones. Radiance, which is not traced with them, and what the triangles decide stay.
 fn patch(frame: &mut Frame, pixels: &[u32], traced: &Pixels) {
-    let place = |image: &mut Option<Bytes>, bytes: usize, texel: &dyn Fn(usize) -> Option<[u8; 4]>| {
-        let Some(image) = image else { return };
-        let mut patched = Vec::from(std::mem::take(image));
-        for (i, &pixel) in pixels.iter().enumerate() {
-            let at = pixel as usize * bytes;
-            if let (Some(to), Some(from)) = (patched.get_mut(at..at + bytes), texel(i)) {
-                to.copy_from_slice(&from[..bytes]);
-            }
-        }
-        *image = patched.into();
-    };
-    let (colors, ranges) = (traced.color.as_chunks::<3>().0, traced.range.as_chunks::<4>().0);
-    place(&mut frame.color, 3, &|i| colors.get(i).map(|&[r, g, b]| [r, g, b, 0]));
-    place(&mut frame.range, 4, &|i| ranges.get(i).copied());
-    place(&mut frame.mask, 1, &|_| Some([TRACED; 4]));
-    place(&mut frame.source, 1, &|_| Some([0; 4]));
-    place(&mut frame.confidence, 1, &|_| Some([EXACT; 4]));
+    let all = |byte: u8| Bytes::from(vec![byte; pixels.len()]);
+    for output in Output::ALL {
+        let found = match output {
+            Output::Color => traced.color.clone(),
+            Output::Range => traced.range.clone(),
+            Output::Mask => all(TRACED),
+            Output::Source => all(0),
+            Output::Confidence => all(EXACT),
+            Output::Radiance | Output::Normal | Output::Instance | Output::Material => continue,
+            // These are made of range once it is complete.
+            Output::Depth | Output::Flow => continue,
+        };
+        place(frame, output, pixels, |i| found.get(i..i + output.pixel_bytes()));
+    }
     let count = pixels.len() as u64;
     frame.served.traced += count;
     frame.served.unresolved = frame.served.unresolved.saturating_sub(count);
@@ -161,21 +158,45 @@ fn patch(frame: &mut Frame, pixels: &[u32], traced: &Pixels) {
     frame.unresolved_fraction = 0.0;
 }
 
+/// Replaces pixels of an image by those of another one of the whole view.
+pub(super) fn place_traced(frame: &mut Frame, output: Output, pixels: &[u32], whole: Option<Bytes>) {
+    let (Some(whole), bytes) = (whole, output.pixel_bytes()) else { return };
+    place(frame, output, pixels, |i| {
+        let at = *pixels.get(i / bytes)? as usize * bytes;
+        whole.get(at..at + bytes)
+    });
+}
+
+/// Replaces pixels of an image. `found` gives the bytes of the i-th byte's pixel, where i counts those of all replaced ones.
+fn place<'a>(frame: &mut Frame, output: Output, pixels: &[u32], found: impl Fn(usize) -> Option<&'a [u8]>) {
+    let Some(image) = &mut frame.images[output] else { return };
+    let (bytes, mut patched) = (output.pixel_bytes(), Vec::from(std::mem::take(image)));
+    for (i, &pixel) in pixels.iter().enumerate() {
+        let at = pixel as usize * bytes;
+        if let (Some(to), Some(from)) = (patched.get_mut(at..at + bytes), found(i * bytes)) {
+            to.copy_from_slice(from);
+        }
+    }
+    *image = patched.into();
+}
+
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Plan, Provenance, SceneHash, Served};
+    use argus_scene::{Images, Plan, Provenance, SceneHash, Served};
 
     use super::*;
 
     #[test]
     fn traced_pixels_replace_guesses_in_every_image() {
-        let bytes = |n: usize, value: u8| Some(Bytes::from(vec![value; n]));
+        let bytes = |n: usize, value: u8| Bytes::from(vec![value; n]);
         let mut frame = Frame {
-            color: bytes(12, 9),
-            range: bytes(16, 0),
-            mask: Some(Bytes::from_static(&[0, 255, 0, 255])),
-            source: bytes(4, 3),
-            confidence: Some(Bytes::from_static(&[200, 0, 100, 0])),
+            images: Images::from([
+                (Output::Color, bytes(12, 9)),
+                (Output::Range, bytes(16, 0)),
+                (Output::Mask, Bytes::from_static(&[0, 255, 0, 255])),
+                (Output::Source, bytes(4, 3)),
+                (Output::Confidence, Bytes::from_static(&[200, 0, 100, 0])),
+            ]),
             unresolved_fraction: 0.5,
             served: Served { warped: 2, unresolved: 2, ..Served::default() },
             ..Frame::without_images(
@@ -192,17 +213,16 @@ mod tests {
             stages: Vec::new(),
         };
         patch(&mut frame, &pixels, &traced);
-        assert_eq!(frame.color.as_deref(), Some(&[9, 9, 9, 1, 2, 3, 9, 9, 9, 4, 5, 6][..]));
-        let ranges: Vec<f32> = frame
-            .range
+        assert_eq!(frame.images[Output::Color].as_deref(), Some(&[9, 9, 9, 1, 2, 3, 9, 9, 9, 4, 5, 6][..]));
+        let ranges: Vec<f32> = frame.images[Output::Range]
             .iter()
             .flat_map(|r| r.as_chunks::<4>().0)
             .map(|bytes| f32::from_le_bytes(*bytes))
             .collect();
         assert_eq!(ranges, [0.0, 1.5, 0.0, f32::INFINITY]);
-        assert_eq!(frame.mask.as_deref(), Some(&[0, TRACED, 0, TRACED][..]));
-        assert_eq!(frame.source.as_deref(), Some(&[3, 0, 3, 0][..]));
-        assert_eq!(frame.confidence.as_deref(), Some(&[200, EXACT, 100, EXACT][..]));
+        assert_eq!(frame.images[Output::Mask].as_deref(), Some(&[0, TRACED, 0, TRACED][..]));
+        assert_eq!(frame.images[Output::Source].as_deref(), Some(&[3, 0, 3, 0][..]));
+        assert_eq!(frame.images[Output::Confidence].as_deref(), Some(&[200, EXACT, 100, EXACT][..]));
         assert_eq!(frame.served, Served { warped: 2, traced: 2, ..Served::default() });
         assert_eq!(frame.unresolved_fraction, 0.0);
         assert!(guessed(&frame).is_empty());

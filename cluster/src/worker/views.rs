@@ -11,7 +11,7 @@ use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Fault, v1};
-use argus_scene::{Frame, History, InvalidField, Output, Outputs, Plan};
+use argus_scene::{Frame, History, InvalidField, Plan, derived};
 use futures::Stream;
 use prost::Message;
 use tokio::sync::mpsc;
@@ -58,6 +58,20 @@ impl Views for ViewsService {
         &self,
         _request: Request<v1::DescribeRequest>,
     ) -> Result<Response<v1::DescribeResponse>, Status> {
+        Err(ask_the_coordinator())
+    }
+
+    async fn names(
+        &self,
+        _request: Request<v1::NamesRequest>,
+    ) -> Result<Response<v1::NamesResponse>, Status> {
+        Err(ask_the_coordinator())
+    }
+
+    async fn set_transforms(
+        &self,
+        _request: Request<v1::SetTransformsRequest>,
+    ) -> Result<Response<v1::SetTransformsResponse>, Status> {
         Err(ask_the_coordinator())
     }
 
@@ -187,6 +201,7 @@ impl ViewsService {
         let active = self.node.begin()?;
         let Some(order) = request.order else { return Err(ask_the_coordinator()) };
         self.node.check_term(order.term)?;
+        self.node.transforms.known(order.state.map_or(0, |state| state.revision)).await?;
         let (age_ms, observe, predicted) = (order.age_ms, order.observe, order.predicted);
         let ordered = check(&self.node, request.view, order)?;
         let outputs = ordered.outputs;
@@ -194,7 +209,7 @@ impl ViewsService {
         let deadline = (request.deadline_ms > 0).then(|| Duration::from_millis(request.deadline_ms.into()));
         // The rest of the deadline is for packing the frame, if its holes could not be traced in time.
         let trace_until = deadline.map(|deadline| arrived + deadline.mul_f64(0.9));
-        let bytes = frame_memory::bytes_of(&ordered.job);
+        let bytes = frame_memory::bytes_of(&ordered.job, outputs);
         let answer = async {
             let permit = self.node.frame_memory.take(bytes, for_client).await?;
             let frame = good_enough(&self.node, &ordered, trace_until).await?;
@@ -209,7 +224,7 @@ impl ViewsService {
             Ok::<_, Fault>((frame, predicted, permit))
         };
         let answer = answer.instrument(span.clone());
-        let (frame, predicted, mut permit) = match deadline {
+        let (mut frame, predicted, mut permit) = match deadline {
             None => answer.await?,
             Some(deadline) => {
                 let late = |_| Fault::Deadline(deadline);
@@ -220,8 +235,14 @@ impl ViewsService {
         // Fetched samples have their own spans.
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));
-        let meta = FrameMeta { view_id: request.view_id, worker: self.node.hello.name.clone(), age_ms };
-        let (node, job, history) = (self.node.clone(), ordered.job, ordered.history);
+        let meta = FrameMeta {
+            view_id: request.view_id,
+            worker: self.node.hello.name.clone(),
+            age_ms,
+            ..FrameMeta::default()
+        };
+        let (node, job, history, flow_to) =
+            (self.node.clone(), ordered.job, ordered.history, ordered.flow_to);
         let pack = move || {
             // The next frame may be ordered once this one is sent, so its depth is cached before.
             if let Some((name, left)) = history.zip(History::of(&frame, &job.camera, job.history.as_deref()))
@@ -229,7 +250,10 @@ impl ViewsService {
                 node.histories.keep(name, left);
             }
             let observed = if observe { Observed::of(&frame) } else { None };
-            encode(&with_only(frame, outputs), meta, encoding, arrived, observed, predicted)
+            let camera = (&job.camera, job.rays.as_ref());
+            derived::complete(&mut frame, outputs, camera, flow_to.as_ref());
+            frame.images.keep_only(outputs);
+            encode(&frame, meta, encoding, arrived, observed, predicted)
         };
         let turn = self.node.packing.acquire().await.map_err(|e| Status::internal(e.to_string()))?;
         let chunks =
@@ -243,14 +267,6 @@ impl ViewsService {
 
 fn ask_the_coordinator() -> Status {
     invalid(InvalidField::new("order", "must be given: clients must send their requests to the coordinator"))
-}
-
-/// Removes the images that were not requested.
-fn with_only(mut frame: Frame, outputs: Outputs) -> Frame {
-    for output in Output::ALL.into_iter().filter(|&output| !outputs.has(output)) {
-        *frame.image_mut(output) = None;
-    }
-    frame
 }
 
 /// Packs a frame into chunks. The header has the time of packing.

@@ -239,16 +239,15 @@ fn measured<R>(
 pub(super) fn view(
     info: &SampleSetInfo,
     camera: Camera,
-    [width, height]: [u32; 2],
+    size: [u32; 2],
     plan: Plan,
     visibility: Visibility,
 ) -> ViewJob {
     let (state, time_secs) = (info.version.state, info.time_secs());
-    let (outputs, history) = (Outputs::COLOR, None);
     // Probes and points are made for the first view that needs them, since they cost as much as samples.
     let by_rays = |set: &ReflectionProbeSet| set.settings.source == ProbeSource::Rays;
     let reflections = info.reflections.filter(|set| by_rays(set) && matches!(plan, Plan::Direct { .. }));
-    ViewJob { camera, width, height, outputs, plan, state, time_secs, visibility, reflections, history }
+    ViewJob { state, time_secs, visibility, reflections, ..ViewJob::new(camera, size, plan) }
 }
 
 #[cfg(test)]

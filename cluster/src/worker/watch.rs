@@ -31,6 +31,9 @@ impl Monitored for Watch {
     }
 
     fn expose(&self, to: &mut Exposition<'_>) -> fmt::Result {
+        if let Some(security) = &self.0.config.security {
+            security.expose(to)?;
+        }
         let (report, backlog) = (self.0.report(), self.0.render_thread.backlog());
         let acts = |role| f64::from(self.0.status.role() == Some(role));
         to.gauges(
@@ -123,6 +126,17 @@ fn light_cells(to: &mut Exposition<'_>, cells: CellReport) -> fmt::Result {
         "Pages of light cells that other workers sent",
         cells.pages_taken,
     )?;
+    let moved = [
+        ([("pages", "kept")], cells.pages_kept as f64),
+        ([("pages", "touched")], cells.pages_touched as f64),
+    ];
+    to.counters(
+        "worker_light_cell_pages_moved",
+        "Pages of light cells when something moved, by what became of them",
+        moved,
+    )?;
+    let older = "Pages of light cells of an earlier pose, shown until they are filled anew";
+    to.gauge("worker_light_cell_pages_older", older, cells.pages_older as f64)?;
     let seconds = [([("stage", "fill")], cells.fill_ms * 1e-3), ([("stage", "take")], cells.take_ms * 1e-3)];
     to.counters("worker_light_cells_seconds", "Time spent on light cells, by stage", seconds)?;
     let by_rays = cells.pixels.saturating_sub(cells.pixels_lit);

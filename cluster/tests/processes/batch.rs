@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use argus_client::{Batch, Client, ClientError, Encoding};
 use argus_proto::v1;
-use argus_scene::{Outputs, Plan, PlanRequest};
+use argus_scene::{Frame, FrameDigest, Output, Outputs, Plan, PlanRequest, View};
 use futures::StreamExt;
 
 use crate::common::{Cluster, direct, quick, view};
@@ -32,7 +32,7 @@ async fn a_batch_answers_every_camera_once_with_the_bytes_of_a_single_view() {
         assert_eq!(frame.provenance.plan, Plan::direct(1), "one plan for all");
         if index % 8 == 0 {
             let (alone, _) = cluster.render(&direct(*index)).await.unwrap();
-            assert_eq!(frame.color, alone.color, "camera {index}");
+            assert_eq!(frame.images[Output::Color], alone.images[Output::Color], "camera {index}");
         }
     }
     let samples = client.render_batch(batch(3, PlanRequest::from_samples()), Encoding::Raw);
@@ -89,4 +89,58 @@ async fn a_killed_worker_costs_a_batch_no_frame() {
         }
     }
     assert_eq!(answered, 30);
+}
+
+/// Digests of single direct views of the batch's cameras, each pinned to the provenance of the batch's frame.
+async fn repeated(cluster: &Cluster, frames: &BTreeMap<usize, Frame>) -> BTreeMap<usize, FrameDigest> {
+    let mut found = BTreeMap::new();
+    for (index, frame) in frames {
+        let pinned = View {
+            width: 32,
+            height: 24,
+            outputs: all(),
+            plan: PlanRequest::default(),
+            pin: Some(frame.provenance.clone()),
+            ..view(*index)
+        };
+        found.insert(*index, cluster.render(&pinned).await.unwrap().0.images.digest());
+    }
+    found
+}
+
+/// Outputs of triangles and of samples.
+fn all() -> Outputs {
+    Outputs::COLOR.with(Output::Range).with(Output::Depth).with(Output::Instance).with(Output::Radiance)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn frames_of_a_batch_equal_pinned_single_views_under_load_while_a_worker_dies() {
+    let mut cluster = Cluster::start(3).await;
+    cluster.settings.set(0, 10_000);
+    let client = Client::connect(&cluster.coordinator.url()).await.unwrap();
+    for plan in [PlanRequest::default(), PlanRequest::from_samples()] {
+        // Others ask for as much meanwhile.
+        let others = (0..24).map(|i| {
+            let (channel, view) = (cluster.views(), if i % 2 == 0 { direct(i) } else { view(i) });
+            tokio::spawn(async move { crate::common::render(channel, &view, 0).await })
+        });
+        let others: Vec<_> = others.collect();
+        let asked = Batch { outputs: all(), ..batch(24, plan) };
+        let mut frames = BTreeMap::new();
+        let mut answers = std::pin::pin!(client.render_batch(asked, Encoding::Unspecified));
+        while let Some((index, result)) = answers.next().await {
+            let (frame, meta) = result.unwrap_or_else(|error| panic!("camera {index}: {error}"));
+            assert_eq!(meta.digest, frame.images.digest());
+            frames.insert(index, frame);
+            if frames.len() == 4 {
+                cluster.workers.pop().unwrap().kill();
+            }
+        }
+        for other in others {
+            other.await.unwrap().unwrap();
+        }
+        assert_eq!(frames.len(), 24);
+        let digests = frames.iter().map(|(index, frame)| (*index, frame.images.digest())).collect();
+        assert_eq!(repeated(&cluster, &frames).await, digests);
+    }
 }

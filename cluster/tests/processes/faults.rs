@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use argus_cluster::{core, worker};
 use argus_proto::v1::Role;
-use argus_scene::View;
+use argus_scene::{Output, View};
 use futures::future::join_all;
 use tonic::Code;
 
@@ -73,7 +73,7 @@ async fn another_worker_continues_a_killed_ones_frame_byte_for_byte() {
             frame = Some(complete);
         }
     }
-    assert_eq!(frame.unwrap().color, whole.color);
+    assert_eq!(frame.unwrap().images[Output::Color], whole.images[Output::Color]);
     assert_eq!(cluster.status().await.counters.unwrap().views_retried, 1);
 }
 
@@ -85,7 +85,7 @@ async fn a_worker_recovers_from_a_lost_device_and_from_a_panic() {
         let made = cluster.settings.compositors_made.load(Ordering::SeqCst);
         misfortune.store(1, Ordering::SeqCst);
         let (frame, _) = cluster.render(&view(1)).await.unwrap();
-        assert_eq!(frame.color, expected.color);
+        assert_eq!(frame.images[Output::Color], expected.images[Output::Color]);
         // A direct view that lost the device also lost the compositor, which is remade before this view or by it.
         let made_anew = cluster.settings.compositors_made.load(Ordering::SeqCst) - made;
         assert!((1..=2).contains(&made_anew), "{made_anew} compositors were made");
@@ -100,7 +100,10 @@ async fn a_worker_recovers_from_a_lost_device_and_from_a_panic() {
     assert_eq!(status.code(), Code::Unavailable);
     assert!(status.message().contains("device was lost"), "{status}");
     cluster.settings.lose_device.store(0, Ordering::SeqCst);
-    assert_eq!(cluster.render(&view(1)).await.unwrap().0.color, expected.color);
+    assert_eq!(
+        cluster.render(&view(1)).await.unwrap().0.images[Output::Color],
+        expected.images[Output::Color]
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -134,7 +137,10 @@ async fn views_from_held_samples_do_not_wait_for_a_new_sampler() {
     ));
     for _ in 0..5 {
         tokio::time::sleep(Duration::from_millis(50)).await;
-        assert_eq!(cluster.render(&view(1)).await.unwrap().0.color, before.color);
+        assert_eq!(
+            cluster.render(&view(1)).await.unwrap().0.images[Output::Color],
+            before.images[Output::Color]
+        );
     }
     assert!(began.elapsed() < making, "views of what is held waited: {:?}", began.elapsed());
     cluster.wait_for(|status| status.processes == 2).await;
@@ -173,7 +179,7 @@ async fn workers_rejoin_a_restarted_coordinator() {
     assert_eq!(status.counters.unwrap().workers_joined, 2);
     let rendered = cluster.settings.samples_rendered.load(Ordering::SeqCst);
     let (after, _) = cluster.render(&view(1)).await.unwrap();
-    assert_eq!(after.color, before.color);
+    assert_eq!(after.images[Output::Color], before.images[Output::Color]);
     assert_eq!(
         cluster.settings.samples_rendered.load(Ordering::SeqCst),
         rendered,
@@ -472,19 +478,25 @@ async fn requests_of_disconnected_clients_are_cancelled() {
     let cluster = Cluster::start(1).await;
     cluster.render(&view(0)).await.unwrap();
     cluster.settings.set(20_000_000, 0);
-    let mut client = cluster.views();
-    let impatient = client.render(common::request(&view(1), 0));
-    assert!(
-        tokio::time::timeout(Duration::from_millis(200), async {
+    let cancelled = || cluster.settings.cancelled.load(Ordering::SeqCst) > 0;
+    // On a busy machine a client may be gone before its view is in work, and then there is nothing to cancel.
+    for _ in 0..20 {
+        let mut client = cluster.views();
+        let impatient = client.render(common::request(&view(1), 0));
+        let answered = tokio::time::timeout(Duration::from_millis(200), async {
             let mut chunks = impatient.await.unwrap().into_inner();
             chunks.message().await
-        })
-        .await
-        .is_err()
-    );
-    while cluster.settings.cancelled.load(Ordering::SeqCst) == 0 {
-        tokio::time::sleep(Duration::from_millis(5)).await;
+        });
+        assert!(answered.await.is_err());
+        let begin = tokio::time::Instant::now();
+        while !cancelled() && begin.elapsed() < Duration::from_secs(2) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        if cancelled() {
+            break;
+        }
     }
+    assert!(cancelled());
     let late = common::render(cluster.views(), &view(2), 150).await.unwrap_err();
     assert_eq!(late.code(), Code::DeadlineExceeded);
     cluster.settings.set(0, 0);

@@ -5,7 +5,7 @@ use argus_cluster::worker::{Config, Public};
 use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::status::invalid_field;
 use argus_proto::v1::frame_chunk::Body;
-use argus_scene::{Frame, Limits, Outputs, Plan, PlanRequest, Provenance, Search, View};
+use argus_scene::{Frame, Limits, Output, Outputs, Plan, PlanRequest, Provenance, Search, View};
 
 use crate::common::session::Session;
 use crate::common::{Cluster, LIMIT, quick, start_worker_with, view};
@@ -52,7 +52,12 @@ async fn a_session_with_history_reprojects_its_last_frame() {
             let (frame, _) = next(&mut session, &begun(i)).await;
             assert_eq!(frame.provenance.history, i > 0, "frame {i}, redirected: {redirect}");
             assert_eq!(search_of(&frame), Search::Seeded);
-            let kept = [&frame.range, &frame.source, &frame.mask, &frame.confidence];
+            let kept = [
+                &frame.images[Output::Range],
+                &frame.images[Output::Source],
+                &frame.images[Output::Mask],
+                &frame.images[Output::Confidence],
+            ];
             assert!(kept.iter().all(|image| image.is_none()), "only colour was requested");
         }
     }
@@ -69,13 +74,19 @@ async fn a_session_without_history_reprojects_nothing() {
         let (frame, _) = next(&mut plain, &view(i)).await;
         let (asked, _) = cluster.render(&view(i)).await.unwrap();
         assert_eq!((search_of(&frame), frame.provenance.history), (Search::Splat, false));
-        assert_eq!((&frame.color, &frame.provenance), (&asked.color, &asked.provenance));
+        assert_eq!(
+            (&frame.images[Output::Color], &frame.provenance),
+            (&asked.images[Output::Color], &asked.provenance)
+        );
     }
     // A frame without reprojection can be pinned, in a session with history or not.
     let seeded = PlanRequest { search: Some(Search::Seeded), ..PlanRequest::default() };
     let (first, _) = next(&mut moving(&cluster, false).await, &begun(7)).await;
     let (asked, _) = cluster.render(&View { plan: seeded, ..view(7) }).await.unwrap();
-    assert_eq!((first.color, first.provenance), (asked.color, asked.provenance));
+    assert_eq!(
+        (&first.images[Output::Color], &first.provenance),
+        (&asked.images[Output::Color], &asked.provenance)
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -170,6 +181,9 @@ async fn a_reprojected_frame_is_sent_anew_if_its_worker_dies_within_it() {
     let plan = PlanRequest { search: Some(Search::Seeded), ..PlanRequest::default() };
     if !frame.provenance.history {
         let (fresh, _) = cluster.render(&View { plan, ..large }).await.unwrap();
-        assert_eq!((frame.color, frame.provenance), (fresh.color, fresh.provenance));
+        assert_eq!(
+            (&frame.images[Output::Color], &frame.provenance),
+            (&fresh.images[Output::Color], &fresh.provenance)
+        );
     }
 }

@@ -7,7 +7,7 @@ use argus_cluster::{coordinator, core, worker};
 use argus_proto::status::retry_after;
 use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::views_client::ViewsClient;
-use argus_scene::{PlanRequest, View};
+use argus_scene::{Output, PlanRequest, View};
 use futures::future::join_all;
 use tokio::time::Instant;
 use tonic::Code;
@@ -141,7 +141,7 @@ async fn a_full_compositor_drops_the_least_recently_used_samples() {
     for i in 0..24 {
         let (expected, _) = free.render(&view(i)).await.unwrap();
         let (frame, _) = full.render(&common::pinned(i, expected.provenance.clone())).await.unwrap();
-        assert_eq!(frame.color, expected.color, "view {i}");
+        assert_eq!(frame.images[Output::Color], expected.images[Output::Color], "view {i}");
     }
     let most = |cluster: &Cluster| cluster.settings.most_held.load(Ordering::SeqCst);
     assert!(most(&free) > 6, "{} samples are too few to show anything", most(&free));
@@ -226,7 +226,7 @@ async fn a_worker_with_unread_frames_serves_other_clients() {
         while let Some(chunk) = frame.message().await.unwrap() {
             bytes += chunk.body.map_or(0, |body| match body {
                 Body::Data(data) => data.bytes.len(),
-                Body::Header(_) => 0,
+                Body::Header(_) | Body::Trailer(_) => 0,
             });
         }
         assert_eq!(bytes, (LARGE[0] * LARGE[1] * 3) as usize);

@@ -14,5 +14,6 @@ mod network;
 mod redirect;
 mod services;
 mod specification;
+mod transforms;
 mod views;
 mod watching;

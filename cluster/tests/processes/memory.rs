@@ -5,7 +5,7 @@ use std::time::Duration;
 use argus_client::{Client, Session, SessionEvent, SessionOptions};
 use argus_cluster::worker::{Config, Public};
 use argus_scene::frame::Reason;
-use argus_scene::{Frame, Plan, PlanRequest, View};
+use argus_scene::{Frame, Output, Plan, PlanRequest, View};
 
 use crate::common::{Cluster, LIMIT, quick, start_worker_with, view};
 
@@ -49,7 +49,10 @@ async fn a_still_cameras_frames_do_not_change_when_another_way_becomes_faster() 
             let again = next(&mut session, &open(1)).await;
             let decision = again.decision.unwrap();
             assert_eq!(decision.reason, Reason::Kept, "redirected: {redirect}, {decision:?}");
-            assert_eq!((&again.provenance, &again.color), (&first.provenance, &first.color));
+            assert_eq!(
+                (&again.provenance, &again.images[Output::Color]),
+                (&first.provenance, &first.images[Output::Color])
+            );
         }
         // A moving camera gets the faster way.
         assert!(!is_direct(&next(&mut session, &open(2)).await), "redirected: {redirect}");

@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use argus_client::{Client, ClientError, ConnectOptions, Credentials, SessionEvent, SessionOptions, Token};
 use argus_cluster::core;
-use argus_cluster::security::{CLUSTER_NAME, Security, Tokens};
+use argus_cluster::security::{CLUSTER_NAME, ReloadableSecurity, Security, Tokens};
 use argus_cluster::worker::{Config, Public};
 use argus_proto::chunks::FrameAssembler;
 use argus_proto::v1;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::session_request::Body as Asked;
 use argus_proto::v1::views_client::ViewsClient;
-use argus_scene::{Frame, Limits, Stage, View};
+use argus_scene::{Frame, Limits, Output, Stage, View};
 use tonic::{Code, Status};
 
 use crate::common::session::Session;
@@ -76,7 +76,10 @@ async fn redirected_frames_are_counted_by_their_receipts() {
         let (frame, receipt) = redeem(&redirect).await.unwrap();
         // The same bytes as those of a relayed frame.
         let relayed = View { pin: Some(frame.provenance.clone()), ..wanted };
-        assert_eq!(frame.color, cluster.render(&relayed).await.unwrap().0.color);
+        assert_eq!(
+            frame.images[Output::Color],
+            cluster.render(&relayed).await.unwrap().0.images[Output::Color]
+        );
         session.say(seq, Asked::Ack(v1::SessionAck { receipt: Some(receipt) })).await;
     }
     let status = cluster.wait_for(|s| s.counters.as_ref().unwrap().views_answered == 6).await;
@@ -324,7 +327,8 @@ async fn with_tls_clients_verify_workers_by_the_clusters_name() {
     let member = |names: &[&str], tokens: Tokens| {
         let [certificate, key] = authority.certify(names).map(String::into_bytes);
         let ca = ca.clone();
-        Some(Arc::new(Security { certificate, key, ca, tokens, require_client_certificates: false }))
+        let security = Security { certificate, key, ca, tokens, require_client_certificates: false };
+        Some(Arc::new(ReloadableSecurity::new(security).unwrap()))
     };
     let token = "a-token-of-the-tests-0123456789";
     let tokens = Tokens::parse(&format!("view tester {token}\n")).unwrap();

@@ -6,7 +6,7 @@ use argus_proto::status::invalid_field;
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::{Description, PROTOCOL_VERSION, v1};
-use argus_scene::{Limits, Outputs, Plan, PlanRequest, Provenance, SceneHash, View};
+use argus_scene::{Limits, Output, Outputs, Plan, PlanRequest, Provenance, SceneHash, View};
 use glam::DVec3;
 use tokio::sync::mpsc;
 use tonic::Code;
@@ -85,7 +85,10 @@ async fn a_pin_that_cannot_be_met_is_a_failed_precondition_with_a_reason() {
     assert!(refused(&of_version_7).await.contains("version 7"));
     assert!(refused(&|p| p.device = "another".to_owned()).await.contains("another"));
     let any = Provenance { device: String::new(), ..frame.provenance.clone() };
-    assert_eq!(cluster.render(&pinned(1, any)).await.unwrap().0.color, frame.color);
+    assert_eq!(
+        cluster.render(&pinned(1, any)).await.unwrap().0.images[Output::Color],
+        frame.images[Output::Color]
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -241,13 +244,16 @@ async fn both_kinds_of_process_serve_health_and_reflection() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn outputs_and_plans_of_every_kind_are_answered() {
     let cluster = Cluster::start(2).await;
-    let mut outputs = Outputs::COLOR;
-    (outputs.range, outputs.source) = (true, true);
+    let outputs = Outputs::COLOR.with(Output::Range).with(Output::Source);
     let plan =
         PlanRequest { steps: Some(16), samples: Some(2), supersampling: Some(2), ..PlanRequest::default() };
     let plan = PlanRequest { search: Some(argus_scene::Search::Linear), ..plan };
     let (frame, _) = cluster.render(&View { outputs, plan, ..view(1) }).await.unwrap();
-    assert!(frame.color.is_some() && frame.range.is_some() && frame.mask.is_none());
+    assert!(
+        frame.images[Output::Color].is_some()
+            && frame.images[Output::Range].is_some()
+            && frame.images[Output::Mask].is_none()
+    );
     let argus_scene::Plan::Warp(argus_scene::Warp { search, steps, supersampling, samples, .. }) =
         frame.provenance.plan
     else {

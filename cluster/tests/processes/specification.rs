@@ -6,7 +6,7 @@ use argus_cluster::coordinator::Config;
 use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::v1;
 use argus_proto::v1::samples_client::SamplesClient;
-use argus_scene::{Exposure, Indirect, PointSettings, Specification, Version, VplSettings};
+use argus_scene::{Exposure, Indirect, Output, PointSettings, Specification, Version, VplSettings};
 use tonic::Code;
 
 use crate::common::{Cluster, Source, channel, direct, pinned, quick, scene, start_coordinator_at, view};
@@ -26,7 +26,7 @@ async fn two_workers_never_mix_indirect_light() {
         for wanted in (0..4).flat_map(|i| [view(i), direct(i)]) {
             let (frame, _) = cluster.render(&wanted).await.unwrap();
             assert_eq!(frame.provenance.specification.unwrap().indirect, indirect);
-            colors.push(frame.color);
+            colors.push(frame.images[Output::Color].clone());
         }
         colors
     };
@@ -88,6 +88,7 @@ async fn samples_and_pixels_of_another_specification_are_not_served() {
     let trace = v1::TraceRequest {
         scene_hash: scene_hash_bytes(frame.provenance.scene),
         epoch: frame.provenance.state.epoch,
+        revision: frame.provenance.state.revision,
         light: argus_proto::convert::WireEnum::number(frame.provenance.state.light),
         camera: Some((&view(1).camera).into()),
         width: 8,
@@ -105,7 +106,10 @@ async fn a_pin_of_another_specification_is_refused() {
     for wanted in [view(1), direct(1)] {
         let (frame, _) = cluster.render(&wanted).await.unwrap();
         let (again, _) = cluster.render(&pinned(1, frame.provenance.clone())).await.unwrap();
-        assert_eq!((again.color, &again.provenance), (frame.color, &frame.provenance));
+        assert_eq!(
+            (&again.images[Output::Color], &again.provenance),
+            (&frame.images[Output::Color], &frame.provenance)
+        );
         let mut other = frame.provenance.clone();
         let specification = other.specification.unwrap();
         other.specification = Some(Specification { indirect: Indirect::Off, ..specification });

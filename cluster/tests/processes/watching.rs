@@ -3,13 +3,22 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::SocketAddr;
 use std::path::Path;
+use std::sync::Arc;
 
+use argus_cluster::security::{CLUSTER_NAME, ReloadableSecurity, Security, Tokens};
 use argus_proto::v1::views_client::ViewsClient;
+use rustls_pki_types::pem::PemObject as _;
+use rustls_pki_types::{CertificateDer, ServerName};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::{ClientConfig, RootCertStore, crypto};
 
 use crate::common;
-use crate::common::{Cluster, Opener, quick, start_coordinator, start_worker_with, view};
+use crate::common::roles::{FakeCells, Settings};
+use crate::common::{
+    Authority, Cluster, Opener, quick, start_coordinator, start_worker, start_worker_with, view,
+};
 
 /// Fetches a page like a probe or Prometheus: status code and body.
 pub(crate) async fn page(address: SocketAddr, path: &str) -> (u16, String) {
@@ -77,6 +86,45 @@ async fn metrics_count_work_and_end_as_the_format_demands() {
     assert_eq!(composed, 3.0);
 }
 
+/// The metrics of a coordinator by TLS.
+async fn of_certificates() -> String {
+    let authority = Authority::new();
+    let [certificate, key] = authority.certify(&[CLUSTER_NAME, "127.0.0.1"]).map(String::into_bytes);
+    let token = "a-token-of-the-tests-0123456789";
+    let tokens = Tokens::parse(&format!("admin tester {token}\n")).unwrap();
+    let ca = authority.pem().into_bytes();
+    let security = Security { certificate, key, ca: ca.clone(), tokens, require_client_certificates: false };
+    let security = Some(Arc::new(ReloadableSecurity::new(security).unwrap()));
+    let coordinator = start_coordinator(argus_cluster::coordinator::Config { security, ..quick() });
+    let (code, page) = page_by_tls(coordinator.address, "/metrics", &ca, token).await;
+    assert_eq!(code, 200, "{page}");
+    page
+}
+
+/// Fetches a page by TLS and HTTP/1.1.
+async fn page_by_tls(address: SocketAddr, path: &str, ca: &[u8], token: &str) -> (u16, String) {
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_slice(ca).unwrap()).unwrap();
+    let config = ClientConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let tcp = TcpStream::connect(address).await.unwrap();
+    let name = ServerName::try_from("127.0.0.1").unwrap();
+    let mut stream = TlsConnector::from(Arc::new(config)).connect(name, tcp).await.unwrap();
+    let request = format!(
+        "GET {path} HTTP/1.1\r\nHost: {address}\r\nAuthorization: Bearer {token}\r\nConnection: close\r\n\r\n"
+    );
+    stream.write_all(request.as_bytes()).await.unwrap();
+    let mut answer = Vec::new();
+    // A server may end TCP without the end of TLS.
+    let _ = stream.read_to_end(&mut answer).await;
+    let answer = String::from_utf8(answer).unwrap();
+    let code = answer.split(' ').nth(1).unwrap().parse().unwrap();
+    (code, answer.split_once("\r\n\r\n").unwrap().1.to_owned())
+}
+
 /// Labels that Prometheus adds to whatever it collects as deploy/ says.
 const ADDED: [&str; 4] = ["instance", "job", "namespace", "pod"];
 
@@ -111,17 +159,36 @@ fn groups(text: &str) -> Vec<&str> {
     let within = |open: &'static str, close: char| {
         text.split(open).skip(1).map(move |rest| rest.split(close).next().unwrap_or(rest))
     };
-    within("by (", ')').chain(within("{{", '}')).flat_map(|list| list.split(',')).map(str::trim).collect()
+    let named = within("by (", ')').chain(within("{{", '}')).flat_map(|list| list.split(',')).map(str::trim);
+    // An alert names a label as `$labels.instance`, and its value as `$value`.
+    named.map(|name| name.trim_start_matches("$labels.")).collect()
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn dashboards_and_scaling_use_only_exported_metrics_and_labels() {
     let cluster = Cluster::start(1).await;
+    // A worker with light cells has metrics of them.
+    let settings = Arc::new(Settings::default());
+    *settings.cells.lock() = Some(FakeCells::of(&[1], &[]));
+    let with_cells = start_worker(&cluster.coordinator.url(), &settings);
     // Histograms of frames appear with the first one.
     cluster.render(&view(0)).await.unwrap();
-    let mut exported = BTreeMap::<String, BTreeSet<String>>::new();
+    let mut pages = vec![of_certificates().await];
+    let has_cells = async {
+        loop {
+            let (_, page) = page(with_cells.address, "/metrics").await;
+            if page.contains("argus_worker_light_cell_pages") {
+                return page;
+            }
+            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        }
+    };
+    pages.push(tokio::time::timeout(common::LIMIT, has_cells).await.expect("its sampler is made"));
     for address in [cluster.coordinator.address, cluster.workers[0].address] {
-        let (_, page) = page(address, "/metrics").await;
+        pages.push(page(address, "/metrics").await.1);
+    }
+    let mut exported = BTreeMap::<String, BTreeSet<String>>::new();
+    for page in pages {
         for row in page.lines().filter(|row| row.starts_with("argus_")) {
             let (name, labels) = metric(row);
             exported.entry(name.to_owned()).or_default().extend(labels.into_iter().map(str::to_owned));
@@ -145,6 +212,9 @@ async fn dashboards_and_scaling_use_only_exported_metrics_and_labels() {
         }
     }
     assert!(asked["argus.json"] > 10 && asked["scaledobject.yaml"] == 1, "{asked:?}");
+    for rules in ["prometheus.rules.yaml", "prometheusrule.yaml"] {
+        assert!(asked[rules] > 12, "{asked:?}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

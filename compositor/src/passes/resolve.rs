@@ -1,6 +1,7 @@
 //! Program: `shaders/compositor/resolve.wgsl`. Averages the sub-pixels of supersampled views.
 
 use argus_gpu::{ColorTarget, Commands, Gpu, RenderPipeline, RenderPipelineDesc, wgpu};
+use argus_scene::Output;
 use argus_shaders::layout::compositor::Resolve;
 
 use crate::layout::{Chunk, Piece};
@@ -41,10 +42,10 @@ impl ResolvePass {
         targets: &ChunkTargets,
     ) {
         let ChunkTargets { pixels, sub_pixels: Some(sub_pixels), outputs } = targets else { return };
-        let pipeline = &self.pipelines[usize::from(outputs.confidence)];
+        let pipeline = &self.pipelines[usize::from(outputs.has(Output::Confidence))];
         let colors = [&pixels.srgb, &pixels.range, &pixels.confidence]
             .map(|target| ColorTarget { view: &target.view, clear: None });
-        let colors = if outputs.confidence { &colors[..] } else { &colors[..2] };
+        let colors = if outputs.has(Output::Confidence) { &colors[..] } else { &colors[..2] };
         let mut pass = commands.render("average sub-pixels", colors, None);
         for piece in &chunk.pieces {
             let resolve = Resolve {

@@ -4,8 +4,8 @@ use crate::common;
 
 use argus_compositor::{BareFetch, CompositorSettings, GpuCompositor};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, Outputs, Plan, PlaneData, PlaneKind, RenderError, Sample,
-    SampleCamera, SampleSet, Search, ViewJob, Warp,
+    Camera, Cancel, Compositor as _, Frame, Images, Output, Outputs, Plan, PlaneData, PlaneKind, RenderError,
+    Sample, SampleCamera, SampleSet, Search, ViewJob, Warp,
 };
 use bytes::Bytes;
 use common::*;
@@ -37,7 +37,7 @@ fn motley(set: &SampleSet) -> Vec<ViewJob> {
             view.outputs = match i % 3 {
                 0 => EVERYTHING,
                 1 => Outputs::COLOR,
-                _ => Outputs { color: false, ..EVERYTHING },
+                _ => EVERYTHING.without(Output::Color),
             };
             view
         })
@@ -45,9 +45,8 @@ fn motley(set: &SampleSet) -> Vec<ViewJob> {
 }
 
 /// A frame without what it cost.
-fn bytes_of(frame: &Frame) -> (Option<Bytes>, Option<Bytes>, Option<Bytes>, Option<Bytes>, f64) {
-    let Frame { color, range, mask, source, unresolved_fraction, .. } = frame.clone();
-    (color, range, mask, source, unresolved_fraction)
+fn bytes_of(frame: &Frame) -> (Images, f64) {
+    (frame.images.clone(), frame.unresolved_fraction)
 }
 
 #[test]
@@ -101,7 +100,7 @@ fn a_bare_fetch_answers_every_view_with_an_image() {
     for (job, frame) in jobs.iter().zip(&frames) {
         let frame = frame.as_ref().unwrap();
         assert_eq!((frame.width, frame.height), (job.width, job.height));
-        if let Some(color) = &frame.color {
+        if let Some(color) = &frame.images[Output::Color] {
             // The garden fills half of each sample: the fetch is of a picture, not of one colour.
             assert!(color.chunks_exact(3).any(|pixel| pixel != &color[..3]));
         }
@@ -117,7 +116,7 @@ fn the_largest_view_is_answered_in_bounded_memory() {
     let camera = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::ZERO);
     let view = ViewJob { outputs: Outputs::COLOR, ..job(&set, camera, [8192, 2048], Search::Splat) };
     let frame = compose_one(&mut compositor, &view).unwrap();
-    assert_eq!(frame.color.unwrap().len(), 8192 * 2048 * 3);
+    assert_eq!(frame.images[Output::Color].clone().unwrap().len(), 8192 * 2048 * 3);
     // Its pixels are far finer than the samples' texels, and edges are known to a texel.
     assert!(frame.unresolved_fraction < 0.6, "{}", frame.unresolved_fraction);
 }

@@ -40,16 +40,24 @@ fn confidence_is_zero_where_no_sample_saw_a_pixel_and_nowhere_else() {
                 warp.samples.truncate(2);
             });
             let frame = compose_one(&mut compositor, &view).unwrap();
-            let (mask, confidence) = (frame.mask.as_ref().unwrap(), frame.confidence.as_ref().unwrap());
+            let (mask, confidence) = (
+                frame.images[Output::Mask].as_ref().unwrap(),
+                frame.images[Output::Confidence].as_ref().unwrap(),
+            );
             assert_eq!(confidence.len(), 101 * 75);
             for (mask, confidence) in mask.iter().zip(confidence) {
                 assert_eq!(*mask == 255, *confidence == 0);
             }
             let plain = ViewJob { outputs: EVERYTHING, ..view };
             let plain = compose_one(&mut compositor, &plain).unwrap();
-            assert!(plain.confidence.is_none());
+            assert!(plain.images[Output::Confidence].is_none());
             assert!(
-                (&plain.color, &plain.range, &plain.source) == (&frame.color, &frame.range, &frame.source),
+                (&plain.images[Output::Color], &plain.images[Output::Range], &plain.images[Output::Source])
+                    == (
+                        &frame.images[Output::Color],
+                        &frame.images[Output::Range],
+                        &frame.images[Output::Source]
+                    ),
                 "{search:?}: asking for confidence shows"
             );
         }
@@ -63,7 +71,11 @@ fn a_second_sample_with_the_same_surface_sets_the_highest_bit() {
     let mut compositor = compositor(&set);
     for search in Search::ALL {
         let surfaces = |frame: &argus_scene::Frame| -> Vec<u8> {
-            let pixels = frame.confidence.as_ref().unwrap().iter().zip(frame.source.as_ref().unwrap());
+            let pixels = frame.images[Output::Confidence]
+                .as_ref()
+                .unwrap()
+                .iter()
+                .zip(frame.images[Output::Source].as_ref().unwrap());
             pixels.filter(|(_, source)| **source > 0).map(|(confidence, _)| *confidence).collect()
         };
         let alone = with(&sure(&set, search), |warp| warp.samples.truncate(1));
@@ -85,7 +97,11 @@ fn the_low_bits_fall_with_the_difference_between_the_depth_and_the_samples_own()
     let set = sample_set(&garden, &cameras, false, 1);
     let mut compositor = compositor(&set);
     let mean = |frame: &argus_scene::Frame| {
-        let pixels = frame.confidence.as_ref().unwrap().iter().zip(frame.source.as_ref().unwrap());
+        let pixels = frame.images[Output::Confidence]
+            .as_ref()
+            .unwrap()
+            .iter()
+            .zip(frame.images[Output::Source].as_ref().unwrap());
         let surfaces: Vec<f64> =
             pixels.filter(|(_, source)| **source == 1).map(|(c, _)| f64::from(c & 127)).collect();
         surfaces.iter().sum::<f64>() / surfaces.len() as f64
@@ -121,7 +137,7 @@ fn the_counts_of_served_pixels_add_up_to_all_pixels() {
         let served = frame.served;
         println!("{served:?}");
         assert_eq!(served.warped + served.other_sample + served.traced + served.unresolved, 101 * 75);
-        let mask = frame.mask.unwrap();
+        let mask = frame.images[Output::Mask].clone().unwrap();
         assert_eq!(served.unresolved, mask.iter().filter(|m| **m == 255).count() as u64);
         assert_eq!(served.traced, 0);
         let Plan::Warp(warp) = &view.plan else { panic!("a warp") };

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use argus_scene::{Bounds, Camera, SampleCamera, SampleSet, Search};
+use argus_scene::{Bounds, Camera, Output, SampleCamera, SampleSet, Search};
 use glam::DVec3;
 
 use crate::common::*;
@@ -40,7 +40,7 @@ fn what_samples_saw_only_from_afar_is_unresolved() {
         println!("{search:?} {judged:?}");
         assert!(judged.unresolved > 0.8, "{search:?} {judged:?}");
         // The middle of the view, where the ball is.
-        let mask = frame.mask.unwrap();
+        let mask = frame.images[Output::Mask].clone().unwrap();
         assert!(
             (40..80).all(|y| mask[y * 160 + 50..y * 160 + 110].iter().all(|&mask| mask == 255)),
             "{search:?}"

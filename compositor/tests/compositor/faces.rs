@@ -48,7 +48,7 @@ fn wide(eye: DVec3, towards: DVec3) -> Camera {
 
 /// Everything of a frame that a plan decides.
 fn bytes_of(frame: Frame) -> impl PartialEq {
-    (frame.color, frame.range, frame.mask, frame.source, frame.unresolved_fraction.to_bits())
+    (frame.images, frame.unresolved_fraction.to_bits())
 }
 
 #[test]

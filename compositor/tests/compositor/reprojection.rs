@@ -7,9 +7,9 @@ use std::sync::Arc;
 
 use argus_compositor::{CompositorSettings, GpuCompositor};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, History, Outputs, Plan, SampleCamera, SampleSet, Search, ViewJob,
+    Camera, Cancel, Compositor as _, Frame, History, Images, Output, Outputs, Plan, SampleCamera, SampleSet,
+    Search, ViewJob,
 };
-use bytes::Bytes;
 use common::*;
 use glam::{DQuat, DVec3};
 
@@ -48,9 +48,8 @@ fn from(history: &Arc<History>, job: ViewJob) -> ViewJob {
     ViewJob { history: Some(history.clone()), ..job }
 }
 
-fn bytes_of(frame: &Frame) -> [Option<Bytes>; 4] {
-    let Frame { color, range, mask, source, .. } = frame.clone();
-    [color, range, mask, source]
+fn bytes_of(frame: &Frame) -> Images {
+    frame.images.clone()
 }
 
 /// The view is what it would be without the history, and says so.
@@ -159,8 +158,9 @@ fn invalid_ranges_in_a_history_leave_finite_frames() {
     let mut frame = compose_one(&mut compositor, &view).unwrap();
     let strange = [f32::NAN, -1.0, f32::MAX, 1e-30, f32::MIN_POSITIVE, 1e-45, f32::NEG_INFINITY, 3.0];
     let pixels = (SIZE[0] * SIZE[1]) as usize;
-    frame.range = Some((0..pixels).flat_map(|i| strange[i * 7 % strange.len()].to_le_bytes()).collect());
-    frame.source = Some((0..pixels).map(|i| (i * 31 % 256) as u8).collect());
+    frame.images[Output::Range] =
+        Some((0..pixels).flat_map(|i| strange[i * 7 % strange.len()].to_le_bytes()).collect());
+    frame.images[Output::Source] = Some((0..pixels).map(|i| (i * 31 % 256) as u8).collect());
     let before = Arc::new(History::of(&frame, &here(), None).unwrap());
     let begun = compose_one(&mut compositor, &from(&before, view.clone())).unwrap();
     assert!(begun.provenance.history);
@@ -225,7 +225,7 @@ fn a_history_at_a_million_metres_is_as_good_as_one_at_zero() {
     };
     let (near, away) = (frame_at(DVec3::ZERO), frame_at(far));
     assert!(near.provenance.history && away.provenance.history);
-    let (a, b) = (near.color.unwrap(), away.color.unwrap());
+    let (a, b) = (near.images[Output::Color].clone().unwrap(), away.images[Output::Color].clone().unwrap());
     let differ = a.iter().zip(b.iter()).filter(|(a, b)| a.abs_diff(**b) > 2).count();
     assert!(differ * 100 < a.len(), "{differ} of {} bytes differ", a.len());
 }

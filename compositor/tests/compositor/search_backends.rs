@@ -52,11 +52,14 @@ fn the_fragment_and_compute_programs_of_every_search_write_equal_bytes() {
             for ((a, b), view) in a.iter().zip(&b).zip(&views) {
                 let (a, b) = (a.as_ref().unwrap(), b.as_ref().unwrap());
                 let what = format!("{search:?} {}×{}", view.width, view.height);
-                assert!(a.color == b.color, "{what}: colour differs");
-                assert!(a.range == b.range, "{what}: range differs");
-                assert!(a.mask == b.mask, "{what}: mask differs");
-                assert!(a.source == b.source, "{what}: source differs");
-                assert!(a.confidence == b.confidence, "{what}: confidence differs");
+                assert!(a.images[Output::Color] == b.images[Output::Color], "{what}: colour differs");
+                assert!(a.images[Output::Range] == b.images[Output::Range], "{what}: range differs");
+                assert!(a.images[Output::Mask] == b.images[Output::Mask], "{what}: mask differs");
+                assert!(a.images[Output::Source] == b.images[Output::Source], "{what}: source differs");
+                assert!(
+                    a.images[Output::Confidence] == b.images[Output::Confidence],
+                    "{what}: confidence differs"
+                );
                 assert_eq!(a.served, b.served, "{what}");
             }
         }
@@ -72,7 +75,7 @@ fn the_faster_program_is_chosen_on_real_batches_and_frames_stay_equal() {
     let mut colors = Vec::new();
     for _ in 0..8 {
         assert_eq!(compositor.search_backend(Search::Splat), None);
-        colors.push(compose_one(&mut compositor, &view).unwrap().color);
+        colors.push(compose_one(&mut compositor, &view).unwrap().images[Output::Color].clone());
     }
     assert!(colors.iter().all(|color| *color == colors[0]));
     assert!(matches!(

@@ -6,7 +6,7 @@ use crate::common;
 use std::sync::Arc;
 
 use argus_compositor::{CompositorSettings, GpuCompositor};
-use argus_scene::{Camera, Compositor as _, Frame, RenderError, Sample, SampleSet, Search, ViewJob};
+use argus_scene::{Camera, Compositor as _, RenderError, Sample, SampleSet, Search, ViewJob};
 use common::*;
 use glam::DVec3;
 
@@ -30,8 +30,8 @@ fn one(set: &SampleSet, sample: &Arc<Sample>) -> SampleSet {
 }
 
 fn composed(compositor: &mut GpuCompositor, view: &ViewJob) -> Vec<u8> {
-    let Frame { color, range, source, .. } = compose_one(compositor, view).unwrap();
-    [color, range, source].into_iter().flatten().flatten().collect()
+    let frame = compose_one(compositor, view).unwrap();
+    frame.images.iter().flat_map(|(_, image)| image.to_vec()).collect()
 }
 
 #[test]

@@ -4,13 +4,13 @@ use crate::common;
 
 use argus_compositor::GpuCompositor;
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Environment, Output, Outputs, Plan, SampleCamera, SampleSet, Search,
-    Sky, ViewJob,
+    Camera, Cancel, Compositor as _, Environment, Intrinsics, Lens, Output, Outputs, Plan, SampleCamera,
+    SampleSet, Search, Sky, ViewJob,
 };
 use common::*;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
-fn corners(about: DVec3, size: [u32; 2]) -> Vec<SampleCamera> {
+pub(crate) fn corners(about: DVec3, size: [u32; 2]) -> Vec<SampleCamera> {
     [(-8.0, -8.0), (8.0, -8.0), (-8.0, 8.0), (8.0, 8.0)]
         .map(|(x, z)| perspective(about + DVec3::new(x, 9.0, z), about, 75.0, size[0], size[1]))
         .to_vec()
@@ -95,6 +95,33 @@ fn cubes_show_a_shell_all_around_across_seams_of_their_faces() {
 }
 
 #[test]
+fn off_centre_views_come_from_off_centre_samples() {
+    let garden = Analytic::garden();
+    let lens = |focal, center| Some(Lens::Intrinsics(Intrinsics::pinhole(focal, center)));
+    let aside = corners(DVec3::ZERO, [400, 300]).into_iter().map(|sample| match sample {
+        SampleCamera::Perspective { camera, width, height } => {
+            let focal = f64::from(height) * 0.5 / camera.tan_half_fov(width, height).y;
+            let center = DVec2::new(160.0, 190.0);
+            let camera = Camera { lens: lens(DVec2::splat(0.8 * focal), center), ..camera };
+            SampleCamera::Perspective { camera, width, height }
+        }
+        omni @ SampleCamera::Omni { .. } => omni,
+    });
+    let set = sample_set(&garden, &aside.collect::<Vec<_>>(), false, 1);
+    let mut compositor = compositor(&set);
+    let usual = Camera::look_at(DVec3::new(-6.0, 7.0, -9.0), DVec3::new(0.0, 2.0, 0.0));
+    for search in Search::ALL {
+        // Pixels that are not square, and a principal point in a corner.
+        let camera = Camera { lens: lens(DVec2::new(210.0, 190.0), DVec2::new(30.0, 110.0)), ..usual };
+        let view = job(&set, camera, [200, 150], search);
+        let frame = compose_one(&mut compositor, &view).unwrap();
+        let judged = judge(&garden, &view, &frame, 0.03);
+        println!("{search:?} {judged:?}");
+        assert_close(judged, 0.02, 1.5, 0.01);
+    }
+}
+
+#[test]
 fn a_view_from_a_sample_camera_is_that_sample_to_a_colour_step() {
     let garden = Analytic::garden();
     let cameras = corners(DVec3::ZERO, [120, 90]);
@@ -104,7 +131,8 @@ fn a_view_from_a_sample_camera_is_that_sample_to_a_colour_step() {
     for search in Search::ALL {
         let view = job(&set, camera, [width, height], search);
         let frame = compose_one(&mut compositor, &view).unwrap();
-        let (source, color) = (frame.source.as_ref().unwrap(), frame.color.as_ref().unwrap());
+        let (source, color) =
+            (frame.images[Output::Source].as_ref().unwrap(), frame.images[Output::Color].as_ref().unwrap());
         let stored = &set.samples[0].planes[0].data;
         let argus_scene::PlaneData::Host(stored) = stored else { panic!() };
         let mut own = 0;
@@ -138,7 +166,7 @@ fn a_scene_at_a_million_metres_looks_like_one_at_zero() {
         let (mut near, mut away) = (compositor(&near_set), compositor(&away_set));
         let a = compose_one(&mut near, &job(&near_set, camera, [100, 75], search)).unwrap();
         let b = compose_one(&mut away, &job(&away_set, moved, [100, 75], search)).unwrap();
-        let (a, b) = (a.color.unwrap(), b.color.unwrap());
+        let (a, b) = (a.images[Output::Color].clone().unwrap(), b.images[Output::Color].clone().unwrap());
         let differ = a.iter().zip(b.iter()).filter(|(a, b)| a.abs_diff(**b) > 2).count();
         assert!(differ * 100 < a.len(), "{search:?}: {differ} of {} bytes differ", a.len());
     }
@@ -227,7 +255,7 @@ fn sub_pixels_are_averaged_in_linear_radiance() {
         println!("{search:?} {a:?} {b:?}");
         // Away from silhouettes a smooth pattern's mean is its middle.
         assert_close(b, 0.03, 2.0, 0.01);
-        assert_ne!(coarse.color, fine.color);
+        assert_ne!(coarse.images[Output::Color], fine.images[Output::Color]);
     }
 }
 
@@ -259,7 +287,7 @@ fn a_view_that_is_coarser_than_its_samples_does_not_alias() {
         let eye = DVec3::new(0.1, 12.0, 0.1);
         let camera = Camera { up: DVec3::X, ..Camera::look_at(eye, eye - DVec3::Y) };
         let frame = compose_one(compositor, &job(set, camera, size, search)).unwrap();
-        let color = frame.color.unwrap();
+        let color = frame.images[Output::Color].clone().unwrap();
         let middle: Vec<f64> = (size[1] / 4..3 * size[1] / 4)
             .flat_map(|y| (size[0] / 4..3 * size[0] / 4).map(move |x| (y * size[0] + x) as usize))
             .map(|i| f64::from(color[3 * i]))
@@ -303,7 +331,7 @@ fn only_what_is_asked_for_is_answered() {
         let job = ViewJob { outputs: Outputs::only(output), ..whole.clone() };
         let frame = compose_one(&mut compositor, &job).unwrap();
         for other in named {
-            assert_eq!(frame.image(other), all.image(other).filter(|_| other == output));
+            assert_eq!(frame.images[other], all.images[other].clone().filter(|_| other == output));
         }
         assert_eq!(frame.unresolved_fraction, all.unresolved_fraction);
     }

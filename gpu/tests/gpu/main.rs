@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
 mod device;
+mod lists;
 mod numbers;
 mod readback;
 mod sort;

@@ -1,6 +1,6 @@
 //! `argus-lab study load`: services of several processes under many clients.
 
-use argus_studies::load::{break_even, burst, capacity, cluster, overload, service, soak};
+use argus_studies::load::{break_even, burst, capacity, cluster, overload, repeats, service, soak};
 
 use super::run::{Named, Run, blocking};
 
@@ -13,6 +13,7 @@ pub(super) enum Study {
     Overload(overload::Options),
     BreakEven(break_even::Options),
     Soak(soak::Options),
+    Repeats(repeats::Options),
 }
 
 impl Study {
@@ -25,6 +26,7 @@ impl Study {
             Self::Capacity(options) => ("capacity", capacity::run(program, &options, progress).await?),
             Self::Overload(options) => ("overload", overload::run(program, &options, progress).await?),
             Self::BreakEven(options) => ("break-even", blocking(options, progress, break_even::run).await?),
+            Self::Repeats(options) => ("repeats", repeats::run(program, &options, progress).await?),
             Self::Soak(options) => ("soak", soak::run(program, &options, progress).await?),
         })
     }

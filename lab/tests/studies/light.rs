@@ -57,7 +57,12 @@ fn the_epr_study_compares_points_with_maps_and_rays_and_leaves_pictures() {
         assert!(number(points, "points") < number(ivir, "points"));
         assert!(number(points, "shades") < number(ivir, "shades"), "only what the eye sees is shaded");
         assert!(number(points, "shades") < number(of("MVR, adaptive"), "shades"));
-        for row in [points, planar, ivir, of("MVR, adaptive"), of("traced maps")] {
+        let device = of("points, device");
+        for key in ["points", "shades", "right", "flip"] {
+            let ratio = number(device, key) / number(points, key);
+            assert!((0.95..1.05).contains(&ratio), "{key}: {device:#} {points:#}");
+        }
+        for row in [points, planar, ivir, device, of("MVR, adaptive"), of("traced maps")] {
             assert_eq!(number(row, "holes"), 0.0, "{row:#}");
             assert!(number(row, "other_triangle") < 2e-3, "{row:#}");
             assert!(number(row, "right") > 0.3 && number(row, "flip") < 0.2, "{row:#}");

@@ -6,6 +6,7 @@
 mod files;
 mod hard_cases;
 mod light;
+mod repeats;
 mod short_forms;
 mod strangers;
 #[path = "../../../tests/support/mod.rs"]

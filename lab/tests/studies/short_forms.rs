@@ -134,6 +134,7 @@ fn the_megaviews_study_tests_fewer_pairs_than_manylods_and_marks_extrapolated_ro
         assert!(number(shared, "pairs_peak") <= 0.3 * number(shared, "pairs_peak_untested"), "{shared:#}");
         for row in [shared, alone] {
             assert_eq!(row["extrapolated"], false);
+            assert_eq!((number(row, "frame_waits"), number(row, "octree_waits")), (1.0, 3.0), "{row:#}");
             assert!(number(&row["bytes"], "maps") > 0.0 && number(row, "frame_ms") > 0.0);
             assert!(row["stages_ms"].as_object().unwrap().contains_key("divide scene"), "{row:#}");
         }

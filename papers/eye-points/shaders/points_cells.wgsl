@@ -26,22 +26,24 @@ var<immediate> step: PointStep;
 @group(0) @binding(4) var<storage, read> first_cell: array<u32>;
 // Column and row in 16 bits each, then the piece.
 @group(0) @binding(5) var<storage, read_write> points: array<vec2u>;
+// For each piece an upper bound of its cells, in units of `BOUND_UNIT`.
+@group(0) @binding(6) var<storage, read_write> cell_bounds: array<u32>;
 
+// As in cells.rs.
+const BOUND_UNIT: f32 = 256.0;
 // Rows and columns that 16 bits can say.
 const MOST_CELLS: f32 = 65000.0;
-// Cells that are nearer to the piece than this, in cells, count as touching: rounding moves a texel's place by less. The second
-// part is a share of the row or column.
-const SLACK: f32 = 1.0 / 1024.0;
+// A share of the row or column, added to the piece's slack.
 const SLACK_SHARE: f32 = 2e-7;
 
-fn slack(at: f32) -> f32 {
-    return SLACK + SLACK_SHARE * at;
+fn slack(piece: u32, at: f32) -> f32 {
+    return pieces[piece].slack + SLACK_SHARE * at;
 }
 
 // The first and last column of a row; the last is less than the first in a row without cells.
 fn columns(piece: u32, row: u32) -> vec2i {
-    let low = f32(row) - slack(f32(row));
-    let high = f32(row) + 1.0 + slack(f32(row));
+    let low = f32(row) - slack(piece, f32(row));
+    let high = f32(row) + 1.0 + slack(piece, f32(row));
     var least = 3e38;
     var most = -3e38;
     for (var i = 0u; i < 3u; i++) {
@@ -61,7 +63,7 @@ fn columns(piece: u32, row: u32) -> vec2i {
     if least > most {
         return vec2i(1, 0);
     }
-    return vec2i(clamp(floor(vec2f(least - slack(least), most + slack(most))), vec2f(0.0), vec2f(MOST_CELLS)));
+    return vec2i(clamp(floor(vec2f(least - slack(piece, least), most + slack(piece, most))), vec2f(0.0), vec2f(MOST_CELLS)));
 }
 
 @compute @workgroup_size(64)
@@ -76,7 +78,10 @@ fn count_rows(
     }
     let places = pieces[at].places;
     let top = max(places[0].y, max(places[1].y, places[2].y));
-    row_counts[at] = u32(clamp(floor(top + slack(top)), 0.0, MOST_CELLS)) + 1u;
+    let rows = u32(clamp(floor(top + slack(at, top)), 0.0, MOST_CELLS)) + 1u;
+    row_counts[at] = rows;
+    let right = clamp(max(places[0].x, max(places[1].x, places[2].x)), 0.0, MOST_CELLS);
+    cell_bounds[at] = u32((f32(rows) + 1.0) * (right + 2.0) / BOUND_UNIT) + 1u;
 }
 
 // The last piece whose first row is not after a row.

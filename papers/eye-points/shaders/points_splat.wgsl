@@ -7,7 +7,7 @@
 // that a ray meets one of them.
 
 import package::shared::cube_faces::{face_of, from_face, in_face};
-import package::eye_points::shared::eye_points::{ABSENT, PointFacet, PointMap, PointPiece, WHOLE_CELL};
+import package::eye_points::shared::eye_points::{ABSENT, CUTOUT, PointFacet, PointMap, PointPiece, WHOLE_CELL};
 import package::shared::linear::linear_index;
 
 struct SplatStep {
@@ -19,6 +19,8 @@ struct SplatStep {
     words: u32,
     // Number of all points.
     points: u32,
+    // What is added to a point's index for its id.
+    base: u32,
 }
 
 var<immediate> step: SplatStep;
@@ -26,7 +28,7 @@ var<immediate> step: SplatStep;
 @group(0) @binding(0) var<storage, read> pieces: array<PointPiece>;
 @group(0) @binding(1) var<storage, read> facets: array<PointFacet>;
 @group(0) @binding(2) var<storage, read> maps: array<PointMap>;
-// For each piece a bit for every map that sees it.
+// For each entry that pieces name a bit for every map that sees them.
 @group(0) @binding(3) var<storage, read> visible: array<u32>;
 @group(0) @binding(4) var<storage, read> points: array<vec2u>;
 // Bits of the inverse range, f32, above the index of the point.
@@ -42,8 +44,6 @@ const TILE: u32 = 32u;
 const WIDENED: f32 = 1.0 / 64.0;
 // A rectangle is widened by this on each side, edges of a face, against rounding.
 const SLACK: f32 = 1e-6;
-// Places before the grid's first row or column that count as within it, cells: no piece begins there, but for rounding.
-const BORDER: f32 = 1.0 / 512.0;
 // Stands for no tile beyond the first of each rectangle.
 const FIRST_TILES: u32 = 0xffffffffu;
 // Corners of a quadrangle that is cut off at a face's four sides.
@@ -72,6 +72,8 @@ struct SeenCell {
     cell: vec2f,
     whole_cell: bool,
     density: f32,
+    // Places before the grid's first row or column that count as within it, cells: no piece begins there, but for rounding.
+    border: f32,
     // Corner of row 0, column 0.
     origin: vec3f,
     right: vec3f,
@@ -96,6 +98,7 @@ fn seen_cell(id: u32, map: u32) -> SeenCell {
     s.cell = vec2f(f32(point.x & 0xffffu), f32(point.x >> 16u));
     s.whole_cell = (piece.flags & WHOLE_CELL) != 0u;
     s.density = piece.density;
+    s.border = 2.0 * piece.slack;
     s.origin = (piece.origin - around.center) + (piece.origin_low - around.center_low);
     s.right = piece.right;
     s.up = piece.up;
@@ -114,8 +117,8 @@ fn seen_cell(id: u32, map: u32) -> SeenCell {
     let before = id > 0u && points[max(id, 1u) - 1u].y == point.y;
     let after = id + 1u < step.points && points[min(id + 1u, step.points - 1u)].y == point.y;
     let single = !(before || after || s.whole_cell);
-    let low = s.cell - WIDENED;
-    let high = s.cell + 1.0 + WIDENED;
+    let low = s.cell - WIDENED - s.border;
+    let high = s.cell + 1.0 + WIDENED + s.border;
     var places = array<vec2f, 4>(low, vec2f(high.x, low.y), high, vec2f(low.x, high.y));
     if single {
         places = array<vec2f, 4>(piece.places[0], piece.places[1], piece.places[2], piece.places[2]);
@@ -206,11 +209,11 @@ fn write_texel(s: SeenCell, face: u32, column: u32, row: u32) {
     let met = direction * t;
     let from_origin = met - s.origin;
     let place = vec2f(dot(from_origin, s.right), dot(from_origin, s.up)) * s.density;
-    if any(floor(select(place, place + BORDER, place < vec2f(0.0))) != s.cell) || dot(met, s.front.xyz) <= s.front.w {
+    if any(floor(select(place, place + s.border, place < vec2f(0.0))) != s.cell) || dot(met, s.front.xyz) <= s.front.w {
         return;
     }
     let inverse = max(1.0 / length(met), LEAST_INVERSE);
-    let key = (u64(bitcast<u32>(inverse)) << 32u) | u64(s.id);
+    let key = (u64(bitcast<u32>(inverse)) << 32u) | u64(step.base + s.id);
     atomicMax(&texels[s.first + (face * s.side + row) * s.side + column], key);
 }
 
@@ -229,10 +232,12 @@ fn write_tile(s: SeenCell, face: u32, area: vec4u, tile: u32) {
 // further tile of all. Returns the number of further tiles.
 fn visit(id: u32, wanted: u32) -> u32 {
     let piece = points[id].y;
-    let words = min(step.words, arrayLength(&visible));
+    let seen = pieces[piece].seen;
+    // What is cut out is known on the CPU only.
+    let words = select(min(step.words, arrayLength(&visible)), 0u, (facets[pieces[piece].facet].flags & CUTOUT) != 0u);
     var further = 0u;
     for (var word = 0u; word < words; word++) {
-        var bits = visible[piece * step.words + word];
+        var bits = visible[seen * step.words + word];
         while bits != 0u {
             let map = 32u * word + firstTrailingBit(bits);
             bits &= bits - 1u;

@@ -1,6 +1,7 @@
 //! Points and maps on the GPU.
 //!
-//! Triangles are cut into pieces by [`Cutter`](super::facets::Cutter) on the CPU, which uploads them. Counting rows and cells,
+//! Triangles are cut into pieces by [`Cutter`](super::facets::Cutter) on the CPU, which uploads them; `on_device.rs` cuts them on
+//! the device. Counting rows and cells,
 //! making points and splatting them run on the device ([`crate::device`]). Maps and points are read back, since lookups and
 //! shading run on the CPU. Cut-out triangles are splatted by the CPU into the maps that were read back, because the device has no
 //! textures here; so are culled triangles that stand alone.
@@ -12,23 +13,28 @@
 use std::fmt;
 use std::sync::Arc;
 
-use crate::device::{CountedCells, MapAround, PointFacets, PointPasses, PointsError, in_two_parts};
+use crate::device::{
+    CountedCells, DeviceFacet, MapAround, PointFacets, PointPasses, PointsError, in_two_parts,
+};
 use crate::layout::PointPiece;
 use argus_gpu::Gpu;
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{
-    Eye, EyePointSettings, EyePoints, IndexMaps, MappedReflector, Piece, Pieces, Point, PointScene,
+    Eye, EyePointSettings, EyePoints, Facet, IndexMaps, MappedReflector, Piece, Pieces, Point, PointScene,
     Splatting, Stages,
 };
 
+/// Cells that are nearer to a piece of the CPU than this, in cells, count as touching: rounding moves a texel's place by less.
+const SLACK: f32 = 1.0 / 1024.0;
+
 /// A device with the triangles of a scene.
 pub struct PointDevice {
-    passes: PointPasses,
-    facets: PointFacets,
+    pub(crate) passes: Arc<PointPasses>,
+    pub(crate) facets: PointFacets,
     /// What positions are relative to, metres, world space.
-    origin: DVec3,
+    pub(crate) origin: DVec3,
 }
 
 impl fmt::Debug for PointDevice {
@@ -39,17 +45,22 @@ impl fmt::Debug for PointDevice {
 
 impl PointDevice {
     /// Uploads the triangles of a scene.
-    ///
-    /// # Errors
-    /// There are too many for one array of the device.
-    pub fn new(gpu: &Arc<Gpu>, scene: &PointScene) -> Result<Self, PointsError> {
-        Self::with_passes(PointPasses::new(gpu), scene)
+    pub fn new(gpu: &Arc<Gpu>, scene: &PointScene) -> Self {
+        Self::with_passes(Arc::new(PointPasses::new(gpu)), scene)
     }
 
-    pub(super) fn with_passes(passes: PointPasses, scene: &PointScene) -> Result<Self, PointsError> {
+    /// Uploads the triangles of a scene for pipelines that exist.
+    pub(super) fn with_passes(passes: Arc<PointPasses>, scene: &PointScene) -> Self {
         let origin = scene.facets.first().map_or(DVec3::ZERO, |facet| facet.corners[0]);
-        let facets = passes.facets(scene.facets.iter().map(|facet| facet.corners), origin)?;
-        Ok(Self { passes, facets, origin })
+        let on_device = |facet: &Facet| DeviceFacet {
+            corners: facet.corners,
+            instance: facet.instance,
+            both_sides: facet.both_sides,
+            cutout: facet.cutout,
+            chance: facet.chance() as f32,
+        };
+        let facets = passes.facets(scene.facets.iter().map(on_device), origin);
+        Self { passes, facets, origin }
     }
 
     /// Most points that the device can hold: larger budgets may end in an error.
@@ -57,7 +68,7 @@ impl PointDevice {
         self.passes.most_points()
     }
 
-    fn piece(&self, piece: &Piece) -> PointPiece {
+    fn piece(&self, (number, piece): (usize, &Piece)) -> PointPiece {
         let grid = &piece.grid;
         let [origin, origin_low] = in_two_parts(grid.origin - self.origin);
         PointPiece {
@@ -68,6 +79,8 @@ impl PointDevice {
             right: grid.right.as_vec3().to_array(),
             up: grid.up.as_vec3().to_array(),
             flags: u32::from(piece.whole_cell),
+            seen: number as u32,
+            slack: SLACK,
             places: piece.rows().places.map(|place| place.as_vec2().to_array()),
             ..bytemuck::Zeroable::zeroed()
         }
@@ -79,11 +92,12 @@ impl PointDevice {
         if most > u64::from(u32::MAX) {
             return Ok(None);
         }
-        let on_device: Vec<PointPiece> = pieces.all.par_iter().map(|piece| self.piece(piece)).collect();
+        let on_device: Vec<PointPiece> =
+            pieces.all.par_iter().enumerate().map(|piece| self.piece(piece)).collect();
         self.passes.count(&on_device).map(Some)
     }
 
-    fn map(&self, reflector: &MappedReflector) -> MapAround {
+    pub(crate) fn map(&self, reflector: &MappedReflector) -> MapAround {
         let front =
             reflector.front.map(|front| (front.normal, (front.point - reflector.center).dot(front.normal)));
         MapAround { center: reflector.center - self.origin, side: reflector.side, front }
@@ -103,6 +117,7 @@ impl PointScene {
         reflectors: &[MappedReflector],
         settings: &EyePointSettings,
     ) -> Result<EyePoints, PointsError> {
+        device.facets.whole()?;
         let mut stages = Stages::new();
         let mut counted = None;
         let count = |pieces: &Pieces| {
@@ -125,14 +140,8 @@ impl PointScene {
         let first = |piece: usize| points.partition_point(|point| (point.piece() as usize) < piece) as u32;
         let mut first: Vec<u32> = (0..=pieces.all.len()).into_par_iter().map(first).collect();
         stages.end("points");
-        let mut visible = pieces.visible.clone();
-        for (piece, bits) in pieces.all.iter().zip(visible.chunks_mut(pieces.words.max(1))) {
-            if self.facets[piece.facet as usize].cutout {
-                bits.fill(0);
-            }
-        }
         let around: Vec<MapAround> = reflectors.iter().map(|reflector| device.map(reflector)).collect();
-        let bits = device.passes.splat(&device.facets, &counted, &on_device, &visible, &around)?;
+        let bits = device.passes.splat(&device.facets, &counted, &on_device, &pieces.visible, &around)?;
         let maps = IndexMaps::with_bits(reflectors, bits);
         let mut stored = first.clone();
         self.splats(&pieces, (&points, &stored), &first, reflectors).splat_cutouts(&maps);

@@ -19,7 +19,7 @@ pub(super) fn gpu() -> Arc<Gpu> {
 }
 
 /// A scene whose instances are all moved.
-fn moved(scene: Scene, by: DVec3) -> Scene {
+pub(super) fn moved(scene: Scene, by: DVec3) -> Scene {
     let mut scene = scene;
     let by = DAffine3::from_translation(by);
     scene.instances.iter_mut().for_each(|instance| instance.world_from_mesh = by * instance.world_from_mesh);
@@ -72,7 +72,7 @@ fn assert_equal(scene: Scene, size: [u32; 2], moved_by: DVec3) {
     let scene = Arc::new(moved(Scene::clone(&scene), moved_by));
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let device = PointDevice::new(&gpu(), &points).unwrap();
+    let device = PointDevice::new(&gpu(), &points);
     for culling in [false, true] {
         let settings = EyePointSettings { culling, ..EyePointSettings::default() };
         let both = both(&points, &device, &eye, &reflectors, &settings);
@@ -110,7 +110,7 @@ fn a_device_sees_through_what_is_cut_out() {
     let reflectors = reflectors_of(&scene, &eye);
     let [whole, scene] = [whole, scene].map(|scene| PointScene::new(&Arc::new(scene), 0.0));
     assert!(scene.facets().iter().any(|facet| facet.cutout));
-    let device = PointDevice::new(&gpu(), &scene).unwrap();
+    let device = PointDevice::new(&gpu(), &scene);
     let both = both(&scene, &device, &eye, &reflectors, &EyePointSettings::default());
     let [other, holes] = differences(&both);
     assert!(other < 1e-3 && holes <= 1e-5, "{other} {holes}");
@@ -124,7 +124,7 @@ fn no_point_of_the_cpu_is_missing_on_the_device_and_few_are_added() {
     let eye = eye_of(&scene, [480, 360]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let device = PointDevice::new(&gpu(), &points).unwrap();
+    let device = PointDevice::new(&gpu(), &points);
     let [cpu, device] = both(&points, &device, &eye, &reflectors, &EyePointSettings::default());
     assert!(device.points.is_sorted());
     let missing = cpu.points.iter().filter(|point| device.points.binary_search(point).is_err()).count();
@@ -144,7 +144,7 @@ fn no_reflector_and_sixty_five_reflectors_are_served() {
     let reflectors = reflectors_of(&scene, &eye);
     assert_eq!(reflectors.len(), 65, "two words of bits");
     let points = PointScene::new(&scene, 0.0);
-    let device = PointDevice::new(&gpu(), &points).unwrap();
+    let device = PointDevice::new(&gpu(), &points);
     let [other, holes] =
         differences(&both(&points, &device, &eye, &reflectors, &EyePointSettings::default()));
     assert!(other < 1e-3 && holes <= 1e-5, "{other} {holes}");
@@ -158,7 +158,7 @@ fn cells_larger_than_a_tile_are_divided_and_leave_no_holes() {
     let eye = Eye { height: 1080, pixels: 2000.0, ..eye_of(&scene, [640, 480]) };
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let device = PointDevice::new(&gpu(), &points).unwrap();
+    let device = PointDevice::new(&gpu(), &points);
     let density = Density { reduction: 0.01, ..Density::default() };
     let settings = EyePointSettings { density, ..EyePointSettings::default() };
     let both = both(&points, &device, &eye, &reflectors, &settings);
@@ -177,20 +177,20 @@ fn maps_that_exceed_an_array_are_filled_in_turns_and_points_that_do_are_an_error
     let eye = eye_of(&scene, [1920, 1440]);
     let reflectors = reflectors_of(&scene, &eye);
     let points = PointScene::new(&scene, 0.0);
-    let passes = |bytes| PointDevice::with_passes(PointPasses::with_arrays_of(&gpu(), bytes), &points);
+    let passes =
+        |bytes| PointDevice::with_passes(Arc::new(PointPasses::with_arrays_of(&gpu(), bytes)), &points);
     let settings = EyePointSettings { budget: u32::MAX, ..EyePointSettings::default() };
-    let whole = points.points_on(&passes(u64::MAX).unwrap(), &eye, &reflectors, &settings).unwrap();
+    let whole = points.points_on(&passes(u64::MAX), &eye, &reflectors, &settings).unwrap();
     let largest_map = reflectors.iter().map(|r| 6 * 8 * u64::from(r.side).pow(2)).max().unwrap();
     let others = (whole.points.len() * 8).max(whole.pieces.all.len() * 96) as u64;
     let bytes = largest_map.max(others);
     assert!(bytes < whole.maps.bytes() as u64, "{bytes}: there are several turns");
-    let in_turns = points.points_on(&passes(bytes).unwrap(), &eye, &reflectors, &settings).unwrap();
+    let in_turns = points.points_on(&passes(bytes), &eye, &reflectors, &settings).unwrap();
     assert!(in_turns.maps.bits().eq(whole.maps.bits()));
     let name = |bytes, reduction| {
         let density = Density { reduction, ..Density::default() };
         let settings = EyePointSettings { density, ..settings };
-        let found = passes(bytes).and_then(|device| points.points_on(&device, &eye, &reflectors, &settings));
-        match found {
+        match points.points_on(&passes(bytes), &eye, &reflectors, &settings) {
             Err(PointsError::TooLarge { what, needed, limit }) if needed > limit => what,
             other => panic!("{:?}", other.map(|points| points.count())),
         }

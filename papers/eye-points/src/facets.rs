@@ -75,6 +75,11 @@ impl Facet {
         if self.mirrored { [third, second] } else { [second, third] }
     }
 
+    /// A number in 0..1 that decides whether it is culled, the same in every frame.
+    pub(super) fn chance(&self) -> f64 {
+        argus_sampler::plug::mixed(u64::from(self.instance) << 32 | u64::from(self.primitive))
+    }
+
     /// Whether `eye` sees its front or its back; `None` if it sees neither, or the triangle from its edge.
     pub fn side_towards(&self, eye: DVec3) -> Option<Side> {
         let normal = self.area_vector();
@@ -249,7 +254,7 @@ impl Cutter<'_> {
             return;
         }
         let small = self.culling && depth == 0 && cells < CULLED_BELOW;
-        let culled = small && chance(facet.instance, facet.primitive) >= cells / CULLED_BELOW;
+        let culled = small && facet.chance() >= cells / CULLED_BELOW;
         let whole_cell = small && !culled;
         let grid =
             if whole_cell { Grid::around_middle(corners, density) } else { Grid::new(corners, density) };
@@ -259,11 +264,6 @@ impl Cutter<'_> {
         let piece = Piece { facet: index, side, corners, grid, whole_cell };
         found.push(Cut { piece, bits, culled });
     }
-}
-
-/// A number in 0..1 for a triangle, the same in every frame.
-fn chance(instance: u32, primitive: u32) -> f64 {
-    argus_sampler::plug::mixed(u64::from(instance) << 32 | u64::from(primitive))
 }
 
 /// Whether a cut-out is open somewhere.

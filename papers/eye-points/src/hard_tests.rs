@@ -71,8 +71,8 @@ fn hard_places_have_no_holes_and_no_nan() {
         for mirrored in [false, true] {
             let scene = Arc::new(around_a_ball(&odd, moved, mirrored));
             let points = PointScene::new(&scene, 0.0);
-            let device = (mirrored && moved != DVec3::ZERO)
-                .then(|| PointDevice::new(&compute_tests::gpu(), &points).unwrap());
+            let device =
+                (mirrored && moved != DVec3::ZERO).then(|| PointDevice::new(&compute_tests::gpu(), &points));
             // Outside, in the box, within the reflector, and at its middle.
             for from in
                 [DVec3::new(0.0, 0.0, 2.5), DVec3::new(0.2, 0.1, 0.0), DVec3::ZERO, DVec3::splat(50.0)]
@@ -90,6 +90,11 @@ fn hard_places_have_no_holes_and_no_nan() {
                 let mut found = vec![points.points(&eye, &reflectors, &settings)];
                 let on_device = |device| points.points_on(device, &eye, &reflectors, &settings).unwrap();
                 found.extend(device.as_ref().map(on_device));
+                let cut_there = |device| {
+                    let filled = points.fill_on(device, &eye, &reflectors, &settings).unwrap();
+                    points.read_points(device, filled, &reflectors).unwrap()
+                };
+                found.extend(device.as_ref().map(cut_there));
                 for found in found {
                     let texels = (0..found.maps.texels()).map(|texel| found.maps.get(texel));
                     let ranges: Vec<f64> =

@@ -12,12 +12,14 @@
 //! 4. [`requests`]: the eye's taps look maps up ([`lookup`]) and mark what they meet; each marked point is shaded once; the
 //!    taps' radiance is averaged (4.1.2, 4.1.3).
 //!
-//! Bytes are equal for any number of threads. [`PointDevice`] runs the second and the third pass on the GPU.
+//! Bytes are equal for any number of threads. [`PointDevice`] runs the second and the third pass on the GPU, or all of them but
+//! the shading ([`DevicePoints`]).
 //!
 //! [`add_to`] plugs the method into a sampler: as a source of reflection probes, and of what direct views reflect (`plugged.rs`).
 
 mod adaptive;
 mod bounces;
+mod budget;
 mod buffer;
 mod cells;
 mod compute;
@@ -31,9 +33,13 @@ mod hard_tests;
 mod indexed;
 mod layout;
 mod lookup;
+mod on_device;
+#[cfg(test)]
+mod on_device_tests;
 mod planar;
 mod plugged;
 pub mod programs;
+mod reflect_on_device;
 mod reflectors;
 mod requests;
 mod shadows;
@@ -54,6 +60,8 @@ use argus_sampler::plug::{Cutouts, IndexMaps, MappedReflector, Requests, Side, S
 
 pub use adaptive::reflect_adaptively;
 pub use bounces::{Bounces, Mirror, Sight, Surfaces};
+pub use budget::BudgetReport;
+use budget::within_budget;
 pub use buffer::Splatting;
 use buffer::generate;
 pub use cells::{Grid, Point, Rows};
@@ -62,8 +70,10 @@ pub use density::{Density, DensityRule, density_for};
 use facets::Cutter;
 pub use facets::{Facet, Piece, Pieces};
 pub use lookup::{STEPS, lookup};
+pub use on_device::DevicePoints;
 pub use planar::{LARGEST_MIRROR_SIDE, planar_reflector};
 pub use plugged::add_to;
+pub use reflect_on_device::DeviceLookups;
 pub use reflectors::{Eye, LARGEST_SIDE, curved_reflector, map_side};
 pub use requests::{Lookups, ReflectivePixel};
 pub use shadows::{LARGEST_SHADOW_SIDE, is_lit, light_map, light_points, shadow_side};
@@ -97,17 +107,6 @@ impl Default for EyePointSettings {
     fn default() -> Self {
         Self { density: Density::default(), budget: 1 << 25, culling: false }
     }
-}
-
-/// How a budget was kept.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BudgetReport {
-    /// Points at full density.
-    pub wanted: u64,
-    /// Factor on the density, linear: 1 within the budget.
-    pub reduction: f64,
-    /// Whether the points fit in the budget. If not, there are more pieces of triangles than points are allowed.
-    pub kept: bool,
 }
 
 /// Points and the maps that they fill.
@@ -149,12 +148,6 @@ impl Stages {
         self.all
     }
 }
-
-/// Most rounds in which density is lowered.
-const MOST_ROUNDS: u32 = 6;
-/// Least and largest factor on the density in a round after the first.
-const LARGEST_STEP: f64 = 0.05;
-const SMALLEST_STEP: f64 = 0.95;
 
 impl PointScene {
     /// The triangles of a scene at a time in seconds.
@@ -268,28 +261,12 @@ impl PointScene {
         settings: &EyePointSettings,
         mut count: impl FnMut(&Pieces) -> Result<u64, E>,
     ) -> Result<([Pieces; 2], BudgetReport), E> {
-        let (mut reduction, mut wanted) = (settings.density.reduction, None);
-        for round in 0.. {
-            let density = Density { reduction, ..settings.density };
-            let [pieces, culled] =
-                Cutter { eye, reflectors, density, culling: settings.culling }.cut_and_culled(&self.facets);
-            let sum = count(&pieces)?;
-            let wanted = *wanted.get_or_insert(sum);
-            let kept = sum <= u64::from(settings.budget);
-            if kept || round == MOST_ROUNDS {
-                return Ok(([pieces, culled], BudgetReport { wanted, reduction, kept }));
-            }
-            let budget = f64::from(settings.budget);
-            reduction *= match round {
-                0 => (budget / sum as f64).sqrt(),
-                // Cells on edges follow the density itself, and every piece keeps one.
-                _ => {
-                    let pieces = pieces.all.len() as f64;
-                    ((budget - pieces) / (sum as f64 - pieces)).clamp(LARGEST_STEP, SMALLEST_STEP)
-                }
-            };
-        }
-        unreachable!("the last round returns")
+        within_budget((settings.density, settings.budget), |density| {
+            let cutter = Cutter { eye, reflectors, density, culling: settings.culling };
+            let [pieces, culled] = cutter.cut_and_culled(&self.facets);
+            let counts = [pieces.all.len() as u64, count(&pieces)?];
+            Ok(([pieces, culled], counts))
+        })
     }
 
     /// Fills maps with whole triangles, as a rasteriser would: multi-view rendering. Ids are indices of facets.
@@ -329,7 +306,11 @@ impl PointScene {
     /// A point, for shading: the middle of its cell, or the closest place of its triangle.
     pub fn shading_of_point(&self, points: &EyePoints, id: u32) -> SurfacePoint {
         let point = points.point(id);
-        let piece = &points.pieces.all[point.piece() as usize];
+        self.shading_of_cell(&points.pieces.all[point.piece() as usize], point)
+    }
+
+    /// The point of a piece, for shading.
+    fn shading_of_cell(&self, piece: &Piece, point: Point) -> SurfacePoint {
         let facet = &self.facets[piece.facet as usize];
         let middle = piece.grid.point(point.middle());
         let position = argus_scene::closest_on_triangle(middle, facet.corners);

@@ -1,10 +1,12 @@
 //! The method as a sampler uses it.
 //!
 //! Reflection probes: the eye is the box of the sample set's viewpoints, so that probes serve every view of the set. Direct views:
-//! the eye is the view itself (`indexed.rs`).
+//! the eye is the view itself (`indexed.rs`), and a device finds what it
+//! reflects, unless that is a software driver.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
+use argus_gpu::Gpu;
 use argus_sampler::plug::{
     FilledMaps, MappedReflector, Methods, PointMethod, Requests, ViewMaps, probe_point,
 };
@@ -12,20 +14,29 @@ use argus_scene::{Instance, ProbeEye, Scene, ViewJob};
 use glam::DVec3;
 use tracing::warn;
 
-use crate::indexed::IndexedMaps;
-use crate::{BudgetReport, Density, Eye, EyePointSettings, PointScene, curved_reflector};
+use crate::device::PointPasses;
+use crate::indexed::{IndexedMaps, PluggedPoints};
+use crate::{BudgetReport, Density, Eye, EyePointSettings, PointDevice, PointScene, curved_reflector};
 
 /// Distances below this share of the scene's extent count as this, in the density of points.
 const NEAR: f64 = 1e-4;
 
 /// Adds reflections from points to the methods of a sampler.
 pub fn add_to(methods: &mut Methods) {
-    methods.points = Some(Arc::new(|scene, time_secs| -> Arc<dyn PointMethod> {
-        Arc::new(PointScene::new(scene, time_secs))
+    // Pipelines are those of the first device, and are made once.
+    let passes = OnceLock::new();
+    methods.points = Some(Arc::new(move |gpu: &Arc<Gpu>, scene, time_secs| -> Arc<dyn PointMethod> {
+        let points = PointScene::new(scene, time_secs);
+        // On a software driver the CPU's way takes half the time.
+        let device = (!gpu.is_software()).then(|| {
+            let passes = passes.get_or_init(|| Arc::new(PointPasses::new(gpu)));
+            PointDevice::with_passes(Arc::clone(passes), &points)
+        });
+        Arc::new(PluggedPoints { points, device })
     }));
 }
 
-impl PointMethod for PointScene {
+impl PointMethod for PluggedPoints {
     fn reflector(
         &self,
         scene: &Scene,
@@ -47,10 +58,10 @@ impl PointMethod for PointScene {
     ) -> FilledMaps {
         let side = reflectors.first().map_or(1, |reflector| reflector.side);
         let settings = EyePointSettings { density: Density::default(), budget, culling: true };
-        let found = self.points(&eye_of(scene, viewers, side), reflectors, &settings);
+        let found = self.points.points(&eye_of(scene, viewers, side), reflectors, &settings);
         warn_of_budget(&found.budget);
         let shown = Requests::all(&found.maps, found.points.len(), |_, id| id);
-        let point = |id: u32| probe_point(&self.shading_of_point(&found, id), middle);
+        let point = |id: u32| probe_point(&self.points.shading_of_point(&found, id), middle);
         FilledMaps::new(&found.maps, &shown, shown.ids().into_iter().map(point).collect())
     }
 
@@ -63,7 +74,7 @@ impl PointMethod for PointScene {
         time_secs: f64,
         budget: u32,
     ) -> Box<dyn ViewMaps> {
-        Box::new(IndexedMaps::new(self, scene, instances, ids, view, time_secs, budget))
+        Box::new(IndexedMaps::new(self, scene, (instances, ids), view, time_secs, budget))
     }
 }
 
@@ -123,7 +134,7 @@ mod tests {
     }
 
     fn filled(scene: &Arc<Scene>, budget: u32) -> FilledMaps {
-        let points = PointScene::new(scene, 0.0);
+        let points = PluggedPoints { points: PointScene::new(scene, 0.0), device: None };
         points.fill(scene, DVec3::ZERO, &reflectors(scene), &viewers(scene), budget)
     }
 

@@ -185,7 +185,7 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
 }
 
 /// Some pixels on each reflector.
-fn pixels_on(reflectors: &[MappedReflector]) -> Vec<ReflectivePixel> {
+pub(super) fn pixels_on(reflectors: &[MappedReflector]) -> Vec<ReflectivePixel> {
     let each = (0u32..).zip(reflectors).flat_map(|(number, reflector)| {
         (0..50u32).map(move |i| {
             let turn = f64::from(i) * 2.4;

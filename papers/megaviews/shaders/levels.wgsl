@@ -5,7 +5,7 @@
 import package::shared::linear::linear_index;
 
 struct LevelStep {
-    // Number of sorted elements, or bound on the number of nodes.
+    // Number of sorted elements; not used by passes over nodes.
     count: u32,
     // The level that is made; its children are on the next one.
     level: u32,
@@ -96,13 +96,13 @@ fn node_heads(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = index_of(group, groups, local);
-    if at >= step.count {
+    let children = levels[step.level + 1u];
+    if at >= children.y {
         return;
     }
-    let children = levels[step.level + 1u];
     let code = codes[children.x + at] >> 3u;
     let before = codes[children.x + max(at, 1u) - 1u] >> 3u;
-    heads[at] = select(0u, 1u, at < children.y && (at == 0u || code != before));
+    heads[at] = select(0u, 1u, at == 0u || code != before);
 }
 
 // Writes the code and first child of each node.
@@ -114,7 +114,7 @@ fn node_links(
 ) {
     let at = index_of(group, groups, local);
     let children = levels[step.level + 1u];
-    if at >= min(step.count, children.y) {
+    if at >= children.y {
         return;
     }
     let code = codes[children.x + at] >> 3u;

@@ -9,8 +9,8 @@ import package::shared::linear::linear_index;
 import package::megaviews::shared::morton::{morton_cell, octant_corner};
 
 struct Split {
-    // Number of pieces: pairs of a triangle and a cell that it overlaps.
-    count: u32,
+    // Index of the list of pieces: pairs of a triangle and a cell that it overlaps.
+    list: u32,
     // Cells along an edge of the root, on the next level.
     cells: f32,
 }
@@ -24,6 +24,9 @@ var<immediate> split: Split;
 // Number of bits of each mask. After a scan: index of the piece's first child.
 @group(0) @binding(3) var<storage, read_write> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read_write> children: array<vec2u>;
+
+// For each list of pieces, first its length.
+@group(0) @binding(5) var<storage, read> lengths: array<vec2u>;
 
 // Padding of a cell: more than the rounding of the test, and a thousandth of the smallest cell.
 const MARGIN: f32 = 1e-6;
@@ -49,7 +52,7 @@ fn mark(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, local);
-    if at >= split.count {
+    if at >= lengths[split.list].x {
         return;
     }
     let piece = pieces[at];
@@ -100,14 +103,16 @@ fn divide(
     @builtin(local_invocation_index) local: u32,
 ) {
     let at = linear_index(group, groups, local);
-    if at >= split.count {
+    if at >= lengths[split.list].x {
         return;
     }
     let piece = pieces[at];
     var rest = masks[at];
     var to = offsets[at];
     while rest != 0u {
-        children[to] = vec2u(piece.x, piece.y * 8u + countTrailingZeros(rest));
+        if to < arrayLength(&children) {
+            children[to] = vec2u(piece.x, piece.y * 8u + countTrailingZeros(rest));
+        }
         rest &= rest - 1u;
         to += 1u;
     }

@@ -27,8 +27,8 @@ pub(crate) const SURFEL_BYTES: u64 = 32;
 mirror! {
     /// One level of voxelisation: `shaders/voxelize.wgsl`.
     pub struct Split {
-        /// Number of pieces: pairs of a triangle and a cell that it overlaps.
-        pub count: u32,
+        /// Index of the list of pieces: pairs of a triangle and a cell that it overlaps.
+        pub list: u32,
         /// Cells along an edge of the root, on the next level.
         pub cells: f32,
     }
@@ -37,7 +37,7 @@ mirror! {
 mirror! {
     /// One level of an octree that is built: `shaders/levels.wgsl`.
     pub struct LevelStep {
-        /// Number of sorted elements, or bound on the number of nodes.
+        /// Number of sorted elements; not used by passes over nodes.
         pub count: u32,
         /// The level that is made.
         pub level: u32,

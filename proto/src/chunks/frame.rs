@@ -1,12 +1,12 @@
 //! Frames in chunks.
 
-use argus_scene::{Frame, InvalidField, Limits, Output, Stage};
+use argus_scene::{Frame, FrameDigest, Images, InvalidField, Limits, Output, Stage};
 use bytes::Bytes;
 
 use super::{Gather, pieces};
 use crate::WireError;
 use crate::codec::{self, Layout};
-use crate::convert::{WireEnum, duration_ms, known, required};
+use crate::convert::{WireEnum, duration_ms, hash, known, required};
 use crate::v1::{self, Encoding};
 
 /// Metadata of a frame.
@@ -18,6 +18,8 @@ pub struct FrameMeta {
     pub worker: String,
     /// Milliseconds from the request's arrival to the first chunk, summed over the processes it passed.
     pub age_ms: f64,
+    /// Digest of the images, which the worker computed and the receiver compared. A sender computes it anew.
+    pub digest: FrameDigest,
 }
 
 /// Splits a frame into chunks, with images packed by `encoding`. Unspecified means [`Encoding::Raw`], which is also
@@ -32,7 +34,7 @@ pub fn frame_chunks(
 ) -> Result<Vec<v1::FrameChunk>, WireError> {
     let mut images = Vec::new();
     let mut packed = Vec::new();
-    for (output, bytes) in Output::ALL.into_iter().filter_map(|o| frame.image(o).map(|bytes| (o, bytes))) {
+    for (output, bytes) in frame.images.iter() {
         if Some(bytes.len()) != raw_bytes(frame.width, frame.height, output) {
             let reason = format!("{} bytes are not {} × {} pixels", bytes.len(), frame.width, frame.height);
             return Err(WireError::field("images.output", reason));
@@ -73,6 +75,8 @@ pub fn frame_chunks(
         }));
         start += bytes.len() as u64;
     }
+    let trailer = v1::FrameTrailer { digest: Bytes::copy_from_slice(&frame.images.digest().0) };
+    chunks.push(v1::FrameChunk { body: Some(v1::frame_chunk::Body::Trailer(trailer)) });
     Ok(chunks)
 }
 
@@ -120,17 +124,24 @@ impl FrameAssembler {
                 let reason = format!("a second header after {} bytes", partial.gather.got());
                 return Err(WireError::out_of_order("frame", reason));
             }
-            (v1::frame_chunk::Body::Data(_), None) => {
+            (v1::frame_chunk::Body::Data(_) | v1::frame_chunk::Body::Trailer(_), None) => {
                 return Err(WireError::out_of_order("frame", "bytes before the header"));
             }
             (v1::frame_chunk::Body::Data(data), Some(partial)) => {
                 partial.gather.push(data.offset, data.bytes)?;
             }
+            (v1::frame_chunk::Body::Trailer(trailer), Some(partial)) => {
+                if !partial.gather.is_complete() {
+                    return Err(partial.gather.truncated());
+                }
+                let digest = FrameDigest(hash(&trailer.digest, "trailer.digest")?);
+                let partial = self.partial.take();
+                return partial
+                    .map(|partial| partial.header.finish(partial.gather.finish(), digest))
+                    .transpose();
+            }
         }
-        match self.partial.take_if(|partial| partial.gather.is_complete()) {
-            Some(partial) => partial.header.finish(partial.gather.finish()).map(Some),
-            None => Ok(None),
-        }
+        Ok(None)
     }
 
     /// Forgets a partial frame.
@@ -159,8 +170,11 @@ impl Header {
         let mut images: Vec<(Output, Encoding, usize, usize)> = Vec::new();
         for image in &header.images {
             let output = Output::from_number(image.output, "images.output")?;
-            if images.iter().any(|(other, ..)| *other == output) {
-                return Err(InvalidField::new("images.output", format!("{output:?} occurs twice")));
+            if images.last().is_some_and(|(before, ..)| *before >= output) {
+                return Err(InvalidField::new(
+                    "images.output",
+                    format!("{output:?} is out of order or occurs twice"),
+                ));
             }
             let encoding = known(image.encoding, "images.encoding")?;
             let raw = raw_bytes(width, height, output)
@@ -184,11 +198,7 @@ impl Header {
         let frame = Frame {
             width,
             height,
-            color: None,
-            range: None,
-            mask: None,
-            source: None,
-            confidence: None,
+            images: Images::default(),
             unresolved_fraction: InvalidField::within(
                 "frame.unresolved_fraction",
                 header.unresolved_fraction,
@@ -204,11 +214,12 @@ impl Header {
             view_id: header.view_id,
             worker: header.worker,
             age_ms: duration_ms(header.age_ms, "frame.age_ms")?,
+            digest: FrameDigest::default(),
         };
         Ok(Self { frame, meta, images })
     }
 
-    fn finish(self, mut bytes: Bytes) -> Result<(Frame, FrameMeta), WireError> {
+    fn finish(self, mut bytes: Bytes, digest: FrameDigest) -> Result<(Frame, FrameMeta), WireError> {
         let mut frame = self.frame;
         for (output, encoding, packed, raw) in self.images {
             let part = bytes.split_to(packed);
@@ -216,9 +227,14 @@ impl Header {
                 Encoding::Zstd => codec::unpack(Layout::from(output), &part, raw)?,
                 Encoding::Raw | Encoding::Unspecified => part,
             };
-            *frame.image_mut(output) = Some(image);
+            frame.images[output] = Some(image);
         }
-        Ok((frame, self.meta))
+        let found = frame.images.digest();
+        if found != digest {
+            let reason = format!("its digest is {found}, and its worker computed {digest}");
+            return Err(WireError::corrupt("the frame", reason));
+        }
+        Ok((frame, FrameMeta { digest, ..self.meta }))
     }
 }
 

@@ -40,6 +40,7 @@ pub fn trace_requests(job: &PixelJob, frame: TracedFrame) -> Vec<(v1::TraceReque
         specification_hash: specification_hash_bytes(frame.specification),
         epoch: job.state.epoch,
         light: job.state.light.number(),
+        revision: job.state.revision,
         camera: Some((&job.camera).into()),
         width: job.width,
         height: job.height,
@@ -87,12 +88,14 @@ pub fn trace_job(
         outputs: Outputs::COLOR,
         plan: PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() },
         pin: None,
+        flow_to: None,
+        rays: None,
     };
     view.validate(limits)?;
     let pixels = taken(&wire.runs, u64::from(wire.width) * u64::from(wire.height))?;
     let View { camera, width, height, .. } = view;
-    let v1::TraceRequest { samples_per_pixel, epoch, light, .. } = wire;
-    let state = SceneState { epoch, light: light_level(light, "light")? };
+    let v1::TraceRequest { samples_per_pixel, epoch, light, revision, .. } = wire;
+    let state = SceneState { epoch, light: light_level(light, "light")?, revision };
     Ok((
         TracedFrame { scene, specification },
         PixelJob { camera, width, height, pixels, samples_per_pixel, state, time_secs, reflections: None },
@@ -238,7 +241,7 @@ mod tests {
             height,
             pixels,
             samples_per_pixel: 4,
-            state: SceneState { epoch: 3, light: argus_scene::LightLevel::Coarse },
+            state: SceneState { epoch: 3, light: argus_scene::LightLevel::Coarse, revision: 9 },
             time_secs: 0.5,
             reflections: None,
         }
@@ -259,7 +262,7 @@ mod tests {
     proptest! {
         #[test]
         fn jobs_survive(
-            camera in arbitrary::camera(),
+            camera in arbitrary::pinhole(),
             which in prop::collection::btree_set(0u32..640 * 480, 1..2000),
             side in 1u32..4,
         ) {

@@ -1,4 +1,6 @@
-use argus_scene::{FaceMask, Frame, Limits, PlaneData, Sample, SampleId, SceneHash, SceneState, Served};
+use argus_scene::{
+    FaceMask, Frame, Images, Limits, Output, PlaneData, Sample, SampleId, SceneHash, SceneState, Served,
+};
 use bytes::Bytes;
 use proptest::prelude::*;
 
@@ -52,6 +54,7 @@ proptest! {
     ) {
         let encoding = if packed { Encoding::Zstd } else { Encoding::Raw };
         let chunks = frame_chunks(&frame, &meta, encoding).unwrap();
+        let meta = FrameMeta { digest: frame.images.digest(), ..meta };
         prop_assert_eq!(assemble(chunks).unwrap(), Some((frame, meta)));
     }
 
@@ -84,6 +87,7 @@ proptest! {
             _ => match chunks[at].body.as_mut().unwrap() {
                 frame_chunk::Body::Header(header) => header.images[0].packed_bytes += 1,
                 frame_chunk::Body::Data(data) => data.bytes = data.bytes.slice(..data.bytes.len() - 1),
+                frame_chunk::Body::Trailer(trailer) => trailer.digest = Bytes::from_static(&[7; 32]),
             },
         }
         let mut assembler = FrameAssembler::new(Limits::default());
@@ -99,11 +103,10 @@ fn frame() -> Frame {
     Frame {
         width: 1000,
         height: 700,
-        color: Some((0..2_100_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()),
-        range: None,
-        mask: Some(vec![0; 700_000].into()),
-        source: None,
-        confidence: None,
+        images: Images::from([
+            (Output::Color, (0..2_100_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect()),
+            (Output::Mask, vec![0; 700_000].into()),
+        ]),
         unresolved_fraction: 0.25,
         served: Served::default(),
         predicted: None,
@@ -123,7 +126,7 @@ fn frame() -> Frame {
 fn header(chunk: &mut v1::FrameChunk) -> &mut v1::FrameHeader {
     match chunk.body.as_mut().unwrap() {
         frame_chunk::Body::Header(header) => header,
-        frame_chunk::Body::Data(_) => panic!("a header expected"),
+        frame_chunk::Body::Data(_) | frame_chunk::Body::Trailer(_) => panic!("a header expected"),
     }
 }
 
@@ -131,8 +134,8 @@ fn header(chunk: &mut v1::FrameChunk) -> &mut v1::FrameHeader {
 fn a_large_frame_is_cut_into_pieces_of_at_most_a_mebibyte() {
     let frame = frame();
     let chunks = frame_chunks(&frame, &FrameMeta::default(), Encoding::Raw).unwrap();
-    assert_eq!(chunks.len(), 1 + 3 + 1);
-    for chunk in &chunks[1..] {
+    assert_eq!(chunks.len(), 1 + 3 + 1 + 1);
+    for chunk in &chunks[1..chunks.len() - 1] {
         let Some(frame_chunk::Body::Data(data)) = &chunk.body else { panic!("bytes expected") };
         assert!((1..=MAX_CHUNK_BYTES).contains(&data.bytes.len()));
     }
@@ -185,8 +188,11 @@ fn overlapping_skipped_excess_and_missing_bytes_are_refused() {
     assert!(matches!(after(&[0, 2]), Err(WireError::OutOfOrder { .. })));
     let truncated = WireError::Truncated { what: "frame", got: 1 << 20, expected: 2_800_000 };
     assert_eq!(after(&[0, 1]), Err(truncated));
-    assert_eq!(after(&[0, 1, 2, 3, 4]), Ok(()));
-    assert_eq!(after(&[0, 1, 2, 3, 4, 0, 1, 2, 3, 4]), Ok(()));
+    let unended = WireError::Truncated { what: "frame", got: 2_800_000, expected: 2_800_000 };
+    assert_eq!(after(&[0, 1, 2, 3, 4]), Err(unended));
+    assert!(matches!(after(&[0, 1, 5]), Err(WireError::Truncated { .. })));
+    assert_eq!(after(&[0, 1, 2, 3, 4, 5]), Ok(()));
+    assert_eq!(after(&[0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5]), Ok(()));
 
     let mut gather = Gather::new("frame", 4);
     assert!(gather.push(0, Bytes::new()).is_err());
@@ -199,8 +205,20 @@ fn overlapping_skipped_excess_and_missing_bytes_are_refused() {
 }
 
 #[test]
+fn bytes_that_changed_on_the_way_are_found_by_the_digest() {
+    let mut chunks = frame_chunks(&frame(), &FrameMeta::default(), Encoding::Raw).unwrap();
+    let Some(frame_chunk::Body::Data(data)) = &mut chunks[2].body else { panic!("bytes expected") };
+    let mut bytes = data.bytes.to_vec();
+    bytes[12345] ^= 1;
+    data.bytes = bytes.into();
+    let Err(WireError::Corrupt { reason, .. }) = assemble(chunks) else { panic!("must be refused") };
+    assert!(reason.contains("digest"), "{reason}");
+}
+
+#[test]
 fn an_image_of_another_size_than_its_frame_is_never_sent() {
-    let frame = Frame { mask: Some(Bytes::from_static(b"short")), ..frame() };
+    let mut frame = frame();
+    frame.images[Output::Mask] = Some(Bytes::from_static(b"short"));
     assert!(frame_chunks(&frame, &FrameMeta::default(), Encoding::Raw).is_err());
 }
 

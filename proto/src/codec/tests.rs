@@ -4,8 +4,17 @@ use proptest::prelude::*;
 
 use super::*;
 
-const LAYOUTS: [Layout; 7] =
-    [Layout::R8, Layout::Rgb8, Layout::Rgba8, Layout::Rg16, Layout::Rgba16, Layout::R32, Layout::Rgb9e5];
+const LAYOUTS: [Layout; 9] = [
+    Layout::R8,
+    Layout::Rgb8,
+    Layout::Rgba8,
+    Layout::Rg16,
+    Layout::Rgba16,
+    Layout::R32,
+    Layout::Rg32,
+    Layout::Rgb32,
+    Layout::Rgb9e5,
+];
 
 fn round_trip(layout: Layout, raw: &[u8]) {
     if let Some(packed) = pack(layout, raw).unwrap() {
@@ -22,9 +31,9 @@ fn ramp(layout: Layout, texels: usize) -> Vec<u8> {
 proptest! {
     #[test]
     fn noise_survives_also_where_it_cannot_shrink(
-        which in 0usize..7,
+        which in 0usize..LAYOUTS.len(),
         texels in 0usize..600,
-        seed in proptest::collection::vec(any::<u8>(), 4800),
+        seed in proptest::collection::vec(any::<u8>(), 7200),
     ) {
         let layout = LAYOUTS[which];
         let raw = &seed[..texels * layout.texel_bytes()];
@@ -37,6 +46,8 @@ proptest! {
             Layout::Rg16 => join::<2, 2>(&split::<2, 2>(raw)),
             Layout::Rgba16 => join::<4, 2>(&split::<4, 2>(raw)),
             Layout::R32 => join::<1, 4>(&split::<1, 4>(raw)),
+            Layout::Rg32 => join::<2, 4>(&split::<2, 4>(raw)),
+            Layout::Rgb32 => join::<3, 4>(&split::<3, 4>(raw)),
             Layout::Rgb9e5 => join_rgb9e5(&split_rgb9e5(raw)),
         };
         prop_assert_eq!(&joined[..], raw);
@@ -44,7 +55,7 @@ proptest! {
 
     #[test]
     fn damage_is_an_error_and_never_a_panic(
-        which in 0usize..7,
+        which in 0usize..LAYOUTS.len(),
         at in any::<prop::sample::Index>(),
         flip in 1u8..=255,
         keep in any::<prop::sample::Index>(),

@@ -1,14 +1,14 @@
 //! Conversions of cameras, boxes and sample cameras.
 
 use argus_scene::scene::NamedCamera;
-use argus_scene::{Bounds, Camera, InvalidField, OmniLayout, Reflections, SampleCamera};
-use glam::DVec3;
+use argus_scene::{
+    Bounds, Camera, Distortion, Intrinsics, InvalidField, Lens, OmniLayout, RayList, Reflections,
+    SampleCamera,
+};
+use glam::{DVec2, DVec3};
 
 use super::{point, required};
 use crate::v1;
-
-/// Field of view of a camera whose field of view is absent: that of [`Camera::look_at`].
-const DEFAULT_FOV_DEG: f64 = 45.0;
 
 impl From<&Camera> for v1::Camera {
     fn from(camera: &Camera) -> Self {
@@ -16,7 +16,8 @@ impl From<&Camera> for v1::Camera {
             eye: Some(camera.eye.into()),
             target: Some(camera.target.into()),
             up: Some(camera.up.into()),
-            fov_deg: Some(camera.fov_deg),
+            fov_deg: camera.lens.is_none().then_some(camera.fov_deg),
+            lens: camera.lens.as_ref().map(Into::into),
         }
     }
 }
@@ -26,6 +27,10 @@ impl TryFrom<v1::Camera> for Camera {
 
     /// The camera, validated.
     fn try_from(wire: v1::Camera) -> Result<Self, InvalidField> {
+        if wire.fov_deg.is_some() && wire.lens.is_some() {
+            let reason = "must be absent where a lens is given, which has its own";
+            return Err(InvalidField::new("camera.fov_deg", reason));
+        }
         let camera = Self {
             eye: point(wire.eye, "camera.eye")?,
             target: point(wire.target, "camera.target")?,
@@ -33,10 +38,75 @@ impl TryFrom<v1::Camera> for Camera {
                 None => DVec3::Y,
                 up => point(up, "camera.up")?,
             },
-            fov_deg: wire.fov_deg.unwrap_or(DEFAULT_FOV_DEG),
+            fov_deg: wire.fov_deg.unwrap_or(Self::USUAL_FOV_DEG),
+            lens: wire.lens.map(Lens::try_from).transpose()?,
         };
         camera.validate()?;
         Ok(camera)
+    }
+}
+
+impl From<&Lens> for v1::camera::Lens {
+    fn from(lens: &Lens) -> Self {
+        use v1::intrinsics::Distortion as Wire;
+        let Intrinsics { focal, center, distortion } = match lens {
+            Lens::Intrinsics(intrinsics) => intrinsics,
+            Lens::Equirectangular => return Self::Equirectangular(v1::Equirectangular {}),
+            Lens::Rays { spacing_deg } => {
+                return Self::ListedRays(v1::ListedRays { spacing_deg: Some(*spacing_deg) });
+            }
+        };
+        let distortion = match *distortion {
+            Distortion::None => None,
+            Distortion::Rational([k1, k2, p1, p2, k3, k4, k5, k6]) => {
+                Some(Wire::Opencv(v1::OpenCvDistortion { k1, k2, p1, p2, k3, k4, k5, k6 }))
+            }
+            Distortion::Fisheye([k1, k2, k3, k4]) => {
+                Some(Wire::Fisheye(v1::FisheyeDistortion { k1, k2, k3, k4 }))
+            }
+        };
+        Self::Intrinsics(v1::Intrinsics {
+            fx: focal.x,
+            fy: focal.y,
+            cx: center.x,
+            cy: center.y,
+            pixel_center: None,
+            distortion,
+        })
+    }
+}
+
+impl TryFrom<v1::camera::Lens> for Lens {
+    type Error = InvalidField;
+
+    /// The lens, with the image's corner as origin; not validated.
+    fn try_from(wire: v1::camera::Lens) -> Result<Self, InvalidField> {
+        use v1::intrinsics::Distortion as Wire;
+        let wire = match wire {
+            v1::camera::Lens::Equirectangular(_) => return Ok(Self::Equirectangular),
+            v1::camera::Lens::ListedRays(v1::ListedRays { spacing_deg }) => {
+                let spacing_deg = spacing_deg.unwrap_or(RayList::USUAL_SPACING_DEG);
+                return Ok(Self::Rays { spacing_deg });
+            }
+            v1::camera::Lens::Intrinsics(intrinsics) => intrinsics,
+        };
+        let pixel_center = wire.pixel_center.unwrap_or(0.5);
+        if pixel_center != 0.5 && pixel_center != 0.0 {
+            let reason = format!("must be 0.5 or 0, not {pixel_center}");
+            return Err(InvalidField::new("camera.intrinsics.pixel_center", reason));
+        }
+        let distortion = match wire.distortion {
+            None => Distortion::None,
+            Some(Wire::Opencv(v1::OpenCvDistortion { k1, k2, p1, p2, k3, k4, k5, k6 })) => {
+                Distortion::Rational([k1, k2, p1, p2, k3, k4, k5, k6])
+            }
+            Some(Wire::Fisheye(v1::FisheyeDistortion { k1, k2, k3, k4 })) => {
+                Distortion::Fisheye([k1, k2, k3, k4])
+            }
+        };
+        let focal = DVec2::new(wire.fx, wire.fy);
+        let center = DVec2::new(wire.cx, wire.cy) + (0.5 - pixel_center);
+        Ok(Self::Intrinsics(Intrinsics { focal, center, distortion }))
     }
 }
 
@@ -113,11 +183,18 @@ impl TryFrom<v1::SampleCamera> for SampleCamera {
         use v1::sample_camera::Kind;
         let within = InvalidField::within::<u32>;
         match required(wire.kind, "sample.camera")? {
-            Kind::Perspective(p) => Ok(Self::Perspective {
-                camera: required(p.camera, "sample.camera.perspective.camera")?.try_into()?,
-                width: within("sample.camera.perspective.width", p.width, 1..=8192)?,
-                height: within("sample.camera.perspective.height", p.height, 1..=8192)?,
-            }),
+            Kind::Perspective(p) => {
+                const FIELD: &str = "sample.camera.perspective.camera";
+                let camera = Camera::try_from(required(p.camera, FIELD)?)?;
+                if !camera.is_pinhole() {
+                    return Err(InvalidField::new(FIELD, "a sample is the image of a pinhole"));
+                }
+                Ok(Self::Perspective {
+                    camera,
+                    width: within("sample.camera.perspective.width", p.width, 1..=8192)?,
+                    height: within("sample.camera.perspective.height", p.height, 1..=8192)?,
+                })
+            }
             Kind::Omni(o) => Ok(Self::Omni {
                 center: point(o.center, "sample.camera.omni.center")?,
                 layout: match required(o.layout, "sample.camera.omni.layout")? {

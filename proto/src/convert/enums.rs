@@ -59,7 +59,7 @@ wire_enums! {
     Holes, Holes: Mark Trace;
     LightLevel, LightLevel: Direct Coarse Full;
     MapSource, VplMaps: Unshadowed Exact Imperfect MegaViews ManyLods;
-    Output, Output: Color Range Mask Source Confidence;
+    Output, Output: Color Range Mask Source Confidence Radiance Depth Normal Instance Material Flow;
     Paid, Paid: Sample View Epoch Pose;
     PlaneFormat, PlaneFormat: Rgb9e5Ufloat Rgba16Float R32Float Rg16Snorm Rgba8Unorm R32Uint;
     PlaneKind, PlaneKind: Radiance InverseRange Normal Specular Reflector ProbeSphere LightVisibility;

@@ -9,10 +9,12 @@ mod describe;
 mod effects;
 mod enums;
 mod scene;
+mod transforms;
 mod view;
 
 pub use describe::Description;
 pub use enums::{WireEnum, light_level};
+pub use transforms::{affine, rows_of, shared_transforms, space_is_world};
 pub use view::face_masks;
 
 use argus_scene::{InvalidField, SceneHash, SpecificationHash};

@@ -381,7 +381,7 @@ pub(super) fn epoch_secs(secs: f64, field: &'static str) -> Result<f64, InvalidF
 
 impl From<SceneState> for v1::SceneState {
     fn from(state: SceneState) -> Self {
-        Self { epoch: state.epoch, light: state.light.number() }
+        Self { epoch: state.epoch, light: state.light.number(), revision: state.revision }
     }
 }
 
@@ -389,7 +389,8 @@ impl TryFrom<v1::SceneState> for SceneState {
     type Error = InvalidField;
 
     fn try_from(wire: v1::SceneState) -> Result<Self, InvalidField> {
-        Ok(Self { epoch: wire.epoch, light: light_level(wire.light, "version.state.light")? })
+        let light = light_level(wire.light, "version.state.light")?;
+        Ok(Self { epoch: wire.epoch, light, revision: wire.revision })
     }
 }
 

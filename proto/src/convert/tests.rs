@@ -65,6 +65,8 @@ fn view() -> v1::View {
         outputs: argus_scene::Outputs::COLOR,
         plan: PlanRequest::default(),
         pin: None,
+        flow_to: None,
+        rays: Default::default(),
     })
 }
 
@@ -92,6 +94,42 @@ fn a_malformed_view_is_rejected_with_the_invalid_field() {
     for (field, change) in camera {
         assert_eq!(rejected(|v| change(v.camera.as_mut().unwrap())).field, field);
     }
+    type LensChange = fn(&mut v1::Intrinsics);
+    use v1::intrinsics::Distortion::{Fisheye, Opencv};
+    let lens: [(&str, LensChange); 14] = [
+        ("camera.intrinsics.fx", |k| k.fx = 0.0),
+        ("camera.intrinsics.fx", |k| k.fx = f64::NAN),
+        ("camera.intrinsics.fx", |k| k.fx = 1e10),
+        ("camera.intrinsics.fy", |k| k.fy = -100.0),
+        ("camera.intrinsics.fy", |k| k.fy = f64::INFINITY),
+        ("camera.intrinsics.cx", |k| k.cx = f64::NAN),
+        ("camera.intrinsics.cx", |k| k.cx = f64::NEG_INFINITY),
+        ("camera.intrinsics.cy", |k| k.cy = 1e7),
+        ("camera.intrinsics.pixel_center", |k| k.pixel_center = Some(0.25)),
+        ("camera.intrinsics.pixel_center", |k| k.pixel_center = Some(f64::NAN)),
+        ("camera.intrinsics.opencv.k1", |k| {
+            k.distortion = Some(Opencv(v1::OpenCvDistortion { k1: f64::NAN, ..Default::default() }));
+        }),
+        ("camera.intrinsics.opencv.p2", |k| {
+            k.distortion = Some(Opencv(v1::OpenCvDistortion { p2: f64::INFINITY, ..Default::default() }));
+        }),
+        ("camera.intrinsics.opencv.k6", |k| {
+            k.distortion = Some(Opencv(v1::OpenCvDistortion { k6: 1e9, ..Default::default() }));
+        }),
+        ("camera.intrinsics.fisheye.k4", |k| {
+            k.distortion = Some(Fisheye(v1::FisheyeDistortion { k4: f64::NAN, ..Default::default() }));
+        }),
+    ];
+    for (field, change) in lens {
+        let mut changed = intrinsics();
+        change(&mut changed);
+        assert_eq!(rejected(|v| set_lens(v, changed)).field, field);
+    }
+    let both = rejected(|v| {
+        set_lens(v, intrinsics());
+        v.camera.as_mut().unwrap().fov_deg = Some(45.0);
+    });
+    assert_eq!(both.field, "camera.fov_deg");
     let other: [(&str, Change); 5] = [
         ("camera", |v| v.camera = None),
         ("outputs", |v| v.outputs.push(0)),
@@ -103,6 +141,28 @@ fn a_malformed_view_is_rejected_with_the_invalid_field() {
         assert_eq!(rejected(change).field, field);
     }
     assert_eq!(rejected(|v| v.outputs.push(77)).reason, "77 is not a known value");
+}
+
+fn intrinsics() -> v1::Intrinsics {
+    v1::Intrinsics { fx: 200.0, fy: 210.0, cx: 99.5, cy: 74.5, pixel_center: None, distortion: None }
+}
+
+fn set_lens(view: &mut v1::View, intrinsics: v1::Intrinsics) {
+    let camera = view.camera.as_mut().unwrap();
+    (camera.fov_deg, camera.lens) = (None, Some(v1::camera::Lens::Intrinsics(intrinsics)));
+}
+
+#[test]
+fn a_principal_point_of_either_pixel_rule_means_the_same_place() {
+    let lens = |pixel_center, at| {
+        let mut wire = view();
+        let intrinsics = v1::Intrinsics { pixel_center, cx: at, cy: at, ..intrinsics() };
+        set_lens(&mut wire, intrinsics);
+        View::try_from(wire).unwrap().camera.lens
+    };
+    assert_eq!(lens(Some(0.0), 99.5), lens(Some(0.5), 100.0));
+    assert_eq!(lens(None, 100.0), lens(Some(0.5), 100.0));
+    assert_ne!(lens(None, 100.0), lens(Some(0.0), 100.0));
 }
 
 #[test]

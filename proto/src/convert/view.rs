@@ -2,10 +2,12 @@
 
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    CellSettings, Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output, Outputs,
-    Plan, PlanRequest, Prediction, Provenance, SampleId, SceneState, Search, Specification, SurfaceLight,
-    View, Warp,
+    Camera, CellSettings, Detail, FaceMask, FaceMasks, FrameSource, Holes, InvalidField, Limits, Output,
+    Outputs, Plan, PlanRequest, Prediction, Provenance, RayList, SampleId, SceneState, Search, Specification,
+    SurfaceLight, View, Warp,
 };
+
+use bytes::Bytes;
 
 use super::enums::{WireEnum, light_level};
 use super::{
@@ -20,13 +22,11 @@ const MAX_SAMPLES_PER_PIXEL: u32 = 256;
 
 /// A set of outputs for the wire.
 pub(crate) fn wire_outputs(outputs: Outputs) -> Vec<i32> {
-    let present = Output::ALL.into_iter().filter(|&output| outputs.has(output));
-    present.map(WireEnum::number).collect()
+    outputs.iter().map(WireEnum::number).collect()
 }
 
 fn outputs(wire: &[i32]) -> Result<Outputs, InvalidField> {
-    wire.iter()
-        .try_fold(Outputs::default(), |set, number| Ok(set.with(Output::from_number(*number, "outputs")?)))
+    wire.iter().map(|number| Output::from_number(*number, "outputs")).collect()
 }
 
 impl From<Prediction> for v1::Prediction {
@@ -142,7 +142,8 @@ pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<
 impl From<&FrameSource> for v1::FrameSource {
     fn from(source: &FrameSource) -> Self {
         let FrameSource { camera, width, height, samples_per_pixel, light } = *source;
-        let (light, reflections_by_rays) = wire_surface_light(light);
+        // A frame with older cells serves no other view.
+        let (light, reflections_by_rays, _) = wire_surface_light(light);
         let camera = Some((&camera).into());
         Self { camera, width, height, samples_per_pixel, light, reflections_by_rays }
     }
@@ -155,7 +156,7 @@ impl TryFrom<v1::FrameSource> for FrameSource {
     fn try_from(wire: v1::FrameSource) -> Result<Self, InvalidField> {
         let v1::FrameSource { camera, width, height, samples_per_pixel, light, reflections_by_rays } = wire;
         let camera = required(camera, "camera")?.try_into()?;
-        let light = surface_light(light, reflections_by_rays)?;
+        let light = surface_light(light, reflections_by_rays, false)?;
         let source = Self { camera, width, height, samples_per_pixel, light };
         source.validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX }).map(|()| source)
     }
@@ -184,9 +185,15 @@ impl From<&Plan> for v1::Plan {
         use v1::plan::Kind;
         let kind = match plan {
             Plan::Direct { samples_per_pixel, detail, light } => {
-                let (light, reflections_by_rays) = wire_surface_light(*light);
+                let (light, reflections_by_rays, older_cells) = wire_surface_light(*light);
                 let (samples_per_pixel, detail) = (*samples_per_pixel, detail.number());
-                Kind::Direct(v1::DirectPlan { samples_per_pixel, detail, light, reflections_by_rays })
+                Kind::Direct(v1::DirectPlan {
+                    samples_per_pixel,
+                    detail,
+                    light,
+                    reflections_by_rays,
+                    older_cells,
+                })
             }
             Plan::Warp(warp) => Kind::Warp(v1::WarpPlan {
                 search: warp.search.number(),
@@ -220,7 +227,7 @@ impl TryFrom<v1::Plan> for Plan {
                 Self::Direct {
                     samples_per_pixel,
                     detail,
-                    light: surface_light(plan.light, plan.reflections_by_rays)?,
+                    light: surface_light(plan.light, plan.reflections_by_rays, plan.older_cells)?,
                 }
             }
             Kind::Warp(plan) => {
@@ -257,22 +264,29 @@ impl TryFrom<v1::Plan> for Plan {
     }
 }
 
-/// The fields `light` and `reflections_by_rays` of a plan.
-fn wire_surface_light(light: Option<SurfaceLight>) -> (u32, bool) {
+/// The fields `light`, `reflections_by_rays` and `older_cells` of a plan.
+fn wire_surface_light(light: Option<SurfaceLight>) -> (u32, bool, bool) {
     match light {
-        None => (0, false),
-        Some(SurfaceLight::Rays) => (1, false),
-        Some(SurfaceLight::Cells { rays, reflected }) => (rays, !reflected),
+        None => (0, false, false),
+        Some(SurfaceLight::Rays) => (1, false, false),
+        Some(SurfaceLight::Cells { rays, reflected }) => (rays, !reflected, false),
+        Some(SurfaceLight::OlderCells { rays, reflected }) => (rays, !reflected, true),
     }
 }
 
-fn surface_light(light: u32, reflections_by_rays: bool) -> Result<Option<SurfaceLight>, InvalidField> {
+fn surface_light(
+    light: u32,
+    reflections_by_rays: bool,
+    older_cells: bool,
+) -> Result<Option<SurfaceLight>, InvalidField> {
+    let reflected = !reflections_by_rays;
     match light {
         0 => Ok(None),
         1 => Ok(Some(SurfaceLight::Rays)),
-        rays if CellSettings::RAYS.contains(&rays) => {
-            Ok(Some(SurfaceLight::Cells { rays, reflected: !reflections_by_rays }))
-        }
+        rays if CellSettings::RAYS.contains(&rays) => Ok(Some(match older_cells {
+            false => SurfaceLight::Cells { rays, reflected },
+            true => SurfaceLight::OlderCells { rays, reflected },
+        })),
         other => {
             let reason = format!("must be 0, 1, 16, 64 or 256, not {other}");
             Err(InvalidField::new("plan.direct.light", reason))
@@ -286,6 +300,7 @@ impl From<&Provenance> for v1::Provenance {
             scene_hash: scene_hash_bytes(provenance.scene),
             epoch: provenance.state.epoch,
             light: provenance.state.light.number(),
+            revision: provenance.state.revision,
             plan: Some((&provenance.plan).into()),
             specification: provenance.specification.as_ref().map(Into::into),
             specification_hash: provenance
@@ -312,7 +327,11 @@ impl TryFrom<v1::Provenance> for Provenance {
         }
         Ok(Self {
             scene: scene_hash(&wire.scene_hash, "provenance.scene_hash")?,
-            state: SceneState { epoch: wire.epoch, light: light_level(wire.light, "provenance.light")? },
+            state: SceneState {
+                epoch: wire.epoch,
+                light: light_level(wire.light, "provenance.light")?,
+                revision: wire.revision,
+            },
             plan: required(wire.plan, "provenance.plan")?.try_into()?,
             specification,
             device: wire.device,
@@ -330,6 +349,8 @@ impl From<&View> for v1::View {
             outputs: wire_outputs(view.outputs),
             plan: Some((&view.plan).into()),
             pin: view.pin.as_ref().map(Into::into),
+            flow_to: view.flow_to.as_ref().map(Into::into),
+            rays: view.rays.as_ref().map(packed_rays).unwrap_or_default(),
         }
     }
 }
@@ -339,15 +360,43 @@ impl TryFrom<v1::View> for View {
 
     /// The view; [`View::validate`] checks it against the service's limits.
     fn try_from(wire: v1::View) -> Result<Self, InvalidField> {
+        let mut camera = required(wire.camera, "camera")?;
+        let rays = (!wire.rays.is_empty()).then(|| rays(&wire.rays)).transpose()?;
+        if let (Some(list), Some(v1::camera::Lens::ListedRays(lens))) = (&rays, &mut camera.lens) {
+            lens.spacing_deg.get_or_insert_with(|| list.spacing_deg(wire.width));
+        }
         Ok(Self {
-            camera: required(wire.camera, "camera")?.try_into()?,
+            camera: camera.try_into()?,
             width: wire.width,
             height: wire.height,
             outputs: outputs(&wire.outputs)?,
             plan: wire.plan.map(TryInto::try_into).transpose()?.unwrap_or_default(),
             pin: wire.pin.map(pin).transpose()?,
+            flow_to: wire.flow_to.map(flow_to).transpose()?,
+            rays,
         })
     }
+}
+
+fn packed_rays(list: &RayList) -> Bytes {
+    list.directions().iter().flat_map(|direction| direction.to_array()).flat_map(f32::to_le_bytes).collect()
+}
+
+/// The list of rays of a view.
+fn rays(packed: &[u8]) -> Result<RayList, InvalidField> {
+    let (numbers, rest) = packed.as_chunks::<4>();
+    let (directions, odd) = numbers.as_chunks::<3>();
+    if !rest.is_empty() || !odd.is_empty() {
+        let reason = format!("must be three f32 for each pixel, 12 bytes, not {} bytes in all", packed.len());
+        return Err(InvalidField::new("rays", reason));
+    }
+    RayList::new(directions.iter().map(|numbers| numbers.map(f32::from_le_bytes).into()).collect())
+}
+
+/// The camera that flow leads to. Its errors are of the field `flow_to`.
+fn flow_to(wire: v1::Camera) -> Result<Camera, InvalidField> {
+    wire.try_into()
+        .map_err(|at: InvalidField| InvalidField::new("flow_to", format!("{}: {}", at.field, at.reason)))
 }
 
 /// A pinned provenance. Its errors name fields below `pin`.

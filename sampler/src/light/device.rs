@@ -1,14 +1,16 @@
-//! The light of lights and of the sky, found on the device: rays start at the G-buffer's surfaces, and nothing is read back.
+//! Light that is found on the device: rays start at the G-buffer's surfaces, and nothing is read back but what light cells lack.
 //!
-//! Rays, points of lights and the sky, penumbras and the filter are those of [`super::shadows`], [`super::sky`] and
-//! [`super::filter`], in single precision. So texels differ where a ray grazes an edge, and in the last digits.
+//! Rays, points of lights and the sky, penumbras, the filter, the gathering of lit leaves and the lookup of cells are those of
+//! [`super::shadows`], [`super::sky`], [`super::emitters`], [`super::filter`], [`super::paths`] and [`super::cells`], in single
+//! precision. So texels differ where a ray grazes an edge, and in the last digits.
 
 mod choice;
+mod surfaces;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use argus_gpu::{Gpu, wgpu};
-use argus_scene::{LightEffects, RenderError, Sky};
+use argus_scene::{LightEffects, RenderError};
 use argus_shaders::layout::sampler::LitTile as TileUniform;
 
 use super::filter::REACHES;
@@ -17,10 +19,12 @@ use super::tracing::LightTracing;
 use crate::LightSettings;
 use crate::frame::Frame;
 use crate::light_rays::device::{DevicePlaced, DeviceTrees};
+use crate::lit_leaves::DeviceLeaves;
 use crate::lit_tile::{LitBuffers, LitTexels};
 use crate::packets::PacketTracer;
 use crate::passes::{
-    ArrivingLight, AskedLight, AskedSky, ScatteredRays, ShadowRays, SkyFrom, SkyRays, TileContext, Tracing,
+    AloneRays, ArrivingLight, AskedLight, AskedSky, EmitterRays, GatherRays, LightParts, LookUpCells,
+    ScatteredRays, ShadowRays, SkyFrom, SkyRays, SmoothTexels, TileContext, Tracing,
 };
 use crate::resident::Features;
 use crate::scratch::GBuffer;
@@ -41,11 +45,27 @@ struct Programs {
     shadows: ShadowRays,
     sky: SkyRays,
     sum: ArrivingLight,
+    features: Features,
+    // Made when they are first used.
+    smooth: OnceLock<SmoothTexels>,
+    smooth_cells: OnceLock<SmoothTexels>,
+    emitters: OnceLock<EmitterRays>,
+    gather: OnceLock<GatherRays>,
+    /// For what pixels show, and for other areas.
+    cells: [OnceLock<LookUpCells>; 2],
+    alone: OnceLock<AloneRays>,
 }
 
 impl Programs {
     fn new(gpu: &Gpu, features: Features) -> Self {
         Self {
+            features,
+            smooth: OnceLock::new(),
+            smooth_cells: OnceLock::new(),
+            emitters: OnceLock::new(),
+            gather: OnceLock::new(),
+            cells: Default::default(),
+            alone: OnceLock::new(),
             shadows: ShadowRays::new(gpu),
             sky: SkyRays::new(
                 gpu,
@@ -53,7 +73,7 @@ impl Programs {
                 REACHES,
                 &disc_points(SLOTS * LightSettings::MOST_RAYS as usize),
             ),
-            sum: ArrivingLight::new(gpu, features),
+            sum: ArrivingLight::new(features),
         }
     }
 }
@@ -62,6 +82,10 @@ impl Programs {
 pub(crate) struct LitTile {
     texels: LitTexels,
     placed: DevicePlaced,
+    /// What reflects light, if that of surfaces is found.
+    leaves: Option<Arc<DeviceLeaves>>,
+    /// What was found so far.
+    parts: LightParts,
 }
 
 impl DeviceLight {
@@ -87,7 +111,7 @@ impl DeviceLight {
         self.trees.pose(gpu, tracer)
     }
 
-    /// Begins the light of a tile, whose first texel has these coordinates in the whole image.
+    /// Begins the light of a tile, whose first texel has these coordinates in the whole image. `leaves`: what reflects light.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if trees are larger than the device can bind.
@@ -96,6 +120,7 @@ impl DeviceLight {
         context: &TileContext<'_>,
         g_buffer: &GBuffer,
         first: [u32; 2],
+        leaves: Option<Arc<DeviceLeaves>>,
     ) -> Result<LitTile, RenderError> {
         let gpu = context.gpu;
         let placed = self.trees.about(gpu, context.eye.position)?;
@@ -104,12 +129,16 @@ impl DeviceLight {
         let tile = TileUniform { merged_eye, _pad: 0.0, size, first };
         let count = size[0] * size[1];
         let texels = LitTexels {
+            gpu: Arc::clone(gpu),
+            size,
+            first,
             tile: gpu.upload("texels of a tile", &[tile], wgpu::BufferUsages::UNIFORM),
             g_buffer: g_buffer.clone(),
             count,
             buffers: self.buffers(gpu, count),
         };
-        Ok(LitTile { texels, placed })
+        let parts = LightParts { sky: SkyFrom::Open, emitters: false, surfaces: false };
+        Ok(LitTile { texels, placed, leaves, parts })
     }
 
     fn buffers(&self, gpu: &Gpu, count: u32) -> LitBuffers {
@@ -142,33 +171,31 @@ impl DeviceLight {
         }
     }
 
-    /// Records the share of the sky that texels see.
+    /// Records the share of the sky that texels see, unless it was looked up.
     pub(super) fn trace_sky(
         &self,
         frame: &mut Frame<'_>,
-        tile: &LitTile,
-        sky: &Sky,
+        tile: &mut LitTile,
+        tracing: &LightTracing,
         settings: LightSettings,
     ) {
+        let is_cast = tracing.effects.sky_visibility && !tracing.sky.is_black();
+        if tile.parts.sky != SkyFrom::Open || !is_cast {
+            return;
+        }
         let asked = AskedSky {
             rays: settings.sky_rays,
-            reach: sky.reach.map_or(f32::MAX, |reach| reach as f32),
+            reach: tracing.lighting.sky.reach.map_or(f32::MAX, |reach| reach as f32),
             filter: settings.filter,
         };
         let Frame { commands, context, .. } = frame;
         self.programs.sky.record(commands, context, asked, &tile.texels, self.tracing(tile));
+        tile.parts.sky = SkyFrom::Rays;
     }
 
-    /// Records the sum of all light: [`crate::lit_tile::Arriving`] of each texel. `rest`: light that was found on the CPU.
-    pub(super) fn sum(
-        &self,
-        frame: &mut Frame<'_>,
-        tile: &LitTile,
-        tracing: &LightTracing,
-        sky: SkyFrom,
-        rest: Option<&wgpu::Buffer>,
-    ) -> wgpu::Buffer {
+    /// Records the sum of all light: [`crate::lit_tile::Arriving`] of each texel.
+    pub(super) fn sum(&self, frame: &mut Frame<'_>, tile: &LitTile, tracing: &LightTracing) -> wgpu::Buffer {
         let Frame { commands, context, .. } = frame;
-        self.programs.sum.record(commands, context, &tile.texels, sky, tracing.sky.table(), rest)
+        self.programs.sum.record(commands, context, &tile.texels, tile.parts, tracing.sky.table())
     }
 }

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use argus_gpu::Gpu;
 use argus_scene::{LightEffects, Lighting, RenderError, Scene};
 use bytes::Bytes;
+use tracing::warn;
 
 use super::device::{self, DeviceLight, LitTile};
-use super::on_cpu::{LightOnCpu, OnCpu, RaysOnCpu};
+use super::on_cpu::{OnCpu, RaysOnCpu};
 use super::path_light::PathLight;
 use super::sky::SkyIrradiance;
 use super::tracing::{LightTracing, emission_textures, emitters_at, reads_textures};
@@ -15,7 +16,7 @@ use crate::LightSettings;
 use crate::frame::{Frame, Neighbours};
 use crate::light_rays::{CullMode, LightRays};
 use crate::packets::PacketTracer;
-use crate::passes::{AddDirect, SkyFrom};
+use crate::passes::AddDirect;
 use crate::resident::Features;
 use crate::scratch::GBuffer;
 
@@ -160,8 +161,8 @@ impl DirectLight {
         tracing.lighting = lighting.clone();
     }
 
-    /// Begins the light of a frame on the device. `None` if the CPU traces all rays: it is the faster one, or sub-samples have no
-    /// neighbours.
+    /// Begins the light of a frame on the device. `None` if the CPU finds it: it is the faster one, sub-samples have no neighbours, or
+    /// lit leaves do not fit the device.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if trees are larger than the device can bind.
@@ -169,67 +170,62 @@ impl DirectLight {
         &self,
         frame: &Frame<'_>,
         g_buffer: &GBuffer,
+        paths: Option<&PathLight>,
     ) -> Result<Option<LitTile>, RenderError> {
-        match (&self.device, frame.neighbours()) {
-            (Some(device), Neighbours::Image(first)) => {
-                device.begin(&frame.context, g_buffer, first).map(Some)
-            }
-            _ => Ok(None),
+        let (Some(device), Neighbours::Image(first)) = (&self.device, frame.neighbours()) else {
+            return Ok(None);
+        };
+        match paths.map_or(Ok(None), |paths| paths.leaves_on_device(frame.context.gpu)) {
+            Ok(leaves) => device.begin(&frame.context, g_buffer, first, leaves).map(Some),
+            Err(error) => unless_too_large(error),
         }
     }
 
-    /// Whether the CPU traces rays of a frame: all of them, or those to emitters and between surfaces.
-    pub(crate) fn needs_cpu(&self, tile: Option<&LitTile>, paths: Option<&PathLight>) -> bool {
-        tile.is_none() || paths.is_some() || self.tracing.emitters.any()
+    /// Looks up light cells on the device, where the frame has them. Where cells may lack, what was found is read back, and cells are
+    /// filled. `None` if cells do not fit the device.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn look_up_cells(
+        &self,
+        frame: &mut Frame<'_>,
+        tile: Option<LitTile>,
+        paths: Option<&PathLight>,
+    ) -> Result<Option<LitTile>, RenderError> {
+        let (Some(device), Some(mut tile)) = (&self.device, tile) else { return Ok(None) };
+        let is_asked = self.tracing.may_use_cells() && frame.uses_cells();
+        let Some(paths) = paths.filter(|_| is_asked) else { return Ok(Some(tile)) };
+        match device.look_up_cells(frame, &mut tile, &self.tracing, paths) {
+            Ok(()) => Ok(Some(tile)),
+            Err(error) => unless_too_large(error),
+        }
     }
 
-    /// Begins the light of a frame on the CPU, by the G-buffer that was read back. `tile` is its light on the device.
+    /// Begins the light of a frame on the CPU, by the G-buffer that was read back.
     pub(crate) fn on_cpu<'a>(
         &'a self,
         frame: &Frame<'_>,
         g_buffer: &[Bytes; 2],
         paths: Option<&'a PathLight>,
-        tile: Option<&LitTile>,
     ) -> OnCpu<'a> {
         let by = RaysOnCpu {
             tracing: &self.tracing,
             paths,
             ray_divisor: self.ray_divisor,
             is_glossy: self.features.specular,
-            has_device: tile.is_some(),
         };
         OnCpu::new(by, frame, g_buffer)
     }
 
-    /// Traces rays to lights on the device.
-    pub(crate) fn trace_lights(&self, frame: &mut Frame<'_>, tile: Option<&LitTile>) {
-        if let (Some(device), Some(tile)) = (&self.device, tile) {
-            device.trace_lights(frame, tile, &self.tracing);
-        }
-    }
-
-    /// Traces rays to the sky on the device, and sums the light there. Otherwise the light is that of the CPU.
-    pub(crate) fn sum_light(
-        &self,
-        frame: &mut Frame<'_>,
-        tile: Option<&LitTile>,
-        on_cpu: Option<LightOnCpu>,
-    ) {
-        let (Some(device), Some(tile)) = (&self.device, tile) else {
-            frame.arriving = on_cpu.map(|light| light.arriving);
-            return;
-        };
-        let tracing = &self.tracing;
-        let sky = match tracing.effects.sky_visibility && !tracing.sky.is_black() {
-            _ if on_cpu.as_ref().is_some_and(|light| light.has_cells) => SkyFrom::Rest,
-            true => SkyFrom::Rays,
-            false => SkyFrom::Open,
-        };
-        if sky == SkyFrom::Rays {
-            device.trace_sky(frame, tile, &tracing.lighting.sky, tracing.settings.divided(self.ray_divisor));
-        }
-        let rest = on_cpu.as_ref().map(|light| &light.arriving);
-        frame.arriving = Some(device.sum(frame, tile, tracing, sky, rest));
+    /// Finds the light of lights, sky, emitters and other surfaces on the device, as far as it was not looked up in cells.
+    pub(crate) fn trace(&self, frame: &mut Frame<'_>, mut tile: LitTile, paths: Option<&PathLight>) {
+        let (Some(device), tracing) = (&self.device, &self.tracing) else { return };
+        let settings = tracing.settings.divided(self.ray_divisor);
+        device.trace_lights(frame, &tile, tracing);
+        device.trace_sky(frame, &mut tile, tracing, settings);
+        device.trace_emitters(frame, &mut tile, tracing, settings);
+        device.gather_paths(frame, &mut tile, paths.map_or(0, |paths| paths.gather_rays(self.ray_divisor)));
+        frame.arriving = Some(device.sum(frame, &tile, tracing));
     }
 
     /// Adds the light that arrives to what was shaded; in views also its reflection on glossy surfaces towards the eye.
@@ -238,6 +234,17 @@ impl DirectLight {
         if let Some(arriving) = arriving {
             self.add.record(commands, context, g_buffer, arriving, *is_view);
         }
+    }
+}
+
+/// Nothing, for the error of what is too large for the device.
+fn unless_too_large<T>(error: RenderError) -> Result<Option<T>, RenderError> {
+    match error {
+        RenderError::OutOfMemory(reason) => {
+            warn!(reason, "light is found on the CPU");
+            Ok(None)
+        }
+        error => Err(error),
     }
 }
 

@@ -11,6 +11,9 @@ use super::shading_points::ShadingPoints;
 /// so that every slot has the same weight. The second takes off the edges that a few bright rays leave.
 pub(super) const REACHES: [isize; 2] = [SQUARE as isize / 2, SQUARE as isize / 4];
 
+/// Reach of the box over pixels that light cells leave uneven: most cells are four to eight pixels wide.
+pub(super) const REACH_OF_CELLS: isize = 4;
+
 /// What texels share: a sum of colours, or several.
 pub(super) trait Shared: Copy + Default + Send + Sync + AddAssign + Mul<f32, Output = Self> {}
 
@@ -19,14 +22,17 @@ impl<T: Copy + Default + Send + Sync + AddAssign + Mul<f32, Output = T>> Shared 
 /// Means over the texels around each that show the same surface, rows and then columns. Nothing changes without
 /// neighbours.
 pub(super) fn smoothed<T: Shared>(values: Vec<T>, points: &ShadingPoints) -> Vec<T> {
+    REACHES.into_iter().fold(values, |values, reach| smoothed_by(values, points, reach))
+}
+
+/// The same by one box of a reach.
+pub(super) fn smoothed_by<T: Shared>(values: Vec<T>, points: &ShadingPoints, reach: isize) -> Vec<T> {
     if points.first.is_none() {
         return values;
     }
     let [width, height] = points.size;
-    REACHES.into_iter().fold(values, |values, reach| {
-        let rows = along(&values, points, 1, reach, |index| (index % width, width));
-        along(&rows, points, width, reach, |index| (index / width, height))
-    })
+    let rows = along(&values, points, 1, reach, |index| (index % width, width));
+    along(&rows, points, width, reach, |index| (index / width, height))
 }
 
 /// Means over a reach along a line of texels `step` apart; `line` says which place a texel has on its line, and the line's length.

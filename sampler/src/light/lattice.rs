@@ -28,6 +28,11 @@ impl CellKey {
         })
     }
 
+    /// The cell of a number, as programs write it; `None` if no cell has it.
+    pub(in crate::light) fn from_number(number: u64) -> Option<Self> {
+        Some(Self(number)).filter(|key| key.level() <= MOST_LEVEL)
+    }
+
     /// The level: the scene's edge has 2^level cells.
     pub(in crate::light) fn level(self) -> u32 {
         (self.0 >> (3 * BITS)) as u32

@@ -15,8 +15,8 @@
 //! 4. [`paths`]: indirect irradiance, if it is found by paths. Or [`cells`]: that and the sky's, from cells on surfaces.
 //! 5. `passes/add_direct.rs`: adds the light, and the reflection of lights and sky on glossy surfaces of views.
 //!
-//! On a GPU, [`device`] does steps 1 to 3 for images, all but the emitters. Then nothing is read back, unless emitters or
-//! indirect light ask for it.
+//! On a GPU, [`device`] does all of them for images. Then nothing is read back, but which light cells a view lacks. Lists of pixels
+//! and points of reflections have no neighbours: they are lit on the CPU.
 
 mod cells;
 pub(crate) mod device;
@@ -28,12 +28,15 @@ mod on_cpu;
 mod path_light;
 mod paths;
 mod pattern;
+mod pose;
 mod shading_points;
 mod shadows;
 mod sky;
 mod tracing;
 
 pub(crate) use cells::CellUse;
+#[cfg(feature = "fuzzing")]
+pub(crate) use cells::fuzzing;
 pub(crate) use direct::{DirectLight, LightConditions};
 pub(crate) use path_light::PathLight;
 pub use path_light::PathReport;

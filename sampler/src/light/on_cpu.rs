@@ -1,6 +1,6 @@
 //! Stages of light by rays of the CPU: it reads a frame's G-buffer, and what arrives is uploaded.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use argus_gpu::wgpu;
 use argus_scene::effects::SHARED_STAGE;
@@ -10,6 +10,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{CellLight, Eye};
+use super::emitters::EmitterPart;
 use super::path_light::PathLight;
 use super::shading_points::ShadingPoints;
 use super::shadows::VisibilityWords;
@@ -30,8 +31,6 @@ pub(super) struct RaysOnCpu<'a> {
     pub(super) ray_divisor: u32,
     /// Whether surfaces are glossy, which ask for the lights that they see.
     pub(super) is_glossy: bool,
-    /// Whether the device finds the light of lights and of the sky.
-    pub(super) has_device: bool,
 }
 
 /// The light of a frame that the CPU finds, stage by stage.
@@ -48,8 +47,6 @@ pub(crate) struct OnCpu<'a> {
     reflected: bool,
     /// Angle of a pixel, radians.
     pixel: f32,
-    /// Whether the device finds the light of lights and of the sky.
-    has_device: bool,
     /// Light of the sky and of other surfaces from cells. Then no rays are cast to either.
     cells: Option<Vec<CellLight>>,
     /// Irradiance / π of lights.
@@ -58,6 +55,8 @@ pub(crate) struct OnCpu<'a> {
     words: Option<VisibilityWords>,
     /// The share of the sky that is seen.
     sky: Option<Vec<Vec3>>,
+    /// Time of rays to the sky.
+    sky_took: Duration,
     /// Irradiance / π of emitters, and of other surfaces.
     emitted: Option<Vec<Vec3>>,
     indirect: Option<Vec<Vec3>>,
@@ -65,19 +64,11 @@ pub(crate) struct OnCpu<'a> {
     traced: Vec<Stage>,
 }
 
-/// Light that the CPU found, on the device.
-pub(crate) struct LightOnCpu {
-    /// [`Arriving`] of each texel.
-    pub(super) arriving: wgpu::Buffer,
-    /// Whether the sky and indirect light were looked up in light cells.
-    pub(super) has_cells: bool,
-}
-
 impl<'a> OnCpu<'a> {
     /// Finds where rays start, by the G-buffer that was read back: surfaces and materials.
     pub(super) fn new(by: RaysOnCpu<'a>, frame: &Frame<'_>, g_buffer: &[Bytes; 2]) -> Self {
         let begin = Instant::now();
-        let RaysOnCpu { tracing, paths, ray_divisor, is_glossy, has_device } = by;
+        let RaysOnCpu { tracing, paths, ray_divisor, is_glossy } = by;
         let (tile_of, eye) = (&frame.context.tile, frame.context.eye.position);
         let about = tracing.rays.about(eye);
         let [surfaces, materials] = g_buffer;
@@ -96,10 +87,10 @@ impl<'a> OnCpu<'a> {
             uses_cells: frame.uses_cells(),
             reflected: frame.footprint != Footprint::Pixels,
             pixel: tile_of.pixel_angle(),
-            has_device,
             cells: None,
             lights: None,
             sky: None,
+            sky_took: Duration::ZERO,
             emitted: None,
             indirect: None,
             begin,
@@ -111,7 +102,7 @@ impl<'a> OnCpu<'a> {
     pub(crate) fn look_up_cells(&mut self) {
         let Some(paths) = self.paths.filter(|_| self.uses_cells) else { return };
         let begin = Instant::now();
-        if self.tracing.effects.sky_visibility {
+        if self.tracing.may_use_cells() {
             let (about, pixel, reflected) = (&self.about, self.pixel, self.reflected);
             let eye = Eye { position: self.eye, about, pixel, reflected };
             self.cells = paths.look_up(self.tracing, &self.points, eye);
@@ -123,9 +114,6 @@ impl<'a> OnCpu<'a> {
 
     /// Traces rays to lights.
     pub(crate) fn trace_lights(&mut self) {
-        if self.has_device {
-            return;
-        }
         let Self { tracing, points, about, eye, traced, words, .. } = self;
         let add = |index: usize, lit: &[Vec3], shares: &[f32]| {
             if let Some(words) = words {
@@ -138,10 +126,10 @@ impl<'a> OnCpu<'a> {
     /// Traces rays to the sky.
     pub(crate) fn trace_sky(&mut self) {
         let (tracing, begin) = (self.tracing, Instant::now());
-        let is_cast = !self.has_device && self.cells.is_none();
-        if is_cast && tracing.effects.sky_visibility && !tracing.sky.is_black() {
+        if self.cells.is_none() && tracing.effects.sky_visibility && !tracing.sky.is_black() {
             let seen = sky::seen_share(&tracing.lighting.sky, &self.points, &self.about, self.settings);
             self.sky = Some(seen);
+            self.sky_took = begin.elapsed();
             timing::add_since(&mut self.traced, "trace sky", begin);
         }
     }
@@ -149,8 +137,8 @@ impl<'a> OnCpu<'a> {
     /// Traces rays to emitting triangles.
     pub(crate) fn trace_emitters(&mut self) {
         let begin = Instant::now();
-        self.emitted =
-            self.tracing.emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.settings);
+        let (emitters, part) = (&self.tracing.emitters, EmitterPart::Point);
+        self.emitted = emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.settings, part);
         if self.emitted.is_some() {
             timing::add_since(&mut self.traced, "trace emitters", begin);
         }
@@ -163,20 +151,21 @@ impl<'a> OnCpu<'a> {
         self.indirect = paths.irradiance_over_pi(&self.points, &self.about, self.eye, self.ray_divisor);
         if self.indirect.is_some() {
             timing::add_since(&mut self.traced, "gather paths", begin);
+            if !self.reflected {
+                paths.took_rays(&self.points, self.ray_divisor, self.sky_took + begin.elapsed());
+            }
         }
     }
 
-    /// Uploads the sum of all. Adds a stage for each effect that cast rays, and one for what no effect alone accounts for.
+    /// Uploads the sum of all, [`Arriving`] of each texel. Adds a stage for each effect that cast rays, and one for what no effect alone accounts for.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if the device cannot bind it.
-    pub(crate) fn upload(self, frame: &mut Frame<'_>) -> Result<LightOnCpu, RenderError> {
-        let has_cells = self.cells.is_some();
+    pub(crate) fn upload(self, frame: &mut Frame<'_>) -> Result<wgpu::Buffer, RenderError> {
         let sums: Vec<Arriving> =
             (0..self.points.all.len()).into_par_iter().map(|index| self.sum(index)).collect();
         timing::add_with_rest(frame.stages, SHARED_STAGE, self.begin, self.traced);
-        let arriving = upload(frame.context.gpu, "arriving light", &sums, wgpu::BufferUsages::STORAGE)?;
-        Ok(LightOnCpu { arriving, has_cells })
+        upload(frame.context.gpu, "arriving light", &sums, wgpu::BufferUsages::STORAGE)
     }
 
     /// The light that arrives at a texel; where surfaces are glossy, also which lights it sees.
@@ -194,10 +183,9 @@ impl<'a> OnCpu<'a> {
             (None, None) => Vec3::ONE,
         };
         // Without rays to the sky, the sky is what shading says: see `shading::sky_ambient`.
-        let open = match (cell.is_some() || self.sky.is_some(), self.has_device) {
-            (true, _) => self.tracing.sky.irradiance_over_pi(point.normal),
-            (false, true) => Vec3::ZERO,
-            (false, false) => argus_scene::shading::sky_ambient(&self.tracing.lighting.sky, point.normal),
+        let open = match cell.is_some() || self.sky.is_some() {
+            true => self.tracing.sky.irradiance_over_pi(point.normal),
+            false => argus_scene::shading::sky_ambient(&self.tracing.lighting.sky, point.normal),
         };
         let indirect = cell.map_or(Vec3::ZERO, |cell| cell.indirect);
         let sum = of(&self.lights) + open * seen + of(&self.emitted) + indirect + gathered;

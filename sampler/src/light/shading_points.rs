@@ -41,6 +41,8 @@ pub(super) struct ShadingPoints {
     /// Coordinates of the first in its image; `None` if texels have no neighbours.
     pub(super) first: Option<[u32; 2]>,
     pub(super) effort: Effort,
+    /// Numbers of leaf sides, by which they cast different rays: the same ones whatever other leaf sides there are. Empty for texels.
+    pub(super) numbers: Vec<u32>,
     pub(super) all: Vec<ShadingPoint>,
     /// Box around those that exist, about the eye.
     pub(super) bounds: Bounds,
@@ -67,7 +69,7 @@ impl ShadingPoints {
             Neighbours::Image(first) => (Some(first), Effort::Shared),
             Neighbours::None { rays } => (None, Effort::Whole { rays }),
         };
-        Self { size: size.map(|n| n as usize), first, effort, all, bounds }
+        Self { size: size.map(|n| n as usize), first, effort, numbers: Vec::new(), all, bounds }
     }
 
     /// Says what the texels stand for.
@@ -97,16 +99,18 @@ impl ShadingPoints {
         match self.first {
             Some(_) => slot(self.place(index)),
             None if points > SLOTS => slot([(index % points) as u32, (index / points) as u32]),
-            None => (index % points * SLOTS / points + pattern::shuffled(index / points)) % SLOTS,
+            None => {
+                let row = self.numbers.get(index / points).map_or(index / points, |number| *number as usize);
+                (index % points * SLOTS / points + pattern::shuffled(row)) % SLOTS
+            }
         }
     }
 
-    /// Rays of a texel, where one of an image casts `of_image`. A point of a leaf side casts one.
+    /// Rays of a texel, where one of an image casts `of_image`.
     pub(super) fn rays(&self, of_image: usize) -> usize {
-        match (self.effort, self.first) {
-            (Effort::Whole { rays }, _) => rays,
-            (Effort::Shared, Some(_)) => of_image,
-            (Effort::Shared, None) => 1,
+        match self.effort {
+            Effort::Whole { rays } => rays,
+            Effort::Shared => of_image,
         }
     }
 }

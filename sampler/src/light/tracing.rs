@@ -26,6 +26,11 @@ pub(crate) struct LightTracing {
 }
 
 impl LightTracing {
+    /// Whether light cells show what rays do. They hold the sky as far as surfaces leave it seen, so not where that is off.
+    pub(super) fn may_use_cells(&self) -> bool {
+        self.effects.sky_visibility || self.sky.is_black()
+    }
+
     /// Irradiance / π of the lights at texels, as far as they are seen. `each` takes over every light's number, its
     /// irradiance / π if nothing blocked it, and the share that is seen. Times of shadow rays are added to `stages`.
     pub(super) fn of_lights(

@@ -28,7 +28,7 @@ pub(super) fn scene(meshes: Vec<Mesh>, places: Vec<(u32, DAffine3)>, materials: 
         lighting: Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: 1.0 },
         cameras: Vec::new(),
         rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

@@ -170,10 +170,10 @@ impl<L: Lanes> Leaves for NearestObject<'_, L> {
             return limit;
         };
         let rays = self.about.rays;
-        let (instance, nearest) = (object.instance, None);
+        let (instance, nearest) = (object.instance, self.nearest);
         let mut triangles = NearestTriangle { rays, ray, instance, nearest, lanes: self.lanes };
         let limit = walk::<L, true>(&rays.trees.nodes, object.root.reference, &slabs, limit, &mut triangles);
-        self.nearest = triangles.nearest.or(self.nearest);
+        self.nearest = triangles.nearest;
         limit
     }
 }

@@ -51,7 +51,8 @@ impl<L: Lanes> Leaves for AnyTriangle<'_, L> {
     }
 }
 
-/// Triangles, for the nearest hit.
+/// Triangles, for the nearest hit. Of hits at the same distance the one with the lowest ids counts, in whatever order they are met:
+/// so a hit does not depend on objects that the ray misses.
 pub(super) struct NearestTriangle<'a, L> {
     pub(super) rays: &'a LightRays,
     pub(super) ray: Shear,
@@ -64,7 +65,8 @@ impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
     #[inline(always)]
     fn visit(&mut self, leaf: u32, mut limit: f32) -> f32 {
         let Some(block) = self.rays.trees.blocks.get(leaf as usize) else { return limit };
-        let Some(met) = self.ray.meet::<L>(block, limit) else { return limit };
+        // Those at the limit are met, too.
+        let Some(met) = self.ray.meet::<L>(block, limit.next_up()) else { return limit };
         let ids = &self.rays.trees.ids[leaf as usize];
         let weights = Weights::new(met.area.to_array(), [met.parts[0].to_array(), met.parts[1].to_array()]);
         let t = met.t.to_array();
@@ -72,12 +74,21 @@ impl<L: Lanes> Leaves for NearestTriangle<'_, L> {
         while hit != 0 {
             let lane = hit.trailing_zeros() as usize % LANES;
             hit &= hit - 1;
-            if t[lane] < limit && weights.stops(lane, block, ids, self.instance, self.rays) {
+            let is_nearer = t[lane] < limit || self.comes_first(t[lane], resolved(ids[lane], self.instance));
+            if is_nearer && weights.stops(lane, block, ids, self.instance, self.rays) {
                 limit = t[lane];
                 self.nearest = Some(weights.hit(lane, limit, block, ids, self.instance));
             }
         }
         limit
+    }
+}
+
+impl<L> NearestTriangle<'_, L> {
+    /// Whether a hit is as near as the nearest one, and has lower ids.
+    #[inline(always)]
+    fn comes_first(&self, t: f32, ids: [u32; 2]) -> bool {
+        self.nearest.is_some_and(|nearest| t == nearest.t && ids < [nearest.instance, nearest.primitive])
     }
 }
 

@@ -36,6 +36,15 @@ const VECTORS: usize = PACKET[0] * PACKET[1];
 /// Vectors of a packet of scattered rays, which share less.
 const SCATTERED: usize = 2;
 
+/// The rays of a tile, all from one eye.
+#[derive(Clone, Copy)]
+enum Cast<'a> {
+    /// Of a pinhole image.
+    Image(&'a Rays),
+    /// With these directions, row by row, in rows of so many; zero for no ray.
+    Listed(&'a [[f32; 4]], usize),
+}
+
 /// Traces a scene.
 pub struct PacketTracer {
     hierarchy: Hierarchy,
@@ -102,14 +111,24 @@ impl PacketTracer {
 
     /// Ids of every sub-sample of a tile from `eye`, row by row.
     pub(crate) fn trace(&self, eye: DVec3, rays: &Rays) -> Vec<[u32; 2]> {
+        self.trace_cast(eye, Cast::Image(rays), [rays.width, rays.height].map(|side| side as usize))
+    }
+
+    /// Ids of what rays from `eye` meet whose directions are listed row by row, in rows of `width`. A direction of zero meets
+    /// nothing.
+    pub(crate) fn trace_listed(&self, eye: DVec3, directions: &[[f32; 4]], width: u32) -> Vec<[u32; 2]> {
+        let width = width.max(1) as usize;
+        self.trace_cast(eye, Cast::Listed(directions, width), [width, directions.len() / width])
+    }
+
+    fn trace_cast(&self, eye: DVec3, cast: Cast<'_>, [width, height]: [usize; 2]) -> Vec<[u32; 2]> {
         let about = About::new(self, eye);
-        let width = rays.width as usize;
-        let mut ids = vec![[0; 2]; width * rays.height as usize];
+        let mut ids = vec![[0; 2]; width * height];
         let rows = VECTOR[1] * PACKET[1];
         ids.par_chunks_mut((width * rows).max(1)).enumerate().for_each_init(
             Vec::new,
             |stack, (strip, out)| {
-                about.strip(rays, strip * rows, out, stack);
+                about.strip(cast, width, strip * rows, out, stack);
             },
         );
         ids
@@ -145,7 +164,14 @@ impl<'a> About<'a> {
     }
 
     /// Traces rows of sub-samples from `first_row` on.
-    fn strip(&self, rays: &Rays, first_row: usize, out: &mut [[u32; 2]], stack: &mut Vec<u32>) {
+    fn strip(
+        &self,
+        cast: Cast<'_>,
+        width: usize,
+        first_row: usize,
+        out: &mut [[u32; 2]],
+        stack: &mut Vec<u32>,
+    ) {
         #[cfg(target_arch = "x86_64")]
         {
             use lanes::avx2::Avx2;
@@ -153,24 +179,31 @@ impl<'a> About<'a> {
             #[target_feature(enable = "avx2")]
             fn with_avx2(
                 about: &About<'_>,
-                rays: &Rays,
+                cast: Cast<'_>,
+                width: usize,
                 first_row: usize,
                 out: &mut [[u32; 2]],
                 stack: &mut Vec<u32>,
             ) {
-                about.strip_by::<Avx2>(rays, first_row, out, stack);
+                about.strip_by::<Avx2>(cast, width, first_row, out, stack);
             }
             if is_x86_feature_detected!("avx2") {
                 // SAFETY: the processor has what the function is compiled for.
-                return unsafe { with_avx2(self, rays, first_row, out, stack) };
+                return unsafe { with_avx2(self, cast, width, first_row, out, stack) };
             }
         }
-        self.strip_by::<Plain>(rays, first_row, out, stack);
+        self.strip_by::<Plain>(cast, width, first_row, out, stack);
     }
 
     #[inline(always)]
-    fn strip_by<L: Lanes>(&self, rays: &Rays, first_row: usize, out: &mut [[u32; 2]], stack: &mut Vec<u32>) {
-        let width = rays.width as usize;
+    fn strip_by<L: Lanes>(
+        &self,
+        cast: Cast<'_>,
+        width: usize,
+        first_row: usize,
+        out: &mut [[u32; 2]],
+        stack: &mut Vec<u32>,
+    ) {
         let rows = out.len() / width;
         // Rays beyond the image repeat its last rays.
         let column_of = |base: usize, v: usize, i: usize| base + v % PACKET[0] * VECTOR[0] + i % VECTOR[0];
@@ -178,12 +211,22 @@ impl<'a> About<'a> {
         for base in (0..width).step_by(VECTOR[0] * PACKET[0]) {
             let mut packet = [[L::splat(0.0); 3]; VECTORS];
             for (v, packet) in packet.iter_mut().enumerate() {
-                let (mut column, mut row) = ([0.0; LANES], [0.0; LANES]);
-                for i in 0..LANES {
-                    column[i] = column_of(base, v, i).min(width - 1) as f32;
-                    row[i] = (first_row + row_of(v, i).min(rows - 1)) as f32;
-                }
-                *packet = directions(rays, L::from_array(column), L::from_array(row));
+                let place =
+                    |i: usize| [column_of(base, v, i).min(width - 1), first_row + row_of(v, i).min(rows - 1)];
+                *packet = match cast {
+                    Cast::Image(rays) => {
+                        let places: [[usize; 2]; LANES] = std::array::from_fn(place);
+                        let [column, row] = [0, 1].map(|axis| places.map(|place| place[axis] as f32));
+                        directions(rays, L::from_array(column), L::from_array(row))
+                    }
+                    Cast::Listed(directions, width) => {
+                        let listed: [[f32; 4]; LANES] = std::array::from_fn(|i| {
+                            let [column, row] = place(i);
+                            directions[row * width + column]
+                        });
+                        [0, 1, 2].map(|axis| L::from_array(listed.map(|direction| direction[axis])))
+                    }
+                };
             }
             let mut nearest = Nearest::none();
             self.packet(&packet, &mut nearest, stack);

@@ -1,5 +1,7 @@
 //! Program: `shaders/sampler/arriving_light.wgsl`. Sums the light that arrives at texels.
 
+use std::sync::OnceLock;
+
 use argus_gpu::{Commands, ComputePipeline, Gpu, wgpu};
 use argus_scene::effects::SHARED_STAGE;
 use argus_shaders::layout::sampler::ArrivingQuery;
@@ -15,10 +17,20 @@ use crate::resident::Features;
 pub(crate) enum SkyFrom {
     /// Rays of the device.
     Rays,
-    /// The rest, which was found on the CPU.
-    Rest,
+    /// Light cells.
+    Cells,
     /// Nothing blocks it.
     Open,
+}
+
+/// Which light was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct LightParts {
+    pub(crate) sky: SkyFrom,
+    /// Of emitting triangles.
+    pub(crate) emitters: bool,
+    /// Of other surfaces.
+    pub(crate) surfaces: bool,
 }
 
 /// Irradiance / π of the open sky: rows of so many directions around, from straight down to straight up.
@@ -28,58 +40,77 @@ pub(crate) struct SkyTable<'a> {
     pub(crate) columns: usize,
 }
 
-/// One program for each source of the sky's light, with and without a rest.
+/// Entries of a table of a black sky: it has a column, and no row beyond the program's.
+const BLACK: usize = 66;
+
+/// One program for each source of the sky's light, with and without that of emitters and of surfaces, made when it is first used.
 pub(crate) struct ArrivingLight {
-    pipelines: [[ComputePipeline; 2]; 3],
+    features: Features,
+    pipelines: [[OnceLock<ComputePipeline>; 4]; 3],
 }
 
 impl ArrivingLight {
-    pub(crate) fn new(gpu: &Gpu, features: Features) -> Self {
-        let flag = |set: bool| f64::from(u8::from(set));
-        let pipeline = |sky: SkyFrom, has_rest: bool| {
-            let constants = [
-                ("has_sky_rays", flag(sky == SkyFrom::Rays)),
-                ("sky_in_rest", flag(sky == SkyFrom::Rest)),
-                ("has_rest", flag(has_rest)),
-                ("is_glossy", flag(features.specular)),
-                features.sky_constant(),
-            ];
-            gpu.compute_pipeline_with(&ARRIVING_LIGHT, "sum_light", &constants)
-        };
-        let both = |sky| [pipeline(sky, false), pipeline(sky, true)];
-        Self { pipelines: [SkyFrom::Rays, SkyFrom::Rest, SkyFrom::Open].map(both) }
+    pub(crate) fn new(features: Features) -> Self {
+        Self { features, pipelines: Default::default() }
     }
 
-    /// Returns [`crate::lit_tile::Arriving`] of each texel. `rest`: light that was found on the CPU.
+    fn pipeline(&self, gpu: &Gpu, parts: LightParts) -> &ComputePipeline {
+        let LightParts { sky, emitters, surfaces } = parts;
+        let others = usize::from(emitters) + 2 * usize::from(surfaces);
+        self.pipelines[sky as usize][others].get_or_init(|| {
+            let flag = |set: bool| f64::from(u8::from(set));
+            let constants = [
+                ("has_sky_rays", flag(sky == SkyFrom::Rays)),
+                ("has_sky_share", flag(sky == SkyFrom::Cells)),
+                ("has_emitted", flag(emitters)),
+                ("has_indirect", flag(surfaces)),
+                ("is_glossy", flag(self.features.specular)),
+                self.features.sky_constant(),
+            ];
+            gpu.compute_pipeline_with(&ARRIVING_LIGHT, "sum_light", &constants)
+        })
+    }
+
+    /// Returns [`crate::lit_tile::Arriving`] of each texel.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
         texels: &LitTexels,
-        sky: SkyFrom,
+        parts: LightParts,
         table: SkyTable<'_>,
-        rest: Option<&wgpu::Buffer>,
     ) -> wgpu::Buffer {
         let (gpu, buffers) = (context.gpu, &texels.buffers);
         let query = ArrivingQuery { columns: table.columns.max(1) as u32 };
         let query = gpu.upload("arriving light", &[query], wgpu::BufferUsages::UNIFORM);
-        let entries: Vec<[f32; 4]> = table.entries.iter().map(|light| light.extend(0.0).to_array()).collect();
-        let table = match entries.is_empty() {
-            true => gpu.upload("open sky", &[[0.0f32; 4]], wgpu::BufferUsages::STORAGE),
-            false => gpu.upload("open sky", &entries, wgpu::BufferUsages::STORAGE),
-        };
+        let mut entries: Vec<[f32; 4]> =
+            table.entries.iter().map(|light| light.extend(0.0).to_array()).collect();
+        if entries.is_empty() {
+            entries.resize(BLACK, [0.0; 4]);
+        }
+        let table = gpu.upload("open sky", &entries, wgpu::BufferUsages::STORAGE);
         let count = u64::from(texels.count);
         let arriving = gpu.buffer("arriving light", count * 16, wgpu::BufferUsages::STORAGE);
-        // Without a rest another buffer is bound in its place, and not read.
+        // Where light was not found, another buffer is bound in its place, and not read.
+        let has_found = parts.emitters || parts.surfaces || parts.sky == SkyFrom::Cells;
+        let [emitted, indirect, sky_share] = match has_found {
+            true => {
+                let found = texels.found();
+                [&found.emitted, &found.indirect, &found.sky_share]
+            }
+            false => [&buffers.lit; 3],
+        };
         texels
-            .bind(commands.compute(SHARED_STAGE, &self.pipelines[sky as usize][usize::from(rest.is_some())]))
+            .bind(commands.compute(SHARED_STAGE, self.pipeline(gpu, parts)))
             .read("arriving_query", &query)
             .read("lighting", &context.eye.lighting)
             .read("lit", &buffers.lit)
             .read("seen", &buffers.seen)
             .read("sky_sums", &buffers.sky[0])
             .read("sky_table", &table)
-            .read("rest", rest.unwrap_or(&buffers.lit))
+            .read("sky_share", sky_share)
+            .read("emitted", emitted)
+            .read("indirect", indirect)
             .write("arriving", &arriving)
             .dispatch_linear(count);
         arriving

@@ -2,9 +2,13 @@
 
 mod add_direct;
 mod add_reflections;
+mod alone_rays;
 mod arriving_light;
 mod blend;
 mod blur_probes;
+mod emitter_rays;
+mod gather_rays;
+mod look_up_cells;
 mod resample_points;
 mod resolve_sample;
 mod resolve_view;
@@ -14,6 +18,7 @@ mod shade_points;
 mod shade_sample;
 mod shadow_rays;
 mod sky_rays;
+mod smooth_texels;
 mod trace;
 mod trace_cutouts;
 mod visibility;
@@ -29,9 +34,13 @@ use crate::tile::Tile;
 
 pub(crate) use add_direct::AddDirect;
 pub(crate) use add_reflections::AddReflections;
-pub(crate) use arriving_light::{ArrivingLight, SkyFrom, SkyTable};
+pub(crate) use alone_rays::{AloneLight, AloneRays, smooth_cells};
+pub(crate) use arriving_light::{ArrivingLight, LightParts, SkyFrom, SkyTable};
 pub(crate) use blend::{Blend, Placed, Shaded};
 pub use blur_probes::{BlurProbes, ProbePlanes};
+pub(crate) use emitter_rays::EmitterRays;
+pub(crate) use gather_rays::GatherRays;
+pub(crate) use look_up_cells::LookUpCells;
 pub(crate) use resample_points::ResamplePoints;
 pub use resolve_sample::{PlaneBuffers, ResolveSample};
 pub(crate) use resolve_view::ResolveView;
@@ -41,6 +50,7 @@ pub(crate) use shade_points::ShadePoints;
 pub(crate) use shade_sample::ShadeSample;
 pub(crate) use shadow_rays::{AskedLight, ShadowRays};
 pub(crate) use sky_rays::{AskedSky, SkyRays};
+pub(crate) use smooth_texels::SmoothTexels;
 pub(crate) use trace::Trace;
 pub(crate) use visibility::Rasteriser;
 
@@ -75,6 +85,8 @@ pub struct TileContext<'a> {
     pub rays: wgpu::Buffer,
     /// For a list of pixels: the position of each in the tile of the rays.
     pub places: Option<wgpu::Buffer>,
+    /// For rays that are listed: the direction of each sub-sample. Then the tile's rays are not used.
+    pub directions: Option<wgpu::Buffer>,
     /// What passes write.
     pub targets: Targets,
 }
@@ -91,7 +103,7 @@ impl<'a> TileContext<'a> {
     ) -> Self {
         let rays = gpu.upload("rays", &[tile.rays()], wgpu::BufferUsages::UNIFORM);
         let targets = scratch.targets(gpu, tile.sub_samples(), extras);
-        Self { gpu, resident, eye, tile: *tile, rays, places: None, targets }
+        Self { gpu, resident, eye, tile: *tile, rays, places: None, directions: None, targets }
     }
 
     /// Casts one ray a texel from now on, for shading what the tile's sub-samples see.

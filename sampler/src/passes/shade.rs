@@ -11,6 +11,7 @@ use crate::scratch::GBuffer;
 pub(crate) struct Shade {
     view: ComputePipeline,
     pixels: ComputePipeline,
+    rays: ComputePipeline,
     /// Bound without indirect light.
     unused: wgpu::Buffer,
 }
@@ -35,6 +36,7 @@ impl Shade {
         Self {
             view: pipeline("shade_view"),
             pixels: pipeline("shade_pixels"),
+            rays: pipeline("shade_rays"),
             unused: gpu.buffer("unused", 16, wgpu::BufferUsages::STORAGE),
         }
     }
@@ -53,9 +55,10 @@ impl Shade {
             // Sky has no surface.
             commands.clear(g_buffer);
         }
-        let (name, pipeline) = match context.places {
-            Some(_) => ("shade pixels", &self.pixels),
-            None => ("shade view", &self.view),
+        let (name, pipeline) = match (&context.places, &context.directions) {
+            (Some(_), _) => ("shade pixels", &self.pixels),
+            (None, Some(_)) => ("shade rays", &self.rays),
+            (None, None) => ("shade view", &self.view),
         };
         let about_eye = probe_bindings.probes.uniform(eye.position);
         let around = gpu.upload("around", &[about_eye], wgpu::BufferUsages::UNIFORM);
@@ -75,6 +78,9 @@ impl Shade {
         }
         if let Some(places) = &context.places {
             call = call.read("places", places);
+        }
+        if let Some(directions) = &context.directions {
+            call = call.read("directions", directions);
         }
         let [width, height] = tile.sub_samples();
         call.dispatch_threads([width, height, 1]);

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use argus_gpu::Gpu;
 use argus_scene::{Instance, ProbeEye, Scene, ViewJob};
 use argus_shaders::layout::sampler::ProbePoint;
 use glam::DVec3;
@@ -52,8 +53,8 @@ pub trait ViewMaps: Send + Sync {
     fn meet(&self, eye: DVec3, rays: &[Ray]) -> Met;
 }
 
-/// Makes the [`PointMethod`] of a scene at a time in seconds.
-pub type NewPoints = Arc<dyn Fn(&Arc<Scene>, f64) -> Arc<dyn PointMethod> + Send + Sync>;
+/// Makes the [`PointMethod`] of a scene at a time in seconds, for a device.
+pub type NewPoints = Arc<dyn Fn(&Arc<Gpu>, &Arc<Scene>, f64) -> Arc<dyn PointMethod> + Send + Sync>;
 
 /// What rays met, to be shaded.
 pub struct Met {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use argus_gpu::Gpu;
 use argus_scene::{ProbeSource, RenderError, Scene};
 
 use super::point_method::{NewPoints, PointMethod};
@@ -30,7 +31,7 @@ impl ReflectedScene {
     pub(crate) fn posed(
         before: Option<Self>,
         source: ProbeSource,
-        points: Option<&NewPoints>,
+        (points, gpu): (Option<&NewPoints>, &Arc<Gpu>),
         scene: &Arc<Scene>,
         tracer: &PacketTracer,
         time_secs: f64,
@@ -39,7 +40,7 @@ impl ReflectedScene {
         let found_by = match before {
             _ if by_points => {
                 let new = points.ok_or_else(|| missing("reflections", source.name()))?;
-                ReflectionSource::Points(new(scene, time_secs))
+                ReflectionSource::Points(new(gpu, scene, time_secs))
             }
             Some(Self { found_by: ReflectionSource::Rays(mut rays), .. }) => {
                 rays.pose(scene, tracer, time_secs)?;

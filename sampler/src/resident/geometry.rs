@@ -168,7 +168,7 @@ fn around(chunks: &[Chunk], triangles: u32) -> Chunk {
 }
 
 /// A unit vector as two snorm16, accurate to about 4·10⁻⁵ radians.
-fn octahedral(n: Vec3) -> u32 {
+pub(crate) fn octahedral(n: Vec3) -> u32 {
     let sum = n.x.abs() + n.y.abs() + n.z.abs();
     if !(sum > 0.0 && sum < f32::INFINITY) {
         return NO_NORMAL;

@@ -13,7 +13,7 @@ use argus_shaders::layout::sampler::{reads, role};
 use bytemuck::{NoUninit, Zeroable};
 use glam::{DMat3, DVec3, Vec3};
 
-pub(crate) use geometry::{Chunk, MeshRun};
+pub(crate) use geometry::{Chunk, MeshRun, octahedral};
 
 /// Buffers and textures that passes read, by the names that `shaders/shared/geometry.wgsl` and
 /// `shaders/shared/texture.wgsl` give them, and what the CPU needs to draw them.

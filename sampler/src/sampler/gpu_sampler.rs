@@ -1,10 +1,11 @@
 //! A scene on a device, at a pose, with what renders it.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
 use argus_gpu::{Gpu, GpuError, wgpu};
-use argus_scene::{Lighting, RenderError, Scene, Stage, Visibility};
+use argus_scene::{InvalidField, Lighting, RenderError, Scene, SceneState, Stage, Visibility};
 use glam::DVec3;
 use tracing::warn;
 
@@ -19,6 +20,21 @@ use crate::resident::Resident;
 use crate::scratch::Scratch;
 use crate::visibility::VisibilityBackends;
 
+/// When a scene is shown: its time, and the transforms that clients set.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Moment {
+    pub(super) time_secs: f64,
+    /// See [`SceneState::revision`].
+    pub(super) revision: u64,
+}
+
+impl Moment {
+    /// The moment of a state at a scene time.
+    pub(super) fn of(state: SceneState, time_secs: f64) -> Self {
+        Self { time_secs, revision: state.revision }
+    }
+}
+
 /// Renders a scene from its triangles, on one device.
 ///
 /// The scene is uploaded once. A job uploads only what depends on its camera, and the transforms of instances and the
@@ -26,14 +42,16 @@ use crate::visibility::VisibilityBackends;
 /// another sampler on another [`Gpu`].
 pub struct GpuSampler {
     pub(super) gpu: Arc<Gpu>,
-    /// With its meshes in their shapes at `posed_secs`.
+    /// With the transforms and the shapes of `posed`.
     pub(super) scene: Arc<Scene>,
     pub(super) settings: SamplerSettings,
     pub(super) glossy: bool,
     pub(super) animated: bool,
-    /// Lighting at `posed_secs`.
+    /// Lighting at `posed`.
     pub(super) lighting: Lighting,
-    pub(super) posed_secs: f64,
+    pub(super) posed: Moment,
+    /// Nodes that clients moved since the sampler was made. What hangs from them has trees of its own.
+    pub(super) movers: BTreeSet<u32>,
     pub(super) resident: Resident,
     pub(super) visibility: VisibilityBackends,
     pub(super) surface_programs: SurfacePrograms,
@@ -104,7 +122,8 @@ impl GpuSampler {
             point_scratch: Scratch::default(),
             animated: scene.is_animated(),
             lighting: exposed(scene.at(0.0).lighting, &settings),
-            posed_secs: 0.0,
+            posed: Moment::default(),
+            movers: BTreeSet::new(),
             gpu,
             scene,
             settings,
@@ -128,24 +147,36 @@ impl GpuSampler {
         pass_plan(&self.scene, &self.resident, &self.settings, self.visibility.has_layers())
     }
 
-    /// Poses the scene at a time. Returns the cost, if it was posed at another time. A static scene is never posed again.
+    /// Poses the scene at a moment. Returns the cost, if it was posed at another one. What stands still is never posed again.
     ///
     /// # Errors
-    /// [`RenderError::Internal`] if light cannot be traced in the scene.
-    pub(super) fn pose(&mut self, time_secs: f64) -> Result<Vec<Stage>, RenderError> {
-        if !self.animated || time_secs == self.posed_secs {
+    /// [`RenderError::Internal`] if light cannot be traced in the scene, [`RenderError::Invalid`] for transforms that are not known.
+    pub(super) fn pose(&mut self, moment: Moment) -> Result<Vec<Stage>, RenderError> {
+        let is_moved = moment.revision != self.posed.revision;
+        if !is_moved && (!self.animated || moment.time_secs == self.posed.time_secs) {
             return Ok(Vec::new());
         }
         let begin = Instant::now();
-        let scene = self.scene.posed(time_secs);
-        if !Arc::ptr_eq(&scene, &self.scene) {
-            self.resident.reshape(&self.gpu, &scene);
-            self.scene = scene;
+        let time_secs = moment.time_secs;
+        let moved = match is_moved {
+            true => self.moved_to(moment.revision)?,
+            false => Arc::clone(&self.scene),
+        };
+        let scene = moved.posed(time_secs);
+        let reshaped = !Arc::ptr_eq(&scene, &moved);
+        self.scene = scene;
+        if reshaped {
+            self.resident.reshape(&self.gpu, &self.scene);
             // Its trees are those of the shapes before.
             self.surface_programs.reflected = None;
         }
         let pose = self.scene.at(time_secs);
         self.resident.place(&self.scene, &pose.instances);
+        if self.has_new_movers() {
+            self.visibility.forget_trees(&self.scene, &self.resident);
+            (self.lights.direct, self.lights.indirect) = (None, None);
+            self.surface_programs.reflected = None;
+        }
         self.visibility.pose(&self.gpu, &self.scene, &self.resident);
         if let Some(indirect) = &mut self.lights.indirect {
             indirect.place(&self.scene, &self.resident.instances);
@@ -168,8 +199,25 @@ impl GpuSampler {
             reflected.forget_pose();
         }
         self.lighting = exposed(pose.lighting, &self.settings);
-        self.posed_secs = time_secs;
+        self.posed = moment;
         Ok(vec![Stage::new("pose", begin.elapsed().as_secs_f64() * 1e3)])
+    }
+
+    /// The scene with the transforms of a revision.
+    fn moved_to(&self, revision: u64) -> Result<Arc<Scene>, RenderError> {
+        self.scene.with_transforms(revision, &self.movers).ok_or_else(|| {
+            let reason =
+                format!("transforms of revision {revision} are not kept any more; ask for the present ones");
+            InvalidField::new("state.revision", reason).into()
+        })
+    }
+
+    /// Takes up the movers of the scene. Returns whether there are new ones, for which trees must be built anew.
+    fn has_new_movers(&mut self) -> bool {
+        let Some(moved) = &self.scene.by_request else { return false };
+        let before = self.movers.len();
+        self.movers.extend(&moved.movers);
+        self.movers.len() > before
     }
 
     /// Prepares a visibility backend. Returns the rasteriser if the device does not support it.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use argus_scene::{
     Cancel, Frame, Indirect, InvalidField, LightEffects, LightLevel, Lighting, RenderError, SampleSetInfo,
-    Stage, ViewJob,
+    SceneState, Stage, ViewJob,
 };
 
 use super::gpu_sampler::GpuSampler;
@@ -14,12 +14,14 @@ use crate::resident::GBufferUse;
 use crate::{LightSettings, SamplerSettings, timing};
 
 impl GpuSampler {
-    /// Prepares direct light by rays and indirect light, as far as the settings ask for them. Returns the cost.
+    /// Prepares direct light by rays and indirect light, as far as the settings ask for them. With `may_lag`, surfaces may be lit by
+    /// others as these were in an earlier pose. Returns the cost.
     pub(super) fn light(
         &mut self,
         lighting: &Lighting,
         light: LightLevel,
         time_secs: f64,
+        may_lag: bool,
     ) -> Result<Vec<Stage>, RenderError> {
         let (gpu, scene, resident) = (&self.gpu, &self.scene, &self.resident);
         let effects = self.settings.effects;
@@ -44,7 +46,17 @@ impl GpuSampler {
         let Some(indirect) = &mut self.lights.indirect else { return Ok(stages) };
         let tracer = self.visibility.prepare_packets(resident);
         let direct = self.lights.direct.as_ref();
-        let inputs = LightInputs { gpu, scene, resident, tracer, direct, lighting, light, time_secs };
+        let inputs = LightInputs {
+            gpu,
+            scene,
+            resident,
+            tracer,
+            direct,
+            lighting,
+            light,
+            may_lag: may_lag && !self.animated,
+            time_secs,
+        };
         timing::add(&mut stages, indirect.ready(&inputs, &mut self.scratch)?);
         Ok(stages)
     }
@@ -125,13 +137,15 @@ impl GpuSampler {
         effects: LightEffects,
         view: &ViewJob,
     ) -> Option<Result<Frame, RenderError>> {
-        if !effects.any() || !self.lights.direct.as_mut()?.set_effects(&self.scene, effects, self.posed_secs)
+        if !effects.any()
+            || !self.lights.direct.as_mut()?.set_effects(&self.scene, effects, self.posed.time_secs)
         {
             return None;
         }
-        let view = ViewJob { time_secs: self.posed_secs, ..view.clone() };
+        let state = SceneState { revision: self.posed.revision, ..view.state };
+        let view = ViewJob { time_secs: self.posed.time_secs, state, ..view.clone() };
         let frame = self.render_view(&view, &Cancel::default());
-        let (scene, own, time_secs) = (&self.scene, self.settings.effects, self.posed_secs);
+        let (scene, own, time_secs) = (&self.scene, self.settings.effects, self.posed.time_secs);
         // Light that cannot be restored is made anew for the next job.
         self.lights.direct.take_if(|direct| !direct.set_effects(scene, own, time_secs));
         Some(frame)
@@ -151,7 +165,7 @@ impl GpuSampler {
             return Ok(true);
         }
         if self.lights.indirect.is_none() {
-            self.light(&info.lighting, LightLevel::Direct, info.time_secs())?;
+            self.light(&info.lighting, LightLevel::Direct, info.time_secs(), false)?;
         }
         match (&mut self.lights.indirect, &self.lights.direct) {
             (Some(IndirectLight::Paths(paths)), Some(direct)) => paths.prepare(direct.tracing(), light),

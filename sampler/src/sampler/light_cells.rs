@@ -29,9 +29,13 @@ impl GpuSampler {
     /// What a view asks of light cells.
     ///
     /// # Errors
-    /// `plan.light`: its level or set has no light cells.
+    /// `plan.light`: its level or set has no light cells, or it asks for cells of an earlier pose.
     pub(super) fn cells_of_view(&self, view: &ViewJob) -> Result<CellUse, InvalidField> {
         let light = view.plan.light();
+        if let Some(light @ SurfaceLight::OlderCells { .. }) = light {
+            let reason = format!("light from {light} cannot be had again, since a scene moved");
+            return Err(InvalidField::new("plan.light", reason));
+        }
         if let (Some(light @ SurfaceLight::Cells { .. }), false) = (light, self.has_cells(view)) {
             let reason = format!("there is no light from {light} in a set with {}", self.settings.indirect);
             return Err(InvalidField::new("plan.light", reason));
@@ -56,6 +60,11 @@ impl GpuSampler {
             (Some(paths), Some(direct)) => paths.fill_slice(direct.tracing(), time, refines),
             _ => false,
         }
+    }
+
+    /// Takes over what a finished part found of light cells. Returns false if some lacked, so that it is to be rendered again.
+    pub(super) fn accept_cells(&self, outcome: &[u8]) -> bool {
+        self.path_light().is_some_and(|paths| paths.accept(outcome))
     }
 
     /// Report on light cells. `None` without them, and before indirect light was first needed.

@@ -2,7 +2,7 @@
 
 use argus_scene::{Cancel, MegaViews, RenderError, Sample, SampleJob, Stage};
 
-use super::gpu_sampler::GpuSampler;
+use super::gpu_sampler::{GpuSampler, Moment};
 use crate::lit_scene::LitScene;
 use crate::plug::SampleResults;
 use crate::settings::missing;
@@ -67,8 +67,8 @@ impl GpuSampler {
         self.check_job(job)?;
         let (lighting, light) = (&job.info.lighting, job.info.version.state.light);
         let time_secs = job.info.time_secs();
-        let mut stages = self.pose(time_secs)?;
-        timing::add(&mut stages, self.light(lighting, light, time_secs)?);
+        let mut stages = self.pose(Moment::of(job.info.version.state, time_secs))?;
+        timing::add(&mut stages, self.light(lighting, light, time_secs, false)?);
         self.begin_cells(self.cells_of_samples());
         Ok(stages)
     }

@@ -46,11 +46,12 @@ impl PreparedSampler {
             height,
             outputs: Outputs::COLOR,
             plan: Plan::direct(1),
-            state: SceneState { epoch: 0, light: LightLevel::Direct },
+            state: SceneState { light: LightLevel::Direct, ..SceneState::default() },
             time_secs: 0.0,
             visibility: sampler.usual_visibility(),
             reflections: None,
             history: None,
+            rays: None,
         };
         for frame in sampler.render_views(&[view], &Cancel::default()) {
             frame?;

@@ -2,16 +2,17 @@
 
 use std::time::{Duration, Instant};
 
-use argus_scene::camera::Face;
+use argus_scene::camera::{CameraRays, Face};
 use argus_scene::{
     Cancel, ProbeSource, ReflectionProbeSet, RenderError, Sample, SampleId, SampleJob, Stage, ViewJob,
 };
 
-use super::gpu_sampler::GpuSampler;
+use super::gpu_sampler::{GpuSampler, Moment};
 use super::ready_scene::ReadyScene;
 use super::surface_programs::{ReflectionLookup, SurfacePrograms};
 use crate::frame::check_wanted;
 use crate::probe_renderer::{LitAt, ProbePrograms, ProbeRenderer};
+use crate::ray_tile::RayTile;
 use crate::reflected_light::ReflectedScene;
 use crate::tile::{Tile, tiles};
 use crate::timing;
@@ -52,7 +53,7 @@ impl GpuSampler {
     ) -> Result<Vec<Stage>, RenderError> {
         let before = self.surface_programs.reflected.take();
         let mut stages = Vec::new();
-        let points = self.methods.points.as_ref();
+        let points = (self.methods.points.as_ref(), &self.gpu);
         self.surface_programs.reflected = match before {
             Some(reflected) if reflected.is_ready(source) => Some(reflected),
             before => {
@@ -69,7 +70,12 @@ impl GpuSampler {
 
     /// Finds the reflectors in a direct view, and fills their maps if it looks reflections up there. The scene must be ready
     /// for the view. Adds the cost to the scene's stages.
-    pub(super) fn see_reflectors(&mut self, view: &ViewJob, faces: &[Face], scene: &mut ReadyScene) {
+    pub(super) fn see_reflectors(
+        &mut self,
+        view: &ViewJob,
+        (faces, lens): (&[Face], Option<&CameraRays>),
+        scene: &mut ReadyScene,
+    ) {
         let SurfacePrograms { of_views: Some(views), reflected: Some(reflected), .. } =
             &self.surface_programs
         else {
@@ -84,15 +90,25 @@ impl GpuSampler {
         // One ray a pixel. Reflectors may be transparent.
         let ids = || {
             let of_tile = |tile: &Tile| {
-                let (eye, rays) = (view.camera.eye, tile.rays());
-                let layers = visibility.layers_of_tile(resident, eye, &rays);
-                let ids = visibility.prepare_packets(resident).trace(eye, &rays);
+                let eye = view.camera.eye;
+                let (layers, ids) = match lens.map(|rays| RayTile::new(rays, *tile)) {
+                    None => {
+                        let rays = tile.rays();
+                        let layers = visibility.layers_of_tile(resident, eye, &rays);
+                        (layers, visibility.prepare_packets(resident).trace(eye, &rays))
+                    }
+                    Some(RayTile { directions, .. }) => {
+                        let width = tile.size[0];
+                        let layers = visibility.layers_of_rays(resident, eye, &directions, width);
+                        (layers, visibility.prepare_packets(resident).trace_listed(eye, &directions, width))
+                    }
+                };
                 let layered = layers.iter().flat_map(|ray| ray.layers.iter().map(|layer| layer.surface.ids));
                 ids.into_iter().chain(layered.collect::<Vec<_>>())
             };
             tiles(faces, 1).iter().flat_map(of_tile).collect()
         };
-        scene.maps = views.see(reflected, &self.scene, view, scene.time_secs, ids);
+        scene.maps = views.see(reflected, &self.scene, view, scene.moment.time_secs, ids);
         if scene.maps.is_some() {
             timing::add_since(&mut scene.stages, "reflection points", begin);
         }
@@ -167,8 +183,8 @@ impl GpuSampler {
         job.info.camera(id.camera)?;
         let (lighting, light) = (&job.info.lighting, job.info.version.state.light);
         let time_secs = job.info.time_secs();
-        let mut stages = self.pose(time_secs)?;
-        stages.extend(self.light(lighting, light, time_secs)?);
+        let mut stages = self.pose(Moment::of(job.info.version.state, time_secs))?;
+        stages.extend(self.light(lighting, light, time_secs, false)?);
         stages.extend(self.prepare_probes(
             job.info.reflections,
             LitAt { lighting, light, time_secs },

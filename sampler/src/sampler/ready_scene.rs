@@ -5,7 +5,7 @@ use std::time::Instant;
 use argus_scene::{Cancel, LightLevel, Lighting, RenderError, Sampler, Stage, Visibility};
 use glam::DVec3;
 
-use super::gpu_sampler::GpuSampler;
+use super::gpu_sampler::{GpuSampler, Moment};
 use super::surface_programs::ReflectionLookup;
 use crate::eye::Eye;
 use crate::light::CellUse;
@@ -20,8 +20,8 @@ pub(super) type BetweenTiles<'a> = &'a mut dyn FnMut(&mut dyn Sampler, f64);
 pub(super) struct JobScene<'a> {
     /// Centre of the camera, metres, world space.
     pub(super) position: DVec3,
-    pub(super) time_secs: f64,
-    /// `None` for the scene's own lighting at that time.
+    pub(super) moment: Moment,
+    /// `None` for the scene's own lighting at that moment.
     pub(super) lighting: Option<&'a Lighting>,
     pub(super) light: LightLevel,
     /// Texels of an image cast one of so many of their rays of light.
@@ -37,7 +37,7 @@ pub(super) struct JobScene<'a> {
 /// A scene that is ready for a job: posed, lit and uploaded about the job's camera.
 pub(super) struct ReadyScene {
     begin: Instant,
-    pub(super) time_secs: f64,
+    pub(super) moment: Moment,
     pub(super) lighting: Lighting,
     light: LightLevel,
     ray_divisor: u32,
@@ -73,7 +73,7 @@ impl GpuSampler {
         self.check_alive()?;
         let JobScene {
             position,
-            time_secs,
+            moment,
             lighting,
             light,
             ray_divisor,
@@ -82,10 +82,12 @@ impl GpuSampler {
             cells,
             is_shaded,
         } = job;
-        let mut stages = self.pose(time_secs)?;
+        let (mut stages, time_secs) = (self.pose(moment)?, moment.time_secs);
         let lighting = lighting.unwrap_or(&self.lighting).clone();
         if is_shaded {
-            stages.extend(self.light(&lighting, light, time_secs)?);
+            // What a plan does not name may be shown before it is whole.
+            let may_lag = cells == CellUse::Open;
+            stages.extend(self.light(&lighting, light, time_secs, may_lag)?);
             stages.extend(self.prepare_reflections(
                 reflections,
                 LitAt { lighting: &lighting, light, time_secs },
@@ -99,7 +101,7 @@ impl GpuSampler {
         let maps = None;
         Ok(ReadyScene {
             begin,
-            time_secs,
+            moment,
             lighting,
             light,
             ray_divisor,
@@ -124,13 +126,14 @@ impl GpuSampler {
     ) -> Result<(), RenderError> {
         let began = Instant::now();
         between(self, done);
-        if self.animated {
-            // The other work may have posed the scene at another time.
-            self.pose(scene.time_secs)?;
+        if self.animated || self.posed != scene.moment {
+            // The other work may have posed the scene at another moment.
+            self.pose(scene.moment)?;
             scene.eye = self.eye(scene.eye.position, &scene.lighting)?;
         }
         // It may also have shown another level of light.
-        self.light(&scene.lighting, scene.light, scene.time_secs)?;
+        let may_lag = scene.cells == CellUse::Open;
+        self.light(&scene.lighting, scene.light, scene.moment.time_secs, may_lag)?;
         self.divide_rays(scene.ray_divisor);
         self.begin_cells(scene.cells);
         scene.begin += began.elapsed();

@@ -5,11 +5,11 @@ use argus_scene::{
     Sampling, Visibility,
 };
 
-use super::gpu_sampler::GpuSampler;
+use super::gpu_sampler::{GpuSampler, Moment};
 use super::ready_scene::{BetweenTiles, JobScene};
 use super::surface_programs::ReflectionLookup;
 use super::tile_loop::wait;
-use crate::stages::{Output, Part};
+use crate::stages::{Part, PartOutput};
 use crate::tile::tiles_of_faces;
 
 /// Sub-samples of a band of a sample that is traced on the CPU: about 20 ms of a core, with shading by a software driver.
@@ -69,7 +69,7 @@ impl GpuSampler {
         let mut tiles = tiles_of_faces(&camera, missing, self.settings.side())?;
         let job_scene = JobScene {
             position: camera.center(),
-            time_secs: job.info.time_secs(),
+            moment: Moment::of(job.info.version.state, job.info.time_secs()),
             lighting: Some(lighting),
             light: job.info.version.state.light,
             ray_divisor: 1,
@@ -94,7 +94,7 @@ impl GpuSampler {
             planes.take_over(&self.gpu, before)?;
         }
         let mut submitted = Vec::new();
-        let (parts, output) = (Part::of_tiles(tiles), Output::Texels(&planes));
+        let (parts, output) = (Part::of_tiles(tiles), PartOutput::Texels(&planes));
         let mut done = 0;
         self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {
             submitted.push(part.submitted);

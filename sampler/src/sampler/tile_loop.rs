@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use argus_gpu::Submitted;
-use argus_scene::{Cancel, RenderError, Stage};
+use argus_scene::{Cancel, Images, Output, RenderError, Stage};
 use bytes::Bytes;
 
 use super::gpu_sampler::GpuSampler;
@@ -11,10 +11,10 @@ use super::ready_scene::ReadyScene;
 use super::surface_programs::{ReflectionLookup, SurfacePrograms};
 use crate::frame::{Frame, check_wanted};
 use crate::layers::RayLayers;
+use crate::ray_tile::RayTile;
 use crate::scratch::Extras;
-use crate::stages::{self, Output, Part, PartJob, RenderedPart, ViewReflecting};
+use crate::stages::{self, Part, PartJob, PartOutput, RenderedPart, ViewReflecting};
 use crate::timing;
-use crate::view::ViewParts;
 
 impl GpuSampler {
     /// Renders parts one after another. `take` gets each part once it is submitted.
@@ -25,7 +25,7 @@ impl GpuSampler {
         &mut self,
         scene: &mut ReadyScene,
         parts: &[Part],
-        output: Output<'_>,
+        output: PartOutput<'_>,
         cancel: &Cancel,
         mut take: impl FnMut(&mut Self, &mut ReadyScene, RenderedPart) -> Result<(), RenderError>,
     ) -> Result<(), RenderError> {
@@ -45,19 +45,20 @@ impl GpuSampler {
         &mut self,
         scene: &mut ReadyScene,
         parts: &[Part],
-        output: Output<'_>,
+        output: PartOutput<'_>,
         cancel: &Cancel,
-        mut place: impl FnMut(&Part, ViewParts),
+        mut place: impl FnMut(&Part, Images),
     ) -> Result<(), RenderError> {
         let mut done = parts.iter();
-        self.render_parts(scene, parts, output, cancel, |_, scene, rendered| {
-            let mut finished = rendered.submitted.wait()?;
-            timing::add(&mut scene.stages, std::mem::take(&mut finished.stages));
-            if let Some(part) = done.next() {
-                let color = rendered.color.map(|color| finished.take(color));
-                let range = rendered.range.map(|range| with_ranges(finished.take(range), &rendered.ranges));
-                place(part, ViewParts { color, range });
+        self.render_parts(scene, parts, output, cancel, |sampler, scene, rendered| {
+            let Some(part) = done.next() else { return Ok(()) };
+            let (mut pixels, outcome) = pixels_of(rendered, &mut scene.stages)?;
+            if outcome.is_some_and(|outcome| !sampler.accept_cells(&outcome)) {
+                // Cells lacked. They are filled while the part is rendered again, or rays light it.
+                let again = sampler.render_part(scene, part, output, cancel)?;
+                (pixels, _) = pixels_of(again, &mut scene.stages)?;
             }
+            place(part, pixels);
             Ok(())
         })
     }
@@ -67,7 +68,7 @@ impl GpuSampler {
         &mut self,
         scene: &mut ReadyScene,
         part: &Part,
-        output: Output<'_>,
+        output: PartOutput<'_>,
         cancel: &Cancel,
     ) -> Result<RenderedPart, RenderError> {
         let layers = self.layers_of(part, output, scene);
@@ -75,15 +76,15 @@ impl GpuSampler {
         let defers = matches!(reflections, ReflectionLookup::View(_));
         let g_buffer = self.lights.any();
         let (label, extras) = match output {
-            Output::Texels(_) => {
+            PartOutput::Texels(_) => {
                 let (gloss, reflectors) = (self.glossy, *reflections != ReflectionLookup::Nothing);
                 ("render sample", Extras { gloss, reflectors, g_buffer })
             }
-            Output::Color | Output::ColorAndRange => (
+            PartOutput::Pixels(_) if output.is_shaded() => (
                 "render colour",
                 Extras { g_buffer: g_buffer || defers, reflectors: defers, ..Extras::default() },
             ),
-            Output::Range => ("render range", Extras::default()),
+            PartOutput::Pixels(_) => ("render range", Extras::default()),
         };
         let SurfacePrograms { of_views, reflected, .. } = &self.surface_programs;
         let reflecting = match (defers, of_views, reflected) {
@@ -98,8 +99,10 @@ impl GpuSampler {
             _ => None,
         };
         let context = part.context(&self.gpu, &self.resident, eye, &mut self.scratch, extras);
-        let is_view = !matches!(output, Output::Texels(_));
-        let frame = Frame { is_view, ..Frame::new(context, output.sharing(part), label, stages) };
+        let is_view = !matches!(output, PartOutput::Texels(_));
+        // Only the last submission of a part is followed by nothing.
+        let may_wait = is_view && layers.is_empty() && reflecting.is_none();
+        let frame = Frame { is_view, may_wait, ..Frame::new(context, output.sharing(part), label, stages) };
         let mut job = PartJob {
             part,
             output,
@@ -121,7 +124,7 @@ impl GpuSampler {
     }
 
     /// The layers of a part's rays: of its sub-samples, or for a sample of its texels' central rays.
-    fn layers_of(&mut self, part: &Part, output: Output<'_>, scene: &mut ReadyScene) -> Vec<RayLayers> {
+    fn layers_of(&mut self, part: &Part, output: PartOutput<'_>, scene: &mut ReadyScene) -> Vec<RayLayers> {
         if !self.visibility.has_layers() {
             return Vec::new();
         }
@@ -129,7 +132,10 @@ impl GpuSampler {
         let eye = scene.eye.position;
         let found = match (part, output) {
             (Part::Pixels(list), _) => self.visibility.layers_of_list(&self.resident, eye, list),
-            (Part::Tile(tile), Output::Texels(_)) => {
+            (Part::Rays(RayTile { tile, directions }), _) => {
+                self.visibility.layers_of_rays(&self.resident, eye, directions, tile.sub_samples()[0])
+            }
+            (Part::Tile(tile), PartOutput::Texels(_)) => {
                 self.visibility.layers_of_tile(&self.resident, eye, &tile.of_texels().rays())
             }
             (Part::Tile(tile), _) => self.visibility.layers_of_tile(&self.resident, eye, &tile.rays()),
@@ -137,6 +143,20 @@ impl GpuSampler {
         timing::add_since(&mut scene.stages, "trace layers", begin);
         found
     }
+}
+
+/// Waits for a part. Returns its pixels, and what it found of light cells if that is not known yet.
+fn pixels_of(
+    rendered: RenderedPart,
+    stages: &mut Vec<Stage>,
+) -> Result<(Images, Option<Bytes>), RenderError> {
+    let RenderedPart { submitted, images, outcome, ranges } = rendered;
+    let mut finished = submitted.wait()?;
+    timing::add(stages, std::mem::take(&mut finished.stages));
+    let mut images: Images =
+        images.into_iter().map(|(output, image)| (output, finished.take(image))).collect();
+    images[Output::Range] = images[Output::Range].take().map(|range| with_ranges(range, &ranges));
+    Ok((images, outcome.map(|outcome| finished.take(outcome))))
 }
 
 /// Bytes of ranges, an f32 a pixel, with some replaced.

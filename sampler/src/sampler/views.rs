@@ -4,20 +4,21 @@ use std::time::Instant;
 
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, Detail, Frame, InvalidField, Outputs, PixelJob, Pixels, Plan, RenderError, SampleCamera,
-    Sampling, Specification, ViewJob, Visibility,
+    Camera, Cancel, Detail, Frame, Images, InvalidField, Output, Outputs, PixelJob, Pixels, Plan,
+    RenderError, SampleCamera, Sampling, Specification, ViewJob, Visibility,
 };
-use bytes::Bytes;
 
-use super::gpu_sampler::GpuSampler;
+use super::gpu_sampler::{GpuSampler, Moment};
 use super::ready_scene::JobScene;
 use super::surface_programs::ReflectionLookup;
 use crate::enlarge::enlarged;
 use crate::pixel_list::pixel_lists;
-use crate::stages::{Output, Part};
+use crate::ray_tile::RayTile;
+use crate::stages::{Part, PartOutput};
 use crate::tile::{Tile, tiles};
 use crate::timing;
-use crate::view::{Image, ViewParts, frame, grid_side};
+use crate::view::{Image, frame, grid_side};
+use crate::view_geometry;
 
 /// Sub-samples of a band of a view that finds its own reflections: rays of all take up to 400 MB.
 const REFLECTING_SUB_SAMPLES: u32 = 1 << 20;
@@ -27,17 +28,28 @@ impl GpuSampler {
     pub(super) fn render_view(&mut self, view: &ViewJob, cancel: &Cancel) -> Result<Frame, RenderError> {
         let (detail, size) = (detail_of(&view.plan), checked_size(view.width, view.height)?);
         let [width, height] = detail.size(size);
-        if [width, height] == size || !view.outputs.color {
+        let shaded = view.outputs.within(Outputs::SHADED);
+        if [width, height] == size || shaded == Outputs::NONE {
             return self.render_all_pixels(view, cancel);
         }
         let camera = detail.camera(view.camera, size);
-        let small = ViewJob { camera, width, height, outputs: Outputs::COLOR, ..view.clone() };
+        let small = ViewJob { camera, width, height, outputs: shaded, ..view.clone() };
         let small = self.render_all_pixels(&small, cancel)?;
-        let outputs = Outputs { color: false, ..view.outputs };
+        let light = small.provenance.plan.light();
+        let outputs = view.outputs.outside(shaded);
         let mut frame = self.render_all_pixels(&ViewJob { outputs, ..view.clone() }, cancel)?;
+        // What lit the colours; the other images have no light.
+        frame.provenance.plan = frame.provenance.plan.with_light(light);
         timing::add(&mut frame.stages, small.stages);
         let begin = Instant::now();
-        frame.color = small.color.map(|color| enlarged(&color, detail, size).into());
+        frame.images.take_over(
+            small
+                .images
+                .iter()
+                .filter(|(output, _)| shaded.has(*output))
+                .map(|(output, image)| (output, enlarged(image, output.format(), detail, size).into()))
+                .collect(),
+        );
         timing::add_since(&mut frame.stages, "enlarge", begin);
         Ok(frame)
     }
@@ -51,50 +63,71 @@ impl GpuSampler {
         let side = grid_side(&view.plan)?;
         let size = checked_size(view.width, view.height)?;
         let faces = faces_of(view.camera, size);
+        let lens = (!view.camera.is_pinhole())
+            .then(|| view.camera.rays_of(view.rays.as_ref(), view.width, view.height));
         let job_scene = JobScene {
             position: view.camera.eye,
-            time_secs: view.time_secs,
+            moment: Moment::of(view.state, view.time_secs),
             lighting: None,
             light: view.state.light,
             ray_divisor: detail_of(&view.plan).ray_divisor(),
             cells: self.cells_of_view(view)?,
             reflections: ReflectionLookup::of_view(view.reflections),
-            visibility: view.visibility,
-            is_shaded: view.outputs.color,
+            // Rays of other lenses are traced on the CPU.
+            visibility: if lens.is_some() { Visibility::Cpu } else { view.visibility },
+            is_shaded: view.outputs.has_any(Outputs::SHADED),
         };
         let mut scene = self.make_ready(job_scene, cancel)?;
-        if view.outputs.color {
-            self.see_reflectors(view, &faces, &mut scene);
+        if view.outputs.has_any(Outputs::SHADED) {
+            self.see_reflectors(view, (&faces, lens.as_ref()), &mut scene);
         }
         let defers = matches!(scene.reflections, ReflectionLookup::View(_));
-        let mut images = |side, output| -> Result<[Bytes; 2], RenderError> {
-            let (mut color, mut range) = (Image::new(size, 3), Image::new(size, 4));
+        let mut render = |side, outputs: Outputs| -> Result<Images, RenderError> {
+            let image = |output: Output| (output, Image::new(size, output.pixel_bytes()));
+            let mut images: Vec<(Output, Image)> = outputs.iter().map(image).collect();
             // Rays of reflections are in memory, a tile's at once.
             let bands =
                 |tile: Tile| if defers { tile.bands(REFLECTING_SUB_SAMPLES).collect() } else { vec![tile] };
-            let parts = Part::of_tiles(tiles(&faces, side).into_iter().flat_map(bands).collect());
-            self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
-                pixels.color.into_iter().for_each(|pixels| color.place(part.tile(), pixels));
-                pixels.range.into_iter().for_each(|pixels| range.place(part.tile(), pixels));
-            })?;
-            Ok([color.into_bytes(), range.into_bytes()])
-        };
-        let (mut color, mut range) = (None, None);
-        match (view.outputs.color, view.outputs.range) {
-            (true, true) if side == 1 => [color, range] = images(1, Output::ColorAndRange)?.map(Some),
-            (has_color, has_range) => {
-                if has_color {
-                    color = images(side, Output::Color)?.into_iter().next();
+            let tiles: Vec<Tile> = tiles(&faces, side).into_iter().flat_map(bands).collect();
+            let output = PartOutput::Pixels(outputs);
+            let mut place = |part: &Part, mut pixels: Images| {
+                for (output, image) in &mut images {
+                    pixels[*output].take().into_iter().for_each(|pixels| image.place(part.tile(), pixels));
                 }
-                if has_range {
-                    range = images(1, Output::Range)?.into_iter().nth(1);
+            };
+            match &lens {
+                None => self.render_image(&mut scene, &Part::of_tiles(tiles), output, cancel, place)?,
+                // One after another, because directions take memory.
+                Some(rays) => {
+                    for tile in tiles {
+                        let part = [Part::Rays(RayTile::new(rays, tile))];
+                        self.render_image(&mut scene, &part, output, cancel, &mut place)?;
+                    }
                 }
             }
+            Ok(images.into_iter().map(|(output, image)| (output, image.into_bytes())).collect())
+        };
+        // Of one sub-sample a pixel, what the rays see is found once.
+        let range = view.outputs.within(Outputs::only(Output::Range));
+        let shaded = view.outputs.within(Outputs::SHADED);
+        let passes =
+            if side == 1 { vec![(1, shaded.union(range))] } else { vec![(side, shaded), (1, range)] };
+        let mut images = Images::default();
+        for (side, outputs) in passes.into_iter().filter(|(_, outputs)| *outputs != Outputs::NONE) {
+            images.take_over(render(side, outputs)?);
         }
+        let geometry = view_geometry::images(
+            &mut self.visibility,
+            &self.resident,
+            view,
+            &tiles(&faces, 1),
+            lens.as_ref(),
+            &mut scene.stages,
+        )?;
+        images.take_over(geometry);
         let specification = self.specification(view, scene.backend);
         let (lit, device) = (self.says_light(view), self.gpu.kind());
-        let parts = ViewParts { color, range };
-        Ok(frame(&lit, &self.scene, specification, device, parts, scene.into_stages()))
+        Ok(frame(&lit, &self.scene, specification, device, images, scene.into_stages()))
     }
 
     /// How a view is rendered by a backend.
@@ -112,11 +145,14 @@ impl GpuSampler {
 
     /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.
     pub(super) fn render_list(&mut self, job: &PixelJob, cancel: &Cancel) -> Result<Pixels, RenderError> {
+        if !job.camera.is_pinhole() {
+            return Err(InvalidField::new("camera", "lists of pixels are of pinholes").into());
+        }
         let side = grid_side(&Plan::direct(job.samples_per_pixel))?;
         let faces = faces_of(job.camera, checked_size(job.width, job.height)?);
         let job_scene = JobScene {
             position: job.camera.eye,
-            time_secs: job.time_secs,
+            moment: Moment::of(job.state, job.time_secs),
             lighting: None,
             light: job.state.light,
             ray_divisor: 1,
@@ -128,33 +164,39 @@ impl GpuSampler {
             is_shaded: true,
         };
         let mut scene = self.make_ready(job_scene, cancel)?;
-        let mut images = |side, output| -> Result<[Bytes; 2], RenderError> {
-            let (mut color, mut range) = (vec![0; job.pixels.len() * 3], vec![0; job.pixels.len() * 4]);
+        let mut render = |side, outputs: Outputs| -> Result<Images, RenderError> {
+            let image = |output: Output| (output, vec![0; job.pixels.len() * output.pixel_bytes()]);
+            let mut images: Vec<(Output, Vec<u8>)> = outputs.iter().map(image).collect();
             for face in &faces {
                 let parts: Vec<Part> =
                     pixel_lists(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
-                self.render_image(&mut scene, &parts, output, cancel, |part, pixels| {
-                    let Part::Pixels(list) = part else { return };
-                    for (image, pixels, bytes) in
-                        [(&mut color, pixels.color, 3), (&mut range, pixels.range, 4)]
-                    {
-                        let pixels = pixels.unwrap_or_default();
-                        for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(bytes)) {
-                            let at = asked as usize * bytes;
-                            image[at..at + bytes].copy_from_slice(pixel);
+                self.render_image(
+                    &mut scene,
+                    &parts,
+                    PartOutput::Pixels(outputs),
+                    cancel,
+                    |part, pixels| {
+                        let Part::Pixels(list) = part else { return };
+                        for (output, image) in &mut images {
+                            let (pixels, bytes) =
+                                (pixels[*output].as_deref().unwrap_or_default(), output.pixel_bytes());
+                            for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(bytes)) {
+                                let at = asked as usize * bytes;
+                                image[at..at + bytes].copy_from_slice(pixel);
+                            }
                         }
-                    }
-                })?;
+                    },
+                )?;
             }
-            Ok([color.into(), range.into()])
+            Ok(images.into_iter().map(|(output, image)| (output, image.into())).collect())
         };
-        let [color, range] = match side {
-            1 => images(1, Output::ColorAndRange)?,
-            _ => {
-                let ([color, _], [_, range]) = (images(side, Output::Color)?, images(1, Output::Range)?);
-                [color, range]
-            }
-        };
+        let range = Outputs::only(Output::Range);
+        let mut images = render(side, if side == 1 { Outputs::COLOR.union(range) } else { Outputs::COLOR })?;
+        if side > 1 {
+            images.take_over(render(1, range)?);
+        }
+        let [color, range] =
+            [Output::Color, Output::Range].map(|output| images[output].take().unwrap_or_default());
         Ok(Pixels { color, range, stages: scene.into_stages() })
     }
 }

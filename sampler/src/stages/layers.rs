@@ -11,7 +11,8 @@ use crate::visibility::write_ids;
 
 /// Where the layers of a part are rendered, and what is behind them.
 pub(super) struct LayerPlace {
-    /// The part of a tile that shows layers. `None` for a list, which has the rays of its pixels alone.
+    /// The part of a tile that shows layers. `None` for a list, which has the rays of its pixels alone, and for other
+    /// rays.
     shown: Option<Part>,
     placed: Placed,
     behind: Targets,
@@ -36,7 +37,7 @@ pub(super) fn place(frame: &Frame<'_>, job: &PartJob<'_>) -> LayerPlace {
             let offset = [0, 1].map(|axis| (shown.begin[axis] - tile.begin[axis]) * side);
             (Some(Part::Tile(shown)), offset, shown.size.map(|texels| texels * side))
         }
-        Part::Pixels(_) => (None, [0; 2], [width, height]),
+        Part::Pixels(_) | Part::Rays(_) => (None, [0; 2], [width, height]),
     };
     let placed = Placed { size, offset, stride: width };
     LayerPlace { shown, placed, behind: frame.context.targets.clone(), arriving: frame.arriving.clone() }

@@ -1,7 +1,8 @@
 //! The frame, top to bottom. Each function here is a list of stages; a stage records into the frame's commands.
 //!
 //! Where the CPU waits for the device, the list shows it: it reads buffers back, or submits and waits. The CPU then uses what it
-//! read, and later stages record new commands.
+//! read, and later stages record new commands. A direct view whose light the device finds waits nowhere before its image, unless
+//! it has reflections, transparent layers, or light cells that may lack.
 //!
 //! | list | what it renders |
 //! |---|---|
@@ -27,7 +28,7 @@ use argus_scene::{RenderError, Stage};
 use glam::Vec3;
 use rayon::prelude::*;
 
-pub(crate) use self::part::{Output, Part, PartJob, RenderedPart};
+pub(crate) use self::part::{Part, PartJob, PartOutput, RenderedPart};
 pub(crate) use self::points::PointShading;
 use self::points::PointsOnDevice;
 pub(crate) use self::reflections::ViewReflecting;
@@ -50,8 +51,8 @@ pub(crate) fn part(mut frame: Frame<'_>, job: &mut PartJob<'_>) -> Result<Render
         let [unfinished] = frame.read_back([(&buffer, 4)], "render part")?;
         visibility::complete(&mut frame, job, &unfinished)?;
     }
-    if !matches!(job.output, Output::Range) {
-        if let Output::Texels(_) = job.output {
+    if job.output.is_shaded() {
+        if let PartOutput::Texels(_) = job.output {
             frame.context.cast_texels();
         }
         surfaces(&mut frame, job)?;
@@ -187,22 +188,21 @@ pub(crate) fn light(frame: &mut Frame<'_>, lights: &mut Lights) -> Result<(), Re
     let Lights { direct, indirect } = lights;
     if let (Some(direct), Some(g_buffer)) = (direct, frame.context.targets.g_buffer.clone()) {
         let paths = indirect.as_ref().and_then(IndirectLight::paths);
-        // Where the device traces faster, it does so for the neighbours of an image.
-        let tile = direct.begin(frame, &g_buffer)?;
-        direct.trace_lights(frame, tile.as_ref());
-        let mut on_cpu = None;
-        if direct.needs_cpu(tile.as_ref(), paths) {
-            // Emitters and other surfaces are traced on the CPU on every device.
+        // Where the device traces faster, it does so for the neighbours of an image. Then nothing is read back here, but which
+        // light cells lack, and that only where some may.
+        let tile = direct.begin(frame, &g_buffer, paths)?;
+        if let Some(tile) = direct.look_up_cells(frame, tile, paths)? {
+            direct.trace(frame, tile, paths);
+        } else {
             let read = frame.read_g_buffer(&g_buffer, "add direct light")?;
-            let mut found = direct.on_cpu(frame, &read, paths, tile.as_ref());
+            let mut found = direct.on_cpu(frame, &read, paths);
             found.look_up_cells();
             found.trace_lights();
             found.trace_sky();
             found.trace_emitters();
             found.gather_paths();
-            on_cpu = Some(found.upload(frame)?);
+            frame.arriving = Some(found.upload(frame)?);
         }
-        direct.sum_light(frame, tile.as_ref(), on_cpu);
         direct.add(frame, &g_buffer);
     }
     if let Some(IndirectLight::Method(method)) = indirect {

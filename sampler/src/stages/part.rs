@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_gpu::{Gpu, PendingReadback, Submitted, wgpu};
-use argus_scene::{Cancel, Visibility};
+use argus_scene::{Cancel, Output, Outputs, Visibility};
 use argus_shaders::layout::sampler::Rays;
 
 use super::reflections::ViewReflecting;
@@ -15,6 +15,7 @@ use crate::indirect::Lights;
 use crate::layers::RayLayers;
 use crate::passes::{Blend, PlaneBuffers, ResolveView, TileContext};
 use crate::pixel_list::PixelList;
+use crate::ray_tile::RayTile;
 use crate::resident::Resident;
 use crate::scratch::{Extras, Scratch};
 use crate::tile::Tile;
@@ -26,6 +27,8 @@ pub(crate) enum Part {
     Tile(Tile),
     /// Some pixels of a tile.
     Pixels(PixelList),
+    /// All pixels of a tile, by rays of their own.
+    Rays(RayTile),
 }
 
 impl Part {
@@ -39,6 +42,7 @@ impl Part {
         match self {
             Self::Tile(tile) => tile,
             Self::Pixels(list) => &list.tile,
+            Self::Rays(cast) => &cast.tile,
         }
     }
 
@@ -62,29 +66,38 @@ impl Part {
                 let context = TileContext::new(gpu, resident, eye, &list.compact, scratch, extras);
                 TileContext { rays, places: Some(places), ..context }
             }
+            Self::Rays(cast) => {
+                let directions = gpu.upload("directions", &cast.directions, wgpu::BufferUsages::STORAGE);
+                let context = TileContext::new(gpu, resident, eye, &cast.tile, scratch, extras);
+                TileContext { directions: Some(directions), ..context }
+            }
         }
     }
 }
 
 /// What the passes of a tile end in.
 #[derive(Clone, Copy)]
-pub(crate) enum Output<'a> {
+pub(crate) enum PartOutput<'a> {
     /// Texels of a sample, stored in its planes.
     Texels(&'a PlaneBuffers),
-    /// Three sRGB bytes a pixel.
-    Color,
-    /// Metres, an f32 a pixel.
-    Range,
-    /// Both, of one sub-sample a pixel: what the rays see is found once.
-    ColorAndRange,
+    /// Some of colour, radiance and range, each in its output's format. Range has one sub-sample a pixel.
+    Pixels(Outputs),
 }
 
-impl Output<'_> {
+impl PartOutput<'_> {
+    /// Whether surfaces are shaded.
+    pub(crate) fn is_shaded(self) -> bool {
+        match self {
+            Self::Texels(_) => true,
+            Self::Pixels(outputs) => outputs.has_any(Outputs::SHADED),
+        }
+    }
+
     /// Which sub-samples of a part share light.
     pub(crate) fn sharing(self, part: &Part) -> LightSharing {
         match (self, part) {
             (Self::Texels(_), _) => LightSharing::Texels { side: part.tile().side },
-            (_, Part::Tile(_)) => LightSharing::Image,
+            (_, Part::Tile(_) | Part::Rays(_)) => LightSharing::Image,
             (_, Part::Pixels(_)) => LightSharing::Pixels,
         }
     }
@@ -93,8 +106,10 @@ impl Output<'_> {
 /// A part that was submitted.
 pub(crate) struct RenderedPart {
     pub(crate) submitted: Submitted,
-    pub(crate) color: Option<PendingReadback>,
-    pub(crate) range: Option<PendingReadback>,
+    /// The images that are asked for, being read back.
+    pub(crate) images: Vec<(Output, PendingReadback)>,
+    /// What was found of light cells, if that is not known yet: [`crate::lit_cells::CellOutcome`].
+    pub(crate) outcome: Option<PendingReadback>,
     /// Ranges of pixels that show a transparent surface: index, metres.
     pub(crate) ranges: Vec<(u32, f32)>,
 }
@@ -102,7 +117,7 @@ pub(crate) struct RenderedPart {
 /// A part that is to be rendered, and the programs and the light of its scene.
 pub(crate) struct PartJob<'a> {
     pub(crate) part: &'a Part,
-    pub(crate) output: Output<'a>,
+    pub(crate) output: PartOutput<'a>,
     pub(crate) extras: Extras,
     /// Layers of the part's rays, and what they are shaded in.
     pub(crate) layers: &'a [RayLayers],

@@ -12,6 +12,7 @@ pub(super) fn find(frame: &mut Frame<'_>, job: &PartJob<'_>) -> Result<(), Rende
     match job.part {
         Part::Tile(_) => job.visibility.record(commands, context, job.backend, stages),
         Part::Pixels(list) => job.visibility.record_list(context, list, stages),
+        Part::Rays(cast) => job.visibility.record_rays(context, cast, stages),
     }
 }
 

@@ -31,7 +31,7 @@ fn terrain_is_as_the_reference_has_it() {
 }
 
 /// A scene file below `ARGUS_SCENES`, or `None` with a loud line where that is unset.
-fn real_scene(path: &str) -> Option<Arc<Scene>> {
+pub(crate) fn real_scene(path: &str) -> Option<Arc<Scene>> {
     let Some(folder) = std::env::var_os("ARGUS_SCENES") else {
         assert!(std::env::var_os("ARGUS_REQUIRE_SCENES").is_none(), "ARGUS_SCENES is not set");
         // What print macros say in a test that passes is shown to nobody.

@@ -7,8 +7,8 @@ use argus_scene::material::{Filter, Wrap};
 use argus_scene::shading::sky_radiance;
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Camera, Cancel, Light, Material, Mesh, Plan, PlaneKind, RenderError, Sampler, Scene, SceneHash, Texture,
-    TextureRef, Warp,
+    Camera, Cancel, Light, Material, Mesh, Output, Plan, PlaneKind, RenderError, Sampler, Scene, SceneHash,
+    Texture, TextureRef, Warp,
 };
 use glam::{DAffine3, DVec2, DVec3, Vec2, Vec3, Vec4};
 
@@ -208,7 +208,7 @@ fn a_view_larger_than_a_tile_has_no_seams() {
     let truth = reference(&scene, &camera, size, 16);
     let flip = flip("tiled", &image_of(&fine), &truth.display(scene.lighting.exposure));
     assert!(flip <= 0.01, "FLIP {flip}");
-    assert_eq!(fine.color.as_ref().unwrap().len(), 601 * 45 * 3);
+    assert_eq!(fine.images[Output::Color].as_ref().unwrap().len(), 601 * 45 * 3);
     assert_eq!(range_of(&fine).len(), 601 * 45);
 }
 

@@ -7,7 +7,7 @@ use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
     Camera, Cancel, EffectPlan, EffectRequest, Effects, Light, LightChoice, LightEffects, Lighting, Material,
-    PixelJob, PlaneKind, Sampler, Scene, SceneHash, SceneState, Sky, Visibility,
+    Output, PixelJob, PlaneKind, Sampler, Scene, SceneHash, SceneState, Sky, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 use image::RgbImage;
@@ -16,7 +16,7 @@ use crate::common::*;
 use crate::small_scene;
 
 /// Every kind of surface, under lights with and without an extent, a sky and an emitter.
-fn scene_with_lights() -> Scene {
+pub(crate) fn scene_with_lights() -> Scene {
     let mut scene = small_scene::scene();
     for light in &mut scene.lighting.lights {
         match light {
@@ -45,7 +45,7 @@ fn truth(scene: &Arc<Scene>, effects: LightEffects, camera: &Camera, size: [u32;
     tracer.render(camera, size[0], size[1], 4, |_| {}).display(scene.lighting.exposure)
 }
 
-const CAMERA: (DVec3, DVec3) = (DVec3::new(2.6, 2.6, 4.2), DVec3::new(-0.2, 0.6, -0.3));
+pub(crate) const CAMERA: (DVec3, DVec3) = (DVec3::new(2.6, 2.6, 4.2), DVec3::new(-0.2, 0.6, -0.3));
 
 #[test]
 fn direct_views_have_the_references_light_whichever_effects_are_on() {
@@ -185,10 +185,14 @@ fn a_view_with_other_effects_is_that_of_their_sampler_and_leaves_the_own_ones_as
         let own = LightEffects { shadows: true, emitters, ..LightEffects::NONE };
         let all = LightEffects { emitters: emitters || !textured, ..LightEffects::ALL };
         let [mut own, mut all, mut none] = [own, all, LightEffects::NONE].map(|e| with(&scene, e));
-        let [before, expected, _] = [&mut own, &mut all, &mut none].map(|one| direct(one, &job).color);
+        let [before, expected, _] =
+            [&mut own, &mut all, &mut none].map(|one| direct(one, &job).images[Output::Color].clone());
         assert!(before != expected);
-        assert!(own.render_with(LightEffects::ALL, &job).unwrap().unwrap().color == expected, "{textured}");
-        assert!(direct(&mut own, &job).color == before);
+        assert!(
+            own.render_with(LightEffects::ALL, &job).unwrap().unwrap().images[Output::Color] == expected,
+            "{textured}"
+        );
+        assert!(direct(&mut own, &job).images[Output::Color] == before);
         assert!(none.render_with(LightEffects::ALL, &job).is_none(), "its surfaces are not read back");
     }
 }
@@ -365,7 +369,7 @@ fn a_sampler_that_was_prepared_before_the_light_was_known_renders_the_same_bytes
             assert_eq!(Arc::strong_count(&opened), 1, "who opened the scene may change it");
             let found = direct(&mut prepared.in_light(scene.clone(), settings).unwrap(), &job);
             let expected = direct(&mut sampler_with(&scene, settings), &job);
-            assert_eq!(found.color, expected.color, "{choice}, {effects}");
+            assert_eq!(found.images[Output::Color], expected.images[Output::Color], "{choice}, {effects}");
         }
     }
     let other = Scene { hash: SceneHash([7; 32]), ..(*opened).clone() };

@@ -3,14 +3,21 @@
 mod common;
 
 mod against_reference;
+mod cell_hard_cases;
 mod cells;
 mod detail;
+mod device_light;
 mod environment;
+mod even_cells;
 mod faces;
 mod hard_cases;
+mod lenses;
 mod light;
 mod motion;
+mod moved_nodes;
+mod movers;
 mod moving;
+mod outputs;
 mod paths;
 mod plug;
 mod reflecting;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use argus_scene::reference::Tracer;
 use argus_scene::{
-    Bounds, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Scene, SceneState, Version, ViewJob,
-    Visibility,
+    Bounds, Output, PixelJob, PlaneKind, SampleId, SampleSetInfo, Sampler, Scene, SceneState, Version,
+    ViewJob, Visibility,
 };
 use glam::DVec3;
 
@@ -80,11 +80,11 @@ fn comes_back(scene: Scene) {
     let again = direct(&mut moving, &job);
     let still = direct(&mut sampler(&frozen(&scene, job.time_secs)), &job);
     for other in [&again, &still] {
-        assert_eq!(first.color, other.color);
-        assert_eq!(first.range, other.range);
+        assert_eq!(first.images[Output::Color], other.images[Output::Color]);
+        assert_eq!(first.images[Output::Range], other.images[Output::Range]);
     }
     // A whole turn later the ball is where it was: four seconds are sixteen epochs.
-    assert_eq!(first.color, direct(&mut moving, &at_epoch(&job, 21)).color);
+    assert_eq!(first.images[Output::Color], direct(&mut moving, &at_epoch(&job, 21)).images[Output::Color]);
 }
 
 #[test]
@@ -133,7 +133,7 @@ fn samples_move(scene: Scene) {
     };
     direct(&mut moving, &at_epoch(&job, 1));
     let some = moving.render_pixels(&[wanted], &argus_scene::Cancel::new()).remove(0).expect("renders");
-    let color = frame.color.expect("colour was asked for");
+    let color = frame.images[Output::Color].clone().expect("colour was asked for");
     let expected: Vec<u8> = pixels.iter().flat_map(|&p| color[p as usize * 3..][..3].to_vec()).collect();
     let differing =
         expected.as_chunks::<3>().0.iter().zip(some.color.as_chunks::<3>().0).filter(|(a, b)| a != b);
@@ -146,6 +146,6 @@ fn a_scene_that_stands_still_is_the_same_at_all_times_and_is_never_posed() {
     let mut sampler = sampler(&frozen(&scene(), 1.0));
     let job = view_job(camera(), SIZE, 1);
     let (first, later) = (direct(&mut sampler, &job), direct(&mut sampler, &at_epoch(&job, 1000)));
-    assert_eq!(first.color, later.color);
+    assert_eq!(first.images[Output::Color], later.images[Output::Color]);
     assert!(later.stages.iter().all(|stage| stage.name != "pose"), "{:?}", later.stages);
 }

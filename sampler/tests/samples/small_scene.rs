@@ -6,7 +6,8 @@ use std::sync::Arc;
 use argus_sampler::{RadianceFormat, SamplerSettings};
 use argus_scene::material::{Filter, Wrap};
 use argus_scene::{
-    AlphaMode, Camera, Light, Material, PlaneFormat, PlaneKind, SampleCamera, Scene, Texture, TextureRef,
+    AlphaMode, Camera, Light, Material, Output, PlaneFormat, PlaneKind, SampleCamera, Scene, Texture,
+    TextureRef,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec2, Vec3, Vec4};
 
@@ -113,11 +114,11 @@ pub(crate) fn scene() -> Scene {
     scene
 }
 
-fn camera() -> Camera {
+pub(crate) fn camera() -> Camera {
     Camera { fov_deg: 50.0, ..Camera::look_at(DVec3::new(0.5, 2.4, 6.5), DVec3::new(0.0, 0.8, 0.0)) }
 }
 
-fn moved(scene: &Scene, by: DVec3) -> Scene {
+pub(crate) fn moved(scene: &Scene, by: DVec3) -> Scene {
     let mut scene = scene.clone();
     for instance in &mut scene.instances {
         instance.world_from_mesh.translation += by;
@@ -184,8 +185,14 @@ fn the_same_order_gives_the_same_bytes() {
     direct(&mut first, &view_job(camera(), [64, 64], 16));
     let b = direct(&mut first, &job);
     let c = direct(&mut sampler(&scene), &job);
-    assert!(a.color == b.color && b.color == c.color);
-    assert!(a.range == b.range && b.range == c.range);
+    assert!(
+        a.images[Output::Color] == b.images[Output::Color]
+            && b.images[Output::Color] == c.images[Output::Color]
+    );
+    assert!(
+        a.images[Output::Range] == b.images[Output::Range]
+            && b.images[Output::Range] == c.images[Output::Range]
+    );
 }
 
 #[test]

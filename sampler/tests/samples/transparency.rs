@@ -59,7 +59,7 @@ fn add_pane(scene: &mut Scene, distance: f32, material: Material) {
     );
 }
 
-fn camera() -> Camera {
+pub(crate) fn camera() -> Camera {
     Camera { fov_deg: 40.0, ..Camera::look_at(DVec3::ZERO, DVec3::NEG_Z) }
 }
 
@@ -129,7 +129,7 @@ fn range_and_ids_are_of_the_first_surface_at_which_half_is_hidden() {
 
 /// Panes before one another, before the sky, seen at a low angle, with a texture of alpha, with vertex colours, a decal on a
 /// wall, a closed box, and more of them in a row than are blended.
-fn panes() -> Arc<Scene> {
+pub(crate) fn panes() -> Arc<Scene> {
     let mut scene = empty_scene();
     scene.lighting.lights.clear();
     let ramp: Vec<u8> = (0..64u8).flat_map(|i| [220, 180, 90, i * 4]).collect();
@@ -208,7 +208,11 @@ fn views_equal_the_reference_by_every_backend() {
     let mut other = crate::common::sampler(&scene);
     for (visibility, frame) in Visibility::ALL.into_iter().zip(frames).rev() {
         let again = direct(&mut other, &ViewJob { visibility, ..view_job(camera, size, 4) });
-        assert!(again.color == frame.color && again.range == frame.range, "{visibility:?}");
+        assert!(
+            again.images[Output::Color] == frame.images[Output::Color]
+                && again.images[Output::Range] == frame.images[Output::Range],
+            "{visibility:?}"
+        );
     }
 }
 
@@ -232,9 +236,10 @@ fn lists_of_pixels_hold_what_views_hold() {
     };
     let list = sampler.render_pixels(&[job], &Cancel::new()).remove(0).unwrap();
     for (i, &pixel) in pixels.iter().enumerate() {
-        for (name, listed, all, bytes) in
-            [("color", &list.color, whole.color.as_ref(), 3), ("range", &list.range, whole.range.as_ref(), 4)]
-        {
+        for (name, listed, all, bytes) in [
+            ("color", &list.color, whole.images[Output::Color].as_ref(), 3),
+            ("range", &list.range, whole.images[Output::Range].as_ref(), 4),
+        ] {
             let at = pixel as usize * bytes;
             assert_eq!(listed[i * bytes..][..bytes], all.unwrap()[at..at + bytes], "{name} of {pixel}");
         }
@@ -313,7 +318,10 @@ fn colour_and_range_together_equal_each_alone() {
     let color = ViewJob { outputs: Outputs::COLOR, ..both.clone() };
     let range = ViewJob { outputs: Outputs::only(Output::Range), ..both.clone() };
     let [both, color, range] = [both, color, range].map(|job| direct(&mut sampler, &job));
-    assert!(both.color == color.color && both.range == range.range);
+    assert!(
+        both.images[Output::Color] == color.images[Output::Color]
+            && both.images[Output::Range] == range.images[Output::Range]
+    );
     assert!(range_of(&both).iter().any(|range| *range < 3.0), "the pane is seen");
     assert!(range_of(&both).contains(&f32::INFINITY), "the sky is seen");
 }

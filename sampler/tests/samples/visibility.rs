@@ -8,7 +8,7 @@ use std::sync::Arc;
 use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::material::{AlphaMode, Filter, Wrap};
 use argus_scene::{
-    Camera, Cancel, Material, PixelJob, Rig, RigSettings, SampleJob, SampleSetInfo, Sampler, Scene,
+    Camera, Cancel, Material, Output, PixelJob, Rig, RigSettings, SampleJob, SampleSetInfo, Sampler, Scene,
     SceneState, Texture, TextureRef, ViewJob, Visibility, procedural,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
@@ -175,7 +175,7 @@ fn equal_ids_give_equal_bytes(scene: &Arc<Scene>, camera: &Camera, job: &ViewJob
         let ids = sampler.identify(camera, SIZE, 1, way).unwrap().0;
         (ids, direct(&mut sampler, &ViewJob { visibility: way, ..job.clone() }))
     });
-    let colors = [&a.1, &b.1].map(|frame| frame.color.clone().unwrap());
+    let colors = [&a.1, &b.1].map(|frame| frame.images[Output::Color].clone().unwrap());
     let mut equal = 0;
     for (pixel, (one, other)) in a.0.iter().zip(&b.0).enumerate() {
         if one == other {
@@ -216,7 +216,10 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
             let found = sampler.render_pixels(&[job], &Cancel::new()).remove(0).unwrap();
             for (i, &pixel) in pixels.iter().enumerate() {
                 let p = pixel as usize;
-                let (color, range) = (frame.color.as_ref().unwrap(), frame.range.as_ref().unwrap());
+                let (color, range) = (
+                    frame.images[Output::Color].as_ref().unwrap(),
+                    frame.images[Output::Range].as_ref().unwrap(),
+                );
                 assert_eq!(found.color[3 * i..3 * i + 3], color[3 * p..3 * p + 3], "colour of {pixel}");
                 assert_eq!(found.range[4 * i..4 * i + 4], range[4 * p..4 * p + 4], "range of {pixel}");
             }

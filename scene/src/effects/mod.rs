@@ -44,7 +44,7 @@ pub use costs::{COST_PIXELS, EffectCost, SHARED_STAGE, STAGES};
 pub use request::{EffectCosts, EffectRequest, Effects, ReflectionRequest};
 pub use row::{Causes, EffectKind, EffectRow, Paid};
 
-use crate::{Indirect, LightEffects, PathSettings, Reflections, Scene};
+use crate::{CellSettings, Indirect, LightEffects, Reflections, Scene};
 
 /// The effects of a sample set, one row for each kind.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -83,7 +83,7 @@ impl EffectPlan {
     pub fn indirect(&self, request: &EffectRequest) -> Indirect {
         match request.indirect {
             Some(indirect) => indirect,
-            None if self.is_on(EffectKind::Indirect) => Indirect::Paths(PathSettings::default()),
+            None if self.is_on(EffectKind::Indirect) => Indirect::Cells(CellSettings::default()),
             None => Indirect::Off,
         }
     }

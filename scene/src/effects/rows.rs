@@ -12,7 +12,7 @@ use super::row::{Causes, EffectKind, EffectRow, Paid, bytes};
 use super::surfaces::{Body, bodies};
 use crate::transparency::transparent_meshes;
 use crate::{
-    AlphaMode, Indirect, Light, LightEffects, Material, PathSettings, ReflectionCost, Reflections, Scene,
+    AlphaMode, CellSettings, Indirect, Light, LightEffects, Material, ReflectionCost, Reflections, Scene,
 };
 
 /// Bytes below which `auto` leaves an effect out.
@@ -120,14 +120,14 @@ impl<'a> Facts<'a> {
 
     /// The method of indirect light. Moving scenes have none unless it is asked for: every pose would trace its links anew.
     fn method(&self, request: &EffectRequest, exposure: f32) -> Indirect {
-        let paths = Indirect::Paths(PathSettings::default());
+        let cells = Indirect::Cells(CellSettings::default());
         let found = self.indirect();
         match (request.indirect, request.effects) {
             (Some(indirect), _) => indirect,
-            (None, Effects::All) => paths,
+            (None, Effects::All) => cells,
             (None, Effects::Auto) if self.moves || found.causes.is_empty() => Indirect::Off,
             (None, Effects::Auto) if self.scene.lighting.sky.reach.is_some() => Indirect::Off,
-            (None, Effects::Auto) if bytes(displayed(&found, exposure)) >= LEAST_BYTES => paths,
+            (None, Effects::Auto) if bytes(displayed(&found, exposure)) >= LEAST_BYTES => cells,
             (None, _) => Indirect::Off,
         }
     }

@@ -17,6 +17,8 @@ const MOST_RADIANCE: f32 = 65504.0;
 /// Largest ratio of decoded bytes to file bytes. Deflate, the densest compression here, reaches 1032, and OpenEXR's half
 /// floats become twice as long. A map that claims more is truncated or malicious, and gets no memory.
 const MOST_BYTES_A_BYTE: u64 = 2200;
+/// Bytes of an OpenEXR block beyond that ratio that a file may ask for: programs write small images in large tiles.
+const SMALL_BLOCK: u64 = 16 << 20;
 
 /// Reads an environment map and returns it with the content of its file.
 ///
@@ -145,6 +147,7 @@ fn decode_hdr(bytes: &[u8]) -> Result<Decoded, String> {
 fn decode_exr(bytes: &[u8]) -> Result<Decoded, String> {
     let failed = |error: exr::error::Error| error.to_string();
     let reader = exr::block::read(Cursor::new(bytes), false).map_err(failed)?;
+    check_blocks(reader.headers(), bytes.len())?;
     let layers = reader.headers().iter().filter(|header| !header.deep);
     let (header, channels) = layers
         .filter_map(|header| Some((header, channels(header)?)))
@@ -200,6 +203,21 @@ fn decode_exr(bytes: &[u8]) -> Result<Decoded, String> {
         }
     };
     Ok(Decoded { size, texels, warnings })
+}
+
+/// Checks the size of blocks, which get memory before they are read: a layer's data window and its tiles may be of any
+/// size, whatever the window that is shown. Layers that are not shown are read over, too.
+fn check_blocks(headers: &[exr::meta::header::Header], file: usize) -> Result<(), String> {
+    for header in headers {
+        let block = header.max_block_pixel_size();
+        let texel = header.channels.bytes_per_pixel as u64;
+        let bytes = (block.width() as u64).saturating_mul(block.height() as u64).saturating_mul(texel);
+        if bytes > (file as u64).saturating_mul(MOST_BYTES_A_BYTE).saturating_add(SMALL_BLOCK) {
+            let [width, height] = [block.width(), block.height()];
+            return Err(format!("blocks of {width}×{height} texels cannot be held by {file} bytes"));
+        }
+    }
+    Ok(())
 }
 
 /// The names of a layer's red, green and blue, or of its one channel of brightness. Programs put the layer's name before

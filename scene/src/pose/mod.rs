@@ -168,7 +168,7 @@ impl Scene {
     }
 
     /// Marks all descendants of marked nodes.
-    fn inherit(&self, marked: &mut [bool]) {
+    pub(crate) fn inherit(&self, marked: &mut [bool]) {
         for (index, node) in self.nodes.iter().enumerate() {
             marked[index] |= node.parent.is_some_and(|parent| marked[parent as usize]);
         }
@@ -190,7 +190,7 @@ fn posed(rest: Parts, driven: &[Option<(&Animation, &Channel)>; 4], time_secs: f
 }
 
 /// Moves a light to its node. If the node's scale is zero, the light keeps its last direction.
-fn place_light(light: &mut Light, world_from_node: &DAffine3) {
+pub(crate) fn place_light(light: &mut Light, world_from_node: &DAffine3) {
     let at = world_from_node.translation;
     let along = world_from_node.transform_vector3(DVec3::NEG_Z);
     let (place, turn) = match light {

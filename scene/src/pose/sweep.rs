@@ -32,6 +32,10 @@ impl Scene {
     /// The box around all vertices of placed triangles, at all times of an animated scene. Vertices that joints move are
     /// within the boxes that their joints sweep.
     pub fn bounds(&self) -> Bounds {
+        // Wherever clients move nodes, what hangs on the bounds stays as it is.
+        if let Some(moved) = &self.by_request {
+            return moved.base.bounds();
+        }
         let drivers = self.drivers();
         let mut anchors: Vec<Anchor> = Vec::with_capacity(self.nodes.len());
         for (index, node) in (0u32..).zip(&self.nodes) {

@@ -87,6 +87,9 @@ fn name_with(
     for v in [camera.eye, camera.target, camera.up, DVec3::splat(camera.fov_deg)] {
         hasher.update(bytemuck::bytes_of(&v));
     }
+    if let Some(lens) = camera.lens {
+        hasher.update(format!("{lens:?}").as_bytes());
+    }
     hasher.update(bytemuck::bytes_of(&[size[0], size[1], grid_side(samples_per_pixel)]));
     if let Some(Indirect { paths, bounces }) = indirect {
         hasher.update(b"indirect");

@@ -6,8 +6,9 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::{Indirect, Tracer};
-use crate::Camera;
+use crate::camera::CameraRays;
 use crate::tone::display_from_radiance;
+use crate::{Camera, ImagePlane};
 
 /// The exact image of a view.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,7 +17,7 @@ pub struct ReferenceImage {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Linear radiance, averaged over each pixel; row 0 first.
+    /// Linear radiance, averaged over each pixel; row 0 first. Black where a lens has no ray.
     pub radiance: Vec<Vec3>,
     /// Distance from the eye to the surface on the ray through the pixel's centre, metres; +inf without a surface.
     pub range: Vec<f32>,
@@ -78,7 +79,7 @@ impl Tracer {
         let mut radiance = vec![Vec3::ZERO; pixels];
         let mut range = vec![f32::INFINITY; pixels];
         if pixels > 0 {
-            let rays = Pinhole::new(camera, width, height, grid_side(samples_per_pixel));
+            let rays = ImageRays::new(camera, width, height, grid_side(samples_per_pixel));
             let done = AtomicUsize::new(0);
             let row_of = width as usize;
             let rows = radiance.par_chunks_mut(row_of).zip(range.par_chunks_mut(row_of)).enumerate();
@@ -99,12 +100,13 @@ impl Tracer {
     /// Albedo and normal of the surfaces on the central rays of a view's pixels. The camera must have passed
     /// [`Camera::validate`].
     pub fn surfaces(&self, camera: &Camera, width: u32, height: u32) -> SurfaceImage {
-        let rays = Pinhole::new(camera, width, height, 1);
+        let rays = ImageRays::new(camera, width, height, 1);
         let pixels = u64::from(width) * u64::from(height);
         let seen = (0..pixels).into_par_iter().map(|pixel| {
             let corner = DVec2::new((pixel % u64::from(width)) as f64, (pixel / u64::from(width)) as f64);
-            let (direction, dx, dy) = rays.through(corner + 0.5);
-            let surface = self.trace(rays.eye, direction).map(|hit| self.surface(&hit, direction, dx, dy));
+            let surface = rays.through(corner + 0.5).and_then(|(direction, dx, dy)| {
+                self.trace(rays.eye, direction).map(|hit| self.surface(&hit, direction, dx, dy))
+            });
             surface.map_or((Vec3::ZERO, Vec3::ZERO), |surface| (surface.albedo, surface.normal))
         });
         let (albedo, normal) = seen.unzip();
@@ -112,12 +114,14 @@ impl Tracer {
     }
 
     /// Mean radiance, and range on the central ray, of the pixel whose top left corner is `corner`.
-    fn pixel(&self, rays: &Pinhole, corner: DVec2, indirect: Option<(Indirect, u64)>) -> (Vec3, f32) {
+    fn pixel(&self, rays: &ImageRays, corner: DVec2, indirect: Option<(Indirect, u64)>) -> (Vec3, f32) {
         let mut sum = Vec3::ZERO;
         let mut range = None;
         for i in 0..rays.side * rays.side {
             let cell = DVec2::new(f64::from(i % rays.side), f64::from(i / rays.side));
-            let (direction, dx, dy) = rays.through(corner + (cell + 0.5) / f64::from(rays.side));
+            let Some((direction, dx, dy)) = rays.through(corner + (cell + 0.5) / f64::from(rays.side)) else {
+                continue;
+            };
             let seen = self.see(rays.eye, direction);
             for (hit, share) in seen.shares() {
                 sum += self.radiance_of(hit, direction, dx, dy) * share;
@@ -133,43 +137,65 @@ impl Tracer {
                 range = Some(seen.shown());
             }
         }
-        let central = range.unwrap_or_else(|| self.trace(rays.eye, rays.through(corner + 0.5).0));
+        let trace = || self.trace(rays.eye, rays.through(corner + 0.5)?.0);
+        let central = range.unwrap_or_else(trace);
         let range = central.map_or(f32::INFINITY, |hit| hit.range as f32);
         (sum / (rays.side * rays.side) as f32, range)
     }
 }
 
 /// A camera's rays.
-struct Pinhole {
+struct ImageRays {
     eye: DVec3,
-    /// From the eye to the image's top left corner, on the plane at depth 1.
-    top_left: DVec3,
-    /// From one pixel to the next on that plane.
-    right: DVec3,
-    down: DVec3,
     /// Samples along each side of a pixel.
     side: u32,
+    kind: RayKind,
 }
 
-impl Pinhole {
+enum RayKind {
+    Pinhole {
+        /// From the eye to the image's top left corner, on the plane at depth 1.
+        top_left: DVec3,
+        /// From one pixel to the next on that plane.
+        right: DVec3,
+        down: DVec3,
+    },
+    Lens(CameraRays),
+}
+
+impl ImageRays {
     fn new(camera: &Camera, width: u32, height: u32, side: u32) -> Self {
-        let world_from_view = camera.view_from_world().transpose();
-        let half = camera.tan_half_fov(width, height);
-        Self {
-            eye: camera.eye,
-            top_left: world_from_view * DVec3::new(-half.x, half.y, -1.0),
-            right: world_from_view.x_axis * (2.0 * half.x / f64::from(width)),
-            down: world_from_view.y_axis * (-2.0 * half.y / f64::from(height)),
-            side,
-        }
+        let kind = match camera.is_pinhole() {
+            true => {
+                let world_from_view = camera.view_from_world().transpose();
+                let ImagePlane { half, center } = camera.plane(width, height);
+                RayKind::Pinhole {
+                    top_left: world_from_view * DVec3::new(center.x - half.x, half.y - center.y, -1.0),
+                    right: world_from_view.x_axis * (2.0 * half.x / f64::from(width)),
+                    down: world_from_view.y_axis * (-2.0 * half.y / f64::from(height)),
+                }
+            }
+            false => RayKind::Lens(camera.rays(width, height)),
+        };
+        Self { eye: camera.eye, side, kind }
     }
 
     /// Unit direction through an image position in pixels, and the differences to the next samples to the right and
-    /// below.
-    fn through(&self, pixel: DVec2) -> (DVec3, DVec3, DVec3) {
-        let on_plane = self.top_left + self.right * pixel.x + self.down * pixel.y;
-        let scale = on_plane.length_recip();
-        let spacing = scale / f64::from(self.side);
-        (on_plane * scale, self.right * spacing, self.down * spacing)
+    /// below. `None` where the lens has no ray.
+    fn through(&self, pixel: DVec2) -> Option<(DVec3, DVec3, DVec3)> {
+        match &self.kind {
+            RayKind::Pinhole { top_left, right, down } => {
+                let on_plane = *top_left + *right * pixel.x + *down * pixel.y;
+                let scale = on_plane.length_recip();
+                let spacing = scale / f64::from(self.side);
+                Some((on_plane * scale, *right * spacing, *down * spacing))
+            }
+            RayKind::Lens(rays) => {
+                let along = rays.direction(pixel)?;
+                let step = f64::from(self.side).recip();
+                let next = |by: DVec2| rays.direction(pixel + by).map_or(DVec3::ZERO, |next| next - along);
+                Some((along, next(DVec2::X * step), next(DVec2::Y * step)))
+            }
+        }
     }
 }

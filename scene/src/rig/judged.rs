@@ -1,6 +1,6 @@
 //! A sample camera, judged by the targets of a view.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::VisibilityQuery;
 use super::target::{Target, added};
@@ -168,8 +168,8 @@ fn frames(faces: &[Face], at: DVec3, target: &Target) -> bool {
     let direction = target.direction_from(at);
     faces.iter().any(|face| {
         let p = face.view_from_world * direction;
-        let (x, y) = (p.x / -p.z, p.y / -p.z);
-        p.z < 0.0 && x.abs() <= face.tan_half_fov.x && y.abs() <= face.tan_half_fov.y
+        let at = DVec2::new(p.x, -p.y) / -p.z - face.tan_center;
+        p.z < 0.0 && at.abs().cmple(face.tan_half_fov).all()
     })
 }
 

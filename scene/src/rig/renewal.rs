@@ -68,7 +68,7 @@ impl CoverageEstimate {
     /// For each ray of another view, the index of a target of this estimate in the ray's cell of the view.
     fn kept(&self, camera: &Camera, [width, height]: [u32; 2]) -> [Option<usize>; RAYS] {
         let mut kept = [None; RAYS];
-        let (view_from_world, half) = (camera.view_from_world(), camera.tan_half_fov(width, height));
+        let (view_from_world, plane) = (camera.view_from_world(), camera.plane(width, height));
         for (i, (target, from)) in self.targets.iter().zip(&self.met_from).enumerate() {
             let direction = target.direction_from(camera.eye);
             let distance = match target {
@@ -80,7 +80,7 @@ impl CoverageEstimate {
                 continue;
             }
             let p = view_from_world * direction;
-            let share = (DVec2::new(p.x, -p.y) / (-p.z * half) + 1.0) * 0.5;
+            let share = ((DVec2::new(p.x, -p.y) / -p.z - plane.center) / plane.half + 1.0) * 0.5;
             // A NaN is in no cell.
             let is_within = p.z < 0.0 && share.cmpge(DVec2::ZERO).all() && share.cmplt(DVec2::ONE).all();
             if is_within {

@@ -354,7 +354,7 @@ fn lit_surfaces_that_face_one_another_are_lit_by_paths() {
     let scene = roofed(sun(DVec3::NEG_Y), grey(0.4), grey(0.2));
     let open = EffectRequest::default();
     let plan = EffectPlan::of(&scene, &open, None);
-    assert!(matches!(plan.indirect(&open), argus_scene::Indirect::Paths(_)), "{plan:#?}");
+    assert!(matches!(plan.indirect(&open), argus_scene::Indirect::Cells(_)), "{plan:#?}");
     assert!(plan.light_effects().shadows && plan.light_effects().sky_visibility);
     plan.indirect(&open).check_effects(plan.light_effects()).unwrap();
     // Neither what cannot be seen, nor what was not asked for.

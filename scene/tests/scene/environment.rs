@@ -179,6 +179,26 @@ fn openexr_files_of_every_layout_are_read() {
 }
 
 #[test]
+fn openexr_files_that_claim_large_blocks_get_no_memory() {
+    use exr::prelude::{Blocks, Vec2};
+    for (blocks, attribute, of_width, width) in [
+        (Blocks::Tiles(Vec2(4, 2)), "tiles\0tiledesc\0", 0, 60_000_u32),
+        (Blocks::ScanLines, "dataWindow\0box2i\0", 8, 100_000_000),
+    ] {
+        let mut bytes = openexr(&[("R", 1.0), ("G", 0.5), ("B", 0.25)], blocks, false);
+        // The attribute's value comes after its length of four bytes.
+        let name = bytes.windows(attribute.len()).position(|at| at == attribute.as_bytes()).unwrap();
+        let at = name + attribute.len() + 4;
+        bytes[at + of_width..][..4].copy_from_slice(&width.to_le_bytes());
+        if attribute.starts_with("tiles") {
+            bytes[at + 4..][..4].copy_from_slice(&width.to_le_bytes());
+        }
+        let refused = decode_environment("sky.exr", &bytes).unwrap_err().reason;
+        assert!(refused.contains("cannot be held by"), "{blocks:?}: {refused}");
+    }
+}
+
+#[test]
 fn an_environment_replaces_the_sky_and_the_default_sun_and_changes_the_hash() {
     let map = || map_of(8, |x, _| x as f32 * 0.125);
     let bare = scene(vec![patch(1)], vec![white()], Lighting::default());

@@ -3,7 +3,7 @@
 use super::Mirror;
 
 /// All mirrors of this file.
-pub(super) const MIRRORS: &[Mirror] = &[Digit::MIRROR, Scatter::MIRROR];
+pub(super) const MIRRORS: &[Mirror] = &[Digit::MIRROR, ListStep::MIRROR, Scatter::MIRROR];
 
 mirror! {
     /// One digit of a radix sort: `gpu/sort.wgsl`.
@@ -14,6 +14,22 @@ mirror! {
         pub runs: u32,
         /// Lowest bit of the digit.
         pub shift: u32,
+    }
+}
+
+mirror! {
+    /// One step of a list: `gpu/list_scan.wgsl`.
+    pub struct ListStep {
+        /// Index of the list.
+        pub list: u32,
+        /// Level of sums: 0 is the list itself.
+        pub level: u32,
+        /// Most elements of the list.
+        pub capacity: u32,
+        /// Index of the word that has its length.
+        pub word: u32,
+        /// What is added to that.
+        pub more: u32,
     }
 }
 

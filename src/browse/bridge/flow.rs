@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 use argus_scene::{InvalidField, View};
 use tokio::time::Instant;
 
+use super::super::messages::Form;
+
 /// Largest number of unacknowledged images in flight to a page: one arrives while the next is sent.
 pub(super) const WINDOW: usize = 2;
 
@@ -23,6 +25,7 @@ pub(super) struct Image {
 struct Camera {
     number: u64,
     view: View,
+    form: Form,
     /// When the page sent it.
     since: Instant,
 }
@@ -30,8 +33,22 @@ struct Camera {
 /// A camera that was requested from the service.
 struct Request {
     camera_seq: u64,
-    number: u64,
-    since: Instant,
+    asked: Asked,
+}
+
+/// What is known of a camera when its answer comes.
+#[derive(Clone, Copy)]
+pub(super) struct Asked {
+    /// The page's number of it.
+    pub(super) number: u64,
+    /// When the page sent it.
+    pub(super) since: Instant,
+    /// Its pose.
+    pub(super) camera: argus_scene::Camera,
+    /// How its image is to be encoded.
+    pub(super) form: Form,
+    /// Whether its image has a deadline.
+    soon: bool,
 }
 
 /// State of a page's cameras and images.
@@ -54,12 +71,18 @@ impl Flow {
     ///
     /// # Errors
     /// The number is not above that of the previous camera.
-    pub(super) fn wants(&mut self, number: u64, view: View, since: Instant) -> Result<(), InvalidField> {
+    pub(super) fn wants(
+        &mut self,
+        number: u64,
+        view: View,
+        form: Form,
+        since: Instant,
+    ) -> Result<(), InvalidField> {
         if let Some(newest) = self.newest.as_ref().filter(|newest| number <= newest.number) {
             let reason = format!("numbers must ascend: {number} came after {}", newest.number);
             return Err(InvalidField::new("camera", reason));
         }
-        self.newest = Some(Camera { number, view, since });
+        self.newest = Some(Camera { number, view, form, since });
         self.unasked = true;
         Ok(())
     }
@@ -77,10 +100,24 @@ impl Flow {
         newest.map(|camera| &camera.view)
     }
 
+    /// Whether the newest camera is in a hurry, and one that is not is in work before it: a viewer who rested moves again.
+    pub(super) fn is_held_up(&self) -> bool {
+        let newest = self.newest.as_ref().filter(|_| self.unasked);
+        newest.is_some_and(|camera| is_soon(&camera.view))
+            && self.asked.iter().any(|request| !request.asked.soon)
+    }
+
     /// Records that the newest camera was requested, under this number of the session.
     pub(super) fn asked(&mut self, camera_seq: u64) {
-        if let Some(Camera { number, since, .. }) = self.newest {
-            self.asked.push_back(Request { camera_seq, number, since });
+        if let Some(Camera { number, view, form, since }) = &self.newest {
+            let asked = Asked {
+                number: *number,
+                since: *since,
+                camera: view.camera,
+                form: *form,
+                soon: is_soon(view),
+            };
+            self.asked.push_back(Request { camera_seq, asked });
         }
         self.unasked = false;
     }
@@ -90,12 +127,11 @@ impl Flow {
         !self.asked.is_empty()
     }
 
-    /// Records an answer; earlier cameras will not be answered. Returns the page's number and when the page
-    /// sent the camera.
-    pub(super) fn answered(&mut self, camera_seq: u64) -> Option<(u64, Instant)> {
+    /// Records an answer; earlier cameras will not be answered. Returns what was asked.
+    pub(super) fn answered(&mut self, camera_seq: u64) -> Option<Asked> {
         let end = self.asked.iter().take_while(|asked| asked.camera_seq <= camera_seq).count();
         let last = self.asked.drain(..end).next_back()?;
-        (last.camera_seq == camera_seq).then_some((last.number, last.since))
+        (last.camera_seq == camera_seq).then_some(last.asked)
     }
 
     /// Records the loss of the session. The newest camera is requested again unless it was answered.
@@ -128,6 +164,10 @@ impl Flow {
     }
 }
 
+fn is_soon(view: &View) -> bool {
+    view.plan.deadline_ms.is_some()
+}
+
 #[cfg(test)]
 mod tests {
     use argus_scene::{Camera as Pose, Outputs, PlanRequest};
@@ -138,7 +178,16 @@ mod tests {
 
     fn view() -> View {
         let camera = Pose::look_at(DVec3::ONE, DVec3::ZERO);
-        View { camera, width: 8, height: 6, outputs: Outputs::COLOR, plan: PlanRequest::default(), pin: None }
+        View {
+            camera,
+            width: 8,
+            height: 6,
+            outputs: Outputs::COLOR,
+            plan: PlanRequest::default(),
+            pin: None,
+            flow_to: None,
+            rays: None,
+        }
     }
 
     /// A flow and a simulated service with one view in work and one that waits, as in a session.
@@ -165,14 +214,14 @@ mod tests {
         }
 
         fn wants(&mut self, number: u64) {
-            self.flow.wants(number, view(), Instant::now()).unwrap();
+            self.flow.wants(number, view(), Form::default(), Instant::now()).unwrap();
             self.settle();
         }
 
         /// Finishes the view in work. Returns the page's number of it.
         fn finishes(&mut self) -> Option<u64> {
             let camera_seq = self.in_work.take()?;
-            let (number, _) = self.flow.answered(camera_seq).unwrap();
+            let number = self.flow.answered(camera_seq).unwrap().number;
             self.flow.made(Image { number, message: number.to_le_bytes().to_vec() });
             self.settle();
             Some(number)
@@ -215,9 +264,12 @@ mod tests {
     #[test]
     fn numbers_that_do_not_ascend_are_rejected() {
         let mut flow = Flow::default();
-        flow.wants(7, view(), Instant::now()).unwrap();
+        flow.wants(7, view(), Form::default(), Instant::now()).unwrap();
         for number in [7, 6, 0] {
-            assert_eq!(flow.wants(number, view(), Instant::now()).unwrap_err().field, "camera");
+            assert_eq!(
+                flow.wants(number, view(), Form::default(), Instant::now()).unwrap_err().field,
+                "camera"
+            );
         }
     }
 
@@ -238,10 +290,29 @@ mod tests {
     }
 
     #[test]
+    fn a_camera_with_a_deadline_is_held_up_by_one_without() {
+        let soon = View { plan: PlanRequest { deadline_ms: Some(80.0), ..PlanRequest::default() }, ..view() };
+        let mut flow = Flow::default();
+        let wants = |flow: &mut Flow, number, view: &View| {
+            flow.wants(number, view.clone(), Form::default(), Instant::now()).unwrap();
+            let held_up = flow.is_held_up();
+            flow.asked(number);
+            held_up
+        };
+        assert!(!wants(&mut flow, 1, &soon));
+        assert!(!wants(&mut flow, 2, &soon));
+        assert!(!wants(&mut flow, 3, &view()));
+        assert!(wants(&mut flow, 4, &soon));
+        flow.ask_again();
+        flow.asked(5);
+        assert!(!wants(&mut flow, 6, &soon));
+    }
+
+    #[test]
     fn memory_is_bounded_while_the_service_does_not_answer() {
         let mut flow = Flow::default();
         for number in 1..=10 * MAX_ASKED as u64 {
-            flow.wants(number, view(), Instant::now()).unwrap();
+            flow.wants(number, view(), Form::default(), Instant::now()).unwrap();
             if flow.to_ask().is_some() {
                 flow.asked(number);
             }

@@ -6,25 +6,26 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{
-    CellSettings, GpuSampler, Indirect, PathSettings, PointSettings, SamplerSettings, VplSettings,
+    CellSettings, GpuSampler, Indirect, LightSettings, LightTracer, PathSettings, PointSettings,
+    SamplerSettings, VplSettings,
 };
 use argus_scene::metrics::flip_mean;
 use argus_scene::reference::{DirectLight, Indirect as Paths, Tracer};
-use argus_scene::{Camera, Cancel, LightEffects, Plan, Sampler as _, Scene, SurfaceLight, ViewJob};
+use argus_scene::{Camera, LightEffects, Plan, Sampler as _, Scene, SurfaceLight, ViewJob};
 use glam::DVec3;
 use image::RgbImage;
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
 
 use crate::arguments::{count, is_quick, or_quick, size};
-use crate::bench::image_of;
+use crate::light::cells::CellsFound;
 use crate::light::radiance::{RadianceError, Reference};
+use crate::light::timed::timed;
 use crate::median::{mean, median};
 use crate::metered::open_metered;
 use crate::{Machine, Report, report};
@@ -91,16 +92,17 @@ struct Subject {
 /// A scene that cannot be opened, no GPU, or a render that fails.
 pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let gpu = Gpu::new(&GpuOptions::default())?;
-    let methods = options.methods();
+    let each = |method| tracers(method).map(move |tracer| (method, tracer));
+    let methods: Vec<(Indirect, LightTracer)> = options.methods().into_iter().flat_map(each).collect();
     progress.set_length(methods.len() as u64);
     progress.set_message("tracing the reference");
     let subject = Subject::new(options, gpu)?;
     let truths: Vec<RgbImage> = subject.references.iter().map(Reference::display).collect();
     options.save("reference", &truths)?;
     let mut found = Vec::new();
-    for (number, &method) in methods.iter().enumerate() {
+    for (number, &(method, tracer)) in methods.iter().enumerate() {
         progress.set_message(method.to_string());
-        found.push(subject.found(options, number, method, &truths)?);
+        found.push(subject.found(options, number, method, tracer, &truths)?);
         progress.inc(1);
     }
     let rows = found.iter().map(|found| found.row.clone()).collect();
@@ -116,6 +118,13 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             PathSettings::default().bounces,
             mean(subject.references.iter().map(Reference::noise)),
         ),
+        "Light cells: first_view_s is a view that fills its cells; beside and aside are views of a second viewer, 5 cm and 1 m to the \
+         right; walk are views of one who goes on by 17 cm a frame. filled: cells that such a view fills, as a share of those of a first \
+         view. bypass: pixels that rays light, since cells do not describe them."
+            .to_owned(),
+        "tracer: what traces the rays of views and looks cells up; auto measures it, and never takes a software driver. Two rows of one \
+         method differ in nothing else."
+            .to_owned(),
         "before_s: the first view, compilation of programs included, less a later one. VPLs and points do not reflect the \
          sky's light, which paths and the reference do."
             .to_owned(),
@@ -147,6 +156,18 @@ fn at_equal_time(found: &[Found]) -> Vec<String> {
     of_paths.map(note).collect()
 }
 
+/// What traces the rays of a method's views: both, for the usual settings of methods that a device finds.
+fn tracers(method: Indirect) -> impl Iterator<Item = LightTracer> {
+    let is_usual = match method {
+        Indirect::Paths(settings) => is_quick() || settings == PathSettings::default(),
+        Indirect::Cells(settings) => is_quick() || settings == CellSettings::default(),
+        _ => false,
+    };
+    let all: &[LightTracer] =
+        if is_usual { &[LightTracer::Cpu, LightTracer::Device] } else { &[LightTracer::Auto] };
+    all.iter().copied()
+}
+
 /// All methods of the usual or of the short form, with their settings.
 fn methods(quick: bool) -> Vec<Indirect> {
     let (paths, vpl) = (PathSettings::default(), VplSettings::default());
@@ -169,6 +190,11 @@ fn methods(quick: bool) -> Vec<Indirect> {
         Indirect::Cells(CellSettings { rays: 16, ..CellSettings::default() }),
         Indirect::Cells(CellSettings::default()),
         Indirect::Cells(CellSettings { rays: 256, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { pixels: 2, rays: 16, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { pixels: 2, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { pixels: 3, rays: 16, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { pixels: 8, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { pixels: 16, ..CellSettings::default() }),
         Indirect::Vpl(vpl),
         Indirect::Vpl(VplSettings { bounces: 4, ..vpl }),
         Indirect::Vpl(VplSettings { bounces: 4, samples: 64, ..vpl }),
@@ -226,10 +252,12 @@ impl Subject {
         options: &Options,
         number: usize,
         method: Indirect,
+        tracer: LightTracer,
         truths: &[RgbImage],
     ) -> Result<Found> {
         let effects = method.effects_with(LightEffects::ALL);
-        let settings = SamplerSettings { effects, indirect: method, ..SamplerSettings::default() };
+        let light = LightSettings { tracer, ..LightSettings::default() };
+        let settings = SamplerSettings { effects, light, indirect: method, ..SamplerSettings::default() };
         let mut sampler = GpuSampler::with_methods(
             Arc::clone(&self.gpu),
             Arc::clone(&self.scene),
@@ -237,19 +265,12 @@ impl Subject {
             crate::methods::methods(),
         )?;
         let views = self.views.iter().map(|job| lit_by(job, method)).collect::<Vec<_>>();
-        let begin = Instant::now();
-        view(&mut sampler, &self.views[0])?;
-        let first = begin.elapsed().as_secs_f64();
-        // First views fill their cells; those beside find nearly all of them.
-        let (mut firsts, mut besides) = (Vec::new(), Vec::new());
-        if let Indirect::Cells(_) = method {
-            for job in &views {
-                firsts.push(timed(&mut sampler, job)?.0);
-            }
-            for job in &views {
-                besides.push(timed(&mut sampler, &beside(job))?.0);
-            }
-        }
+        let (first, _) = timed(&mut sampler, &self.views[0])?;
+        // First views fill their cells; those of other viewers find most of them.
+        let found = match method {
+            Indirect::Cells(_) => Some(CellsFound::measure(&mut sampler, &views)?),
+            _ => None,
+        };
         let (mut times, mut images) = (Vec::new(), Vec::new());
         for round in 0..options.rounds.max(1) {
             for job in &views {
@@ -267,15 +288,17 @@ impl Subject {
         let of = |field: fn(&RadianceError) -> f64| mean(errors.iter().map(field).filter(|e| e.is_finite()));
         let (before_s, view_s) = ((first - median(&times)).max(0.0), median(&times));
         let leaves = sampler.paths().unwrap_or_default();
-        let of_views = |times: &[f64]| (!times.is_empty()).then(|| mean(times.iter().copied()));
         let cells = sampler.light_cells();
         let of_leaves = |ms: f64| (leaves.sides > 0).then_some(ms);
-        let row = report::row(json!({
+        let mut row = report::row(json!({
             "method": method.to_string(),
+            "tracer": match tracer {
+                LightTracer::Auto => "auto",
+                LightTracer::Cpu => "cpu",
+                LightTracer::Device => "device",
+            },
             "before_s": before_s,
             "view_s": view_s,
-            "first_view_s": of_views(&firsts),
-            "beside_s": of_views(&besides),
             "cells": cells.map(|cells| cells.cells),
             "cells_mib": cells.map(|cells| cells.bytes as f64 / f64::from(1 << 20)),
             "flip": flip,
@@ -288,6 +311,7 @@ impl Subject {
             "direct_ms": of_leaves(leaves.direct_ms),
             "bounces_ms": of_leaves(leaves.gather_ms),
         }));
+        row.extend(found.iter().flat_map(CellsFound::columns).map(|(name, value)| (name.to_owned(), value)));
         Ok(Found { method, before_s, view_s, flip, row })
     }
 }
@@ -299,27 +323,6 @@ fn lit_by(job: &ViewJob, method: Indirect) -> ViewJob {
         _ => None,
     };
     ViewJob { plan: job.plan.clone().with_light(light), ..job.clone() }
-}
-
-/// The view of a second viewer, five centimetres to the right.
-fn beside(job: &ViewJob) -> ViewJob {
-    let mut beside = job.clone();
-    let right = (job.camera.target - job.camera.eye).cross(job.camera.up).normalize_or_zero() * 0.05;
-    beside.camera.eye += right;
-    beside.camera.target += right;
-    beside
-}
-
-/// Renders a view. Returns the seconds that it took, and its image.
-fn timed(sampler: &mut GpuSampler, job: &ViewJob) -> Result<(f64, RgbImage)> {
-    let begin = Instant::now();
-    let image = view(sampler, job)?;
-    Ok((begin.elapsed().as_secs_f64(), image))
-}
-
-fn view(sampler: &mut GpuSampler, job: &ViewJob) -> Result<RgbImage> {
-    let frame = sampler.render_views(std::slice::from_ref(job), &Cancel::new()).remove(0)?;
-    image_of(&frame)
 }
 
 #[cfg(test)]

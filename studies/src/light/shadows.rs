@@ -11,7 +11,7 @@ use anyhow::{Context as _, Result};
 use argus::args;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
-use argus_sampler::{GpuSampler, LightSettings, SamplerSettings};
+use argus_sampler::{GpuSampler, LightSettings, LightTracer, SamplerSettings};
 use argus_scene::effects::{EffectKind, SHARED_STAGE};
 use argus_scene::reference::{DirectLight, Tracer};
 use argus_scene::{
@@ -162,6 +162,10 @@ fn rows_of(scene: &Scene, rays: &[u32]) -> Vec<Row> {
         }
     }
     rows.push(("all".to_owned(), LightEffects::ALL, usual));
+    for (name, tracer) in [("CPU", LightTracer::Cpu), ("device", LightTracer::Device)] {
+        let settings = LightSettings { tracer, ..usual };
+        rows.push((format!("all, traced by the {name}"), LightEffects::ALL, settings));
+    }
     rows
 }
 

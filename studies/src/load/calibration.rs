@@ -12,8 +12,8 @@ use argus_gpu::Gpu;
 use argus_sampler::SamplerSettings;
 use argus_scene::reference::cache;
 use argus_scene::{
-    Camera, Cancel, Compositor, Frame, Holes, Outputs, PixelJob, RenderError, Rig, RigKind, RigSettings,
-    SampleId, Sampler, Search, ViewJob, metrics, path,
+    Camera, Cancel, Compositor, Frame, Holes, Output, Outputs, PixelJob, RenderError, Rig, RigKind,
+    RigSettings, SampleId, Sampler, Search, ViewJob, metrics, path,
 };
 use glam::DVec2;
 use image::RgbImage;
@@ -162,7 +162,9 @@ impl Answers {
     /// Any error of the sampler or the compositor; an invalid `plan.search` if the compositor has no such search.
     pub fn answer(&mut self, camera: &Camera, size: [u32; 2], setting: Setting) -> Result<(Frame, f64)> {
         let plan = setting.plan(self.bench.sample_ids(camera, setting.samples()));
-        let outputs = Outputs { mask: setting.traces(), confidence: !setting.is_direct(), ..Outputs::COLOR };
+        let of_samples = (!setting.is_direct()).then_some(Output::Confidence);
+        let traced = setting.traces().then_some(Output::Mask);
+        let outputs: Outputs = [Some(Output::Color), of_samples, traced].into_iter().flatten().collect();
         let job = self.bench.job(*camera, size, outputs, plan);
         let cancel = Cancel::new();
         let began = Instant::now();
@@ -179,7 +181,7 @@ impl Answers {
 
     /// Traces the holes of a frame with the sampler, as a worker does.
     fn trace_holes(&mut self, job: &ViewJob, supersampling: u32, frame: &mut Frame) -> Result<()> {
-        let mask = frame.mask.as_ref().context("the frame has no mask")?;
+        let mask = frame.images[Output::Mask].as_ref().context("the frame has no mask")?;
         let holes = mask.iter().enumerate().filter(|(_, m)| **m == 255).map(|(i, _)| i as u32);
         let pixels: Vec<u32> = holes.collect();
         if pixels.is_empty() {
@@ -191,12 +193,12 @@ impl Answers {
             PixelJob { camera, width, height, pixels, samples_per_pixel, state, time_secs, reflections };
         let traced = self.bench.sampler.render_pixels(std::slice::from_ref(&wanted), &Cancel::new());
         let traced = traced.into_iter().next().context("the sampler traced nothing")??;
-        let mut color = frame.color.take().context("the frame has no colour")?.to_vec();
+        let mut color = frame.images[Output::Color].take().context("the frame has no colour")?.to_vec();
         for (&pixel, texel) in wanted.pixels.iter().zip(traced.color.chunks_exact(3)) {
             let at = pixel as usize * 3;
             color[at..at + 3].copy_from_slice(texel);
         }
-        frame.color = Some(color.into());
+        frame.images[Output::Color] = Some(color.into());
         frame.served.traced += wanted.pixels.len() as u64;
         frame.served.unresolved = frame.served.unresolved.saturating_sub(wanted.pixels.len() as u64);
         frame.unresolved_fraction = 0.0;
@@ -291,7 +293,7 @@ impl Answers {
 /// # Errors
 /// The frame has no colour or another size.
 pub fn error(frame: &Frame, reference: &RgbImage) -> Result<f64> {
-    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    let pixels = frame.images[Output::Color].as_ref().context("the frame has no colour")?.to_vec();
     let image = RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")?;
     Ok(metrics::flip_mean(reference, &image)?)
 }

@@ -9,8 +9,8 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Plot, Series};
 use argus_sampler::SamplerSettings;
 use argus_scene::{
-    Camera, Cancel, MegaViews, Outputs, Plan, RenderError, RigKind, RigSettings, Sample, SampleId, SampleJob,
-    Sampler as _, Sampling, ViewJob, Visibility, Warp,
+    Camera, Cancel, MegaViews, Output, Outputs, Plan, RenderError, RigKind, RigSettings, Sample, SampleId,
+    SampleJob, Sampler as _, Sampling, ViewJob, Visibility, Warp,
 };
 use indicatif::ProgressBar;
 use serde_json::{Map, Value, json};
@@ -142,7 +142,7 @@ fn row(
         .map(|camera| {
             let samples = bench.sample_ids(camera, options.samples());
             let plan = Plan::Warp(Warp { samples, ..Warp::default() });
-            bench.job(*camera, options.size, Outputs { range: true, ..Outputs::COLOR }, plan)
+            bench.job(*camera, options.size, Outputs::COLOR.with(Output::Range), plan)
         })
         .collect();
     let (_, frames) = bench.time(&jobs)?;

@@ -18,8 +18,8 @@ use argus_sampler::SamplerSettings;
 use argus_scene::reference::{Reflecting, Tracer};
 use argus_scene::reflection::BOUNCES;
 use argus_scene::{
-    Camera, Cancel, Frame, Outputs, Plan, ProbeSource, ReflectionProbeSet, Reflections, RenderError, RigKind,
-    RigSettings, SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
+    Camera, Cancel, Frame, Output, Outputs, Plan, ProbeSource, ReflectionProbeSet, Reflections, RenderError,
+    RigKind, RigSettings, SampleId, SampleJob, SampleSetInfo, Sampler as _, Stage, Version, ViewJob, Warp,
 };
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -135,7 +135,8 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let (row, frames) = subject.row(&gpu, differs, settings)?;
         if let Some(folder) = &options.images {
             for (view, frame) in frames.iter().enumerate() {
-                let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+                let pixels =
+                    frame.images[Output::Color].as_ref().context("the frame has no colour")?.to_vec();
                 let image = RgbImage::from_raw(width, height, pixels).context("the frame is short")?;
                 image.save(folder.join(format!("{number:02}-{}-{view}.png", differs.replace(' ', "-"))))?;
             }

@@ -363,7 +363,7 @@ fn verdict(variants: &[Variant]) -> String {
 
 /// Median range in metres of the surfaces in a frame; 1 if it shows none.
 fn median_range(frame: &Frame) -> f64 {
-    let (ranges, _) = frame.range.as_deref().unwrap_or_default().as_chunks::<4>();
+    let (ranges, _) = frame.images[Output::Range].as_deref().unwrap_or_default().as_chunks::<4>();
     let all = ranges.iter().map(|range| f64::from(f32::from_le_bytes(*range)));
     let seen: Vec<f64> = all.filter(|range| range.is_finite()).collect();
     if seen.is_empty() { 1.0 } else { median(&seen) }

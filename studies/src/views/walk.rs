@@ -10,7 +10,7 @@ use argus_client::load::patient;
 use argus_client::{Answer, Client};
 use argus_local::{LocalCluster, connect};
 use argus_scene::metrics;
-use argus_scene::{Bounds, Camera, Outputs, PlanRequest, View};
+use argus_scene::{Bounds, Camera, Output, Outputs, PlanRequest, View};
 use glam::DVec3;
 use image::RgbImage;
 use indicatif::ProgressBar;
@@ -141,13 +141,14 @@ impl Truth {
 
 async fn look(client: &Client, options: &Options, camera: Camera, plan: PlanRequest) -> Result<Answer> {
     let [width, height] = options.size;
-    let view = View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None };
+    let view =
+        View { camera, width, height, outputs: Outputs::COLOR, plan, pin: None, flow_to: None, rays: None };
     Ok(client.render(&view, &patient()).await?)
 }
 
 fn image_of(answer: &Answer) -> Result<RgbImage> {
     let frame = &answer.frame;
-    let color = frame.color.as_ref().context("the frame has no colour")?;
+    let color = frame.images[Output::Color].as_ref().context("the frame has no colour")?;
     RgbImage::from_raw(frame.width, frame.height, color.to_vec()).context("the frame is not of its size")
 }
 

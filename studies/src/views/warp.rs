@@ -16,7 +16,7 @@ use argus_gpu::{Gpu, GpuOptions};
 use argus_plot::{Axis, Mark, Plot, Series, pareto_front};
 use argus_sampler::SamplerSettings;
 use argus_scene::{
-    Camera, Cancel, Frame, Outputs, Plan, RenderError, Rig, RigSettings, Search, ViewJob, Warp,
+    Camera, Cancel, Frame, Output, Outputs, Plan, RenderError, Rig, RigSettings, Search, ViewJob, Warp,
 };
 use indicatif::ProgressBar;
 use serde_json::json;
@@ -357,7 +357,7 @@ impl<'a> Study<'a> {
 
     /// Runs one round for quality, which also compiles the pipelines.
     fn judge(&self, bench: &mut Bench, setting: Setting) -> Result<Measured> {
-        let jobs = self.jobs(bench, setting, Outputs { range: true, ..Outputs::COLOR });
+        let jobs = self.jobs(bench, setting, Outputs::COLOR.with(Output::Range));
         let (_, frames) = bench.time(&jobs)?;
         let judged =
             frames.iter().zip(&self.truths).map(|(frame, truth)| Bench::judge(frame, truth, setting.side()));

@@ -3,9 +3,11 @@
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
+
 use super::Page;
 use super::socket::{Said, Socket};
-use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus};
+use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus, run, stderr};
 
 /// Longer than an expected answer takes; the wait for an answer that must not come.
 const MOMENT: Duration = Duration::from_secs(1);
@@ -201,4 +203,84 @@ fn a_page_that_never_reads_does_not_grow_memory() {
     // A page that reads is answered as before.
     reads.camera(2);
     assert_eq!(reads.image().0, 2);
+}
+
+#[test]
+fn an_image_with_a_reach_comes_with_its_relief() {
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let _worker = coordinator.workers(1);
+    coordinator.wait_for_workers(1);
+    let page = Page::open(&coordinator.url, &[]);
+    let mut socket = Socket::open(&page);
+    let ask = |socket: &mut Socket, number: u64, reach: f64| {
+        socket
+            .say(&format!(r#"{{"camera": {number}, "size": [320, 240], "direct": true, "reach": {reach}}}"#));
+        let Said::Image(about, bytes) = socket.next() else { panic!("no image") };
+        socket.shown(number);
+        let jpeg = about["jpeg_bytes"].as_u64().unwrap() as usize;
+        let image = image::load_from_memory(&bytes[..jpeg]).unwrap();
+        assert_eq!((image.width(), image.height()), (320, 240));
+        (about["relief"].clone(), bytes.len() - jpeg)
+    };
+    let (near, near_bytes) = ask(&mut socket, 1, 0.5);
+    let (far, far_bytes) = ask(&mut socket, 2, 50.0);
+    let figure =
+        |relief: &Value, name: &str| relief[name].as_f64().unwrap_or_else(|| panic!("no {name}: {relief}"));
+    // Half a pixel at a focal length of 240 / 2 / tan 22.5° pixels, after the reach.
+    let focal = 120.0 / (45.0_f64 / 2.0).to_radians().tan();
+    for (relief, reach) in [(&near, 0.5), (&far, 50.0)] {
+        let pixels = figure(relief, "residual") * focal * reach;
+        let widened = f64::from(1_u32 << (figure(relief, "smallest").log2() as u32));
+        assert!(pixels > 0.0 && pixels <= 0.5001 * widened, "{pixels} pixels: {relief}");
+        assert!(figure(relief, "median") > 0.0 && figure(relief, "jumps") > 0.0, "{relief}");
+    }
+    assert!(figure(&near, "leaves") < figure(&far, "leaves"), "{near} {far}");
+    assert!(0 < near_bytes && near_bytes < far_bytes, "{near_bytes} {far_bytes}");
+}
+
+#[test]
+fn viewers_who_are_seen_see_one_another_until_they_leave() {
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let page = Page::open(&coordinator.url, &[]);
+    let [mut one, mut two] = [(), ()].map(|()| Socket::open(&page));
+    let told = |socket: &mut Socket| match socket.next() {
+        Said::Text(text) => text["viewers"].as_array().unwrap_or_else(|| panic!("{text}")).clone(),
+        other => panic!("{other:?}"),
+    };
+    let seen = |x: f64| format!(r#"{{"seen": {{"eye": [{x}, 1, 2], "target": [0, 0, 0], "fov_deg": 60}}}}"#);
+    one.say(&seen(1.0));
+    assert!(told(&mut one).is_empty());
+    two.say(&seen(2.0));
+    assert_eq!(told(&mut two)[0]["eye"][0], 1.0);
+    let two_of_one = told(&mut one);
+    assert_eq!((two_of_one.len(), &two_of_one[0]["eye"][0]), (1, &2.0.into()));
+    one.say(&seen(3.0));
+    assert_eq!(told(&mut two)[0]["eye"][0], 3.0);
+    drop(two);
+    // What one does itself is no news, so the next message is about the leaving.
+    while !told(&mut one).is_empty() {}
+    one.say(r#"{"seen": {"eye": [0, 0, 0], "target": [0, 0, 0], "fov_deg": 60}}"#);
+    let Said::Text(refused) = one.next() else { panic!("a view without a direction is taken") };
+    assert!(refused["refused"]["field"].as_str().unwrap().contains("target"), "{refused}");
+}
+
+#[test]
+fn a_simulated_link_takes_its_time_and_wrong_ones_are_refused() {
+    let coordinator = Coordinator::start(SMALL, &[]);
+    let _worker = coordinator.workers(1);
+    coordinator.wait_for_workers(1);
+    let page = Page::open(&coordinator.url, &["--simulate-link", "400ms±20"]);
+    let mut socket = Socket::open(&page);
+    for number in 1..=3 {
+        let begin = Instant::now();
+        socket.camera(number);
+        let Said::Image(about, _) = socket.next() else { panic!("no image") };
+        let spent: f64 = ["bridge_ms", "jpeg_ms"].map(|name| about[name].as_f64().unwrap()).iter().sum();
+        let way = begin.elapsed().as_secs_f64() * 1e3 - spent;
+        assert!(way >= 380.0, "{way} ms on the way");
+        socket.shown(number);
+    }
+    let refused = run(&["browse", "--simulate-link", "20ms±40"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("jitter"), "{}", stderr(&refused));
 }

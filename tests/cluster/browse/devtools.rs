@@ -5,6 +5,8 @@ use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use base64::Engine as _;
+use image::RgbImage;
 use serde_json::{Value, json};
 use tungstenite::{Message, WebSocket};
 
@@ -85,9 +87,15 @@ impl Browser {
         tab
     }
 
-    /// The value of an expression in a page.
+    /// What the page's canvas shows at its pose.
+    pub(crate) fn picture(&mut self, tab: &Tab) -> RgbImage {
+        let address = self.value(tab, "argus.picture()");
+        png(address.as_str().unwrap())
+    }
+
+    /// The value of an expression in a page; of a promise, once there is one.
     pub(crate) fn value(&mut self, tab: &Tab, expression: &str) -> Value {
-        let parameters = json!({ "expression": expression, "returnByValue": true });
+        let parameters = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
         let result = self.command(Some(tab), "Runtime.evaluate", parameters);
         assert!(result["exceptionDetails"].is_null(), "{expression}: {result}");
         result["result"]["value"].clone()
@@ -110,6 +118,13 @@ impl Browser {
         let parameters = json!({ "type": kind, "key": letter.to_string(), "code": code });
         self.command(Some(tab), "Input.dispatchKeyEvent", parameters);
     }
+}
+
+/// The image of a `data:` address of a PNG.
+pub(crate) fn png(address: &str) -> RgbImage {
+    let encoded = address.strip_prefix("data:image/png;base64,").unwrap();
+    let bytes = base64::engine::general_purpose::STANDARD.decode(encoded).unwrap();
+    image::load_from_memory(&bytes).unwrap().to_rgb8()
 }
 
 impl Drop for Browser {

@@ -3,7 +3,9 @@
 mod bridge;
 mod chromium;
 mod devtools;
+mod hosted;
 mod socket;
+mod walk;
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -69,10 +71,12 @@ fn a_browser_walks_through_a_scene() {
     let _worker = coordinator.workers(1);
     coordinator.wait_for_workers(1);
     let mut page = Page::open(&coordinator.url, &[]);
-    let (status, head, text) = page.get("/");
-    assert_eq!((status, field(&head, "content-type").starts_with("text/html")), (200, true), "{head}");
-    // The page loads everything from its own server.
-    assert!(!String::from_utf8(text).unwrap().contains("://"));
+    for (path, kind) in [("/", "text/html"), ("/main.js", "text/javascript"), ("/page.css", "text/css")] {
+        let (status, head, text) = page.get(path);
+        assert_eq!((status, field(&head, "content-type").starts_with(kind)), (200, true), "{head}");
+        // The page loads everything from its own server.
+        assert!(!String::from_utf8(text).unwrap().contains("://"));
+    }
 
     let (status, _, about) = page.get("/scene");
     let about: Value = serde_json::from_slice(&about).unwrap();

@@ -19,7 +19,7 @@ pub(crate) struct Socket(WebSocket<TcpStream>);
 /// A message from the server, or its absence.
 #[derive(Debug, PartialEq)]
 pub(crate) enum Said {
-    /// The description of an image, and the image.
+    /// The description of an image, and the image with its relief.
     Image(Value, Vec<u8>),
     /// A text message.
     Text(Value),

@@ -9,7 +9,7 @@ use argus_sampler::GpuSampler;
 use argus_scene::reference::Tracer;
 use argus_scene::sample::{SampleSet, SampleSetInfo};
 use argus_scene::{
-    Camera, Cancel, Compositor as _, Frame, FrameSource, Outputs, Plan, Rig, RigSettings, SampleId,
+    Camera, Cancel, Compositor as _, Frame, FrameSource, Output, Outputs, Plan, Rig, RigSettings, SampleId,
     Sampler as _, Scene, SceneState, Version, ViewJob, Visibility, Warp,
 };
 use glam::DVec3;
@@ -63,18 +63,19 @@ impl Stage {
             camera,
             width: SIZE[0],
             height: SIZE[1],
-            outputs: Outputs { range: true, mask: true, ..Outputs::COLOR },
+            outputs: Outputs::COLOR.with(Output::Range).with(Output::Mask),
             plan,
             state: SceneState::default(),
             time_secs: 0.0,
             visibility: Visibility::default(),
             reflections: None,
             history: None,
+            rays: None,
         }
     }
 
     fn direct(&mut self, camera: Camera) -> Frame {
-        let outputs = Outputs { range: true, ..Outputs::COLOR };
+        let outputs = Outputs::COLOR.with(Output::Range);
         let job = ViewJob { outputs, ..self.job(camera, Plan::direct(1)) };
         self.sampler.render_views(&[job], &Cancel::new()).remove(0).unwrap()
     }
@@ -93,13 +94,13 @@ impl Stage {
 }
 
 fn ranges(frame: &Frame) -> Vec<f32> {
-    let bytes = frame.range.as_ref().unwrap();
+    let bytes = frame.images[Output::Range].as_ref().unwrap();
     bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
 }
 
 /// Share of pixels that no frame saw.
 fn unseen(frame: &Frame) -> f64 {
-    let mask = frame.mask.as_ref().unwrap();
+    let mask = frame.images[Output::Mask].as_ref().unwrap();
     mask.iter().filter(|value| **value == 255).count() as f64 / mask.len() as f64
 }
 
@@ -117,7 +118,11 @@ fn a_frame_warped_to_its_own_camera_is_itself_to_within_rounding() {
         let warped = stage.warped(camera, camera);
         assert_eq!(unseen(&warped), 0.0, "offset {offset}");
         assert!(ranges(&direct).contains(&f32::INFINITY), "some pixels show the sky");
-        let pairs = direct.color.as_ref().unwrap().iter().zip(warped.color.as_ref().unwrap().iter());
+        let pairs = direct.images[Output::Color]
+            .as_ref()
+            .unwrap()
+            .iter()
+            .zip(warped.images[Output::Color].as_ref().unwrap().iter());
         let most = pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap();
         assert!(most <= 1, "offset {offset}: {most} steps of 255");
         for (is, was) in ranges(&warped).iter().zip(ranges(&direct)) {
@@ -135,7 +140,7 @@ fn ranges_from_a_frame_beside_equal_those_of_the_reference_at_any_offset() {
         let warped = stage.warped(from, to);
         assert!(unseen(&warped) < 0.1, "offset {offset}: {}", unseen(&warped));
         let truth = Tracer::new(Arc::clone(&stage.scene)).render(&to, SIZE[0], SIZE[1], 1, |_| ());
-        let mask = warped.mask.clone().unwrap();
+        let mask = warped.images[Output::Mask].clone().unwrap();
         let mut far_off = 0;
         for (pixel, is) in ranges(&warped).iter().enumerate().filter(|(pixel, _)| mask[*pixel] == 0) {
             assert!(!is.is_nan());
@@ -177,8 +182,8 @@ fn a_frame_of_sky_alone_shows_no_surface_and_no_other_sky() {
     let up = at(0.0, [3.0, 1.0, 3.0], [3.5, 9.0, 3.0]);
     let moved = at(0.0, [2.0, 1.5, 2.0], [2.5, 9.5, 2.0]);
     let (direct, warped) = (stage.direct(moved), stage.warped(up, moved));
-    let colors = |frame: &Frame| frame.color.as_ref().unwrap().as_chunks::<3>().0.to_vec();
-    let mask = warped.mask.clone().unwrap();
+    let colors = |frame: &Frame| frame.images[Output::Color].as_ref().unwrap().as_chunks::<3>().0.to_vec();
+    let mask = warped.images[Output::Mask].clone().unwrap();
     for (pixel, (was, is)) in colors(&direct).iter().zip(&colors(&warped)).enumerate() {
         // Beside the bounds of the scene a sample without surfaces proves nothing, so its pixels are traced.
         let is_seen = mask[pixel] == 0;

@@ -5,7 +5,7 @@ mod hard_cases;
 use std::time::{Duration, Instant};
 
 use argus_client::{Client, RenderOptions};
-use argus_scene::{Camera, Frame, Outputs, Plan, PlanRequest, View, metrics};
+use argus_scene::{Camera, Frame, Output, Outputs, Plan, PlanRequest, View, metrics};
 use glam::DVec3;
 use image::RgbImage;
 
@@ -19,7 +19,7 @@ const PATIENCE: Duration = Duration::from_secs(90);
 
 fn view(camera: Camera) -> View {
     let (outputs, plan) = (Outputs::COLOR, PlanRequest::default());
-    View { camera, width: 320, height: 240, outputs, plan, pin: None }
+    View { camera, width: 320, height: 240, outputs, plan, pin: None, flow_to: None, rays: None }
 }
 
 /// The camera, moved to its right by a share of its distance from its target.
@@ -30,7 +30,8 @@ fn aside(camera: &Camera, share: f64) -> Camera {
 }
 
 fn image_of(frame: &Frame) -> RgbImage {
-    RgbImage::from_raw(frame.width, frame.height, frame.color.as_ref().unwrap().to_vec()).unwrap()
+    RgbImage::from_raw(frame.width, frame.height, frame.images[Output::Color].as_ref().unwrap().to_vec())
+        .unwrap()
 }
 
 async fn rendered(client: &Client, view: &View) -> Frame {
@@ -93,7 +94,7 @@ async fn a_view_near_a_direct_frame_is_warped_from_it_and_its_pin_repeats_it_on_
     let pinned = View { pin: Some(frame.provenance.clone()), ..view };
     let again = rendered(&fresh, &pinned).await;
     assert_eq!(again.provenance, frame.provenance);
-    assert!(again.color == frame.color, "equal bytes");
+    assert!(again.images[Output::Color] == frame.images[Output::Color], "equal bytes");
 }
 
 fn workers_device(status: &serde_json::Value) -> &str {
@@ -126,7 +127,11 @@ async fn pinned_frames_of_another_size_are_refused_by_field() {
     // A frame of the view's own camera is the view itself, to within rounding.
     let again = rendered(&client, &pin(source)).await;
     let most = |a: &Frame, b: &Frame| {
-        let pairs = a.color.as_ref().unwrap().iter().zip(b.color.as_ref().unwrap().iter());
+        let pairs = a.images[Output::Color]
+            .as_ref()
+            .unwrap()
+            .iter()
+            .zip(b.images[Output::Color].as_ref().unwrap().iter());
         pairs.map(|(a, b)| a.abs_diff(*b)).max().unwrap()
     };
     assert!(most(&again, &frame) <= 1, "{}", most(&again, &frame));

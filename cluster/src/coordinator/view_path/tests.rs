@@ -57,6 +57,10 @@ fn data(offset: u64, bytes: &'static [u8]) -> Event {
     chunk(Some(Body::Data(v1::FrameData { offset, bytes: bytes.into() })))
 }
 
+fn trailer() -> Event {
+    chunk(Some(Body::Trailer(v1::FrameTrailer::default())))
+}
+
 fn missed(ticket: u64, unreachable: bool) -> Event {
     Event::Missed { ticket, unreachable }
 }
@@ -130,7 +134,7 @@ fn every_event_in_every_state_follows_the_table() {
     ];
     let all = |what: &'static str| [what, what, what, what, what, what, what, "done"];
     // ".": the state stays and no command is issued.
-    let table: [(Event, [&str; 8]); 19] = [
+    let table: [(Event, [&str; 8]); 20] = [
         (ordered(order(2)), all("ordered open")),
         (with_ticket(order(2), 8), all("redirected redirect")),
         (Event::Cancelled, all("done cancel")),
@@ -140,10 +144,9 @@ fn every_event_in_every_state_follows_the_table() {
         (delivered(9), ["."; 8]),
         (header(), [".", ".", "streaming send", "judged judge", ".", "streaming", ".", "."]),
         (data(0, b"ab"), [".", ".", "failed blame", "failed blame", ".", "streaming send", ".", "."]),
-        (
-            data(0, b"abcd"),
-            [".", ".", "failed blame", "failed blame", ".", "done answered send close", ".", "."],
-        ),
+        (data(0, b"abcd"), [".", ".", "failed blame", "failed blame", ".", "streaming send", ".", "."]),
+        // Of a frame whose bytes are not all there.
+        (trailer(), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
         (chunk(None), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
         (broken(), [".", ".", "failed blame", "failed blame", ".", "failed blame", ".", "."]),
         (
@@ -175,13 +178,13 @@ fn every_event_in_every_state_follows_the_table() {
 fn a_failure_before_the_first_chunk_is_hidden_from_the_client() {
     let mut path = after(&[ordered(order(1)), Event::Broken(Status::unavailable("x")), ordered(order(2))]);
     let mut sent = Vec::new();
-    for event in [header(), data(0, b"abcd")] {
+    for event in [header(), data(0, b"abcd"), trailer()] {
         sent.extend(path.step(event));
     }
     let answers =
         |command: &&Command| matches!(command, Command::Answered(answered) if answered.attempt == 2);
     assert_eq!(sent.iter().filter(answers).count(), 1);
-    assert_eq!(sent.iter().filter(|command| matches!(command, Command::Send(_))).count(), 2);
+    assert_eq!(sent.iter().filter(|command| matches!(command, Command::Send(_))).count(), 3);
 }
 
 #[test]
@@ -194,7 +197,14 @@ fn another_worker_continues_the_frame_of_a_failed_one() {
         let commands = path.step(known);
         assert_eq!(describe(&path, &commands), "streaming", "the client has it already");
     }
-    let commands = path.step(data(2, b"cd"));
+    path.step(data(2, b"cd"));
+    // It failed again before the trailer.
+    path.step(Event::Broken(Status::data_loss("x")));
+    path.step(ordered(order(3)));
+    for known in [header(), data(0, b"ab"), data(2, b"cd")] {
+        path.step(known);
+    }
+    let commands = path.step(trailer());
     assert_eq!(describe(&path, &commands), "done answered send close");
 }
 
@@ -235,7 +245,8 @@ fn the_cost_of_a_rejected_frame_is_in_the_next_header() {
     assert!(sent.stages.iter().any(|stage| stage.name == argus_scene::Stage::REFUSED && stage.ms == 5.0));
     assert_eq!(sent.predicted.map(|predicted| predicted.error), Some(0.1));
     // Its cost was reported with the judgement.
-    let commands = path.step(data(0, b"abcd"));
+    path.step(data(0, b"abcd"));
+    let commands = path.step(trailer());
     assert!(matches!(&commands[0], Command::Answered(Answered { ms: None, relayed: true, .. })));
 }
 
@@ -265,7 +276,8 @@ fn the_same_attempt_is_relayed_to_a_client_that_reaches_no_worker() {
     assert_eq!(path.order().map(|order| order.attempt), Some(1));
     assert!(!path.may_redirect(&order(1)));
     path.step(header());
-    let commands = path.step(data(0, b"abcd"));
+    path.step(data(0, b"abcd"));
+    let commands = path.step(trailer());
     assert_eq!(describe(&path, &commands), "done answered send close");
 }
 

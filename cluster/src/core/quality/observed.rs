@@ -1,6 +1,6 @@
 //! Statistics of a frame's pixels that predict its error.
 
-use argus_scene::Frame;
+use argus_scene::{Frame, Output};
 use serde::{Deserialize, Serialize};
 
 /// Least difference of brightness at an edge, of 255.
@@ -34,7 +34,8 @@ impl Observed {
     pub fn of(frame: &Frame) -> Option<Self> {
         let columns = frame.width as usize;
         let pixels = columns * frame.height as usize;
-        let color = frame.color.as_ref().filter(|color| color.len() == pixels * 3 && pixels > 0)?;
+        let color =
+            frame.images[Output::Color].as_ref().filter(|color| color.len() == pixels * 3 && pixels > 0)?;
         // Rec. 601 luma in 8 bits. FLIP's weights differ by less than its errors vary.
         let luma = |p: &[u8]| (77 * u32::from(p[0]) + 150 * u32::from(p[1]) + 29 * u32::from(p[2])) >> 8;
         let luma: Vec<u8> = color.chunks_exact(3).map(|p| luma(p) as u8).collect();
@@ -42,7 +43,7 @@ impl Observed {
         let (coarse, _) = differences(&luma, columns, COARSE);
         let share = |count: usize| count as f64 / pixels as f64;
         let (mut agreeing, mut residual) = (0.0, 0.0);
-        if let Some(confidence) = frame.confidence.as_ref().filter(|c| c.len() == pixels) {
+        if let Some(confidence) = frame.images[Output::Confidence].as_ref().filter(|c| c.len() == pixels) {
             let seen = confidence.iter().filter(|&&c| c != 0).count();
             let low: u64 = confidence.iter().filter(|&&c| c != 0).map(|c| u64::from(127 - (c & 127))).sum();
             agreeing = share(confidence.iter().filter(|&&c| c & 128 != 0).count());
@@ -96,14 +97,14 @@ fn differences(luma: &[u8], columns: usize, step: usize) -> (f64, f64) {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Plan, Provenance, SceneHash, SceneState};
+    use argus_scene::{Images, Plan, Provenance, SceneHash, SceneState};
 
     use super::*;
 
     fn frame(width: u32, height: u32, color: Vec<u8>, confidence: Option<Vec<u8>>) -> Frame {
         Frame {
-            color: Some(color.into()),
-            confidence: confidence.map(Into::into),
+            images: Images::from([(Output::Color, color.into())])
+                .with(Output::Confidence, confidence.map(bytes::Bytes::from)),
             unresolved_fraction: 0.25,
             ..Frame::without_images(
                 width,
@@ -134,7 +135,9 @@ mod tests {
     fn frames_of_one_pixel_or_without_colour_are_accepted() {
         let one = Observed::of(&frame(1, 1, vec![7; 3], Some(vec![0]))).unwrap();
         assert!(one.features().iter().all(|f| f.is_finite()), "{one:?}");
-        assert!(Observed::of(&Frame { color: None, ..frame(1, 1, vec![7; 3], None) }).is_none());
+        assert!(
+            Observed::of(&Frame { images: Images::default(), ..frame(1, 1, vec![7; 3], None) }).is_none()
+        );
         assert!(Observed::of(&frame(2, 1, vec![7; 3], None)).is_none(), "short");
     }
 }

@@ -30,7 +30,7 @@ impl Situation {
                 (size.x / f64::from(tiles[0])).max(size.z / f64::from(tiles[1]))
             }
         };
-        let pixels_per_radian = 0.5 * f64::from(height) / (0.5 * camera.fov_deg.to_radians()).tan().max(1e-9);
+        let pixels_per_radian = 0.5 * f64::from(height) / camera.tan_half_fov(height, height).y.max(1e-9);
         let nearest = rig.nearest_among(camera, 2, CandidateCameras { refined: &[], sight });
         let nearest: Vec<SampleCamera> = nearest.into_iter().filter_map(|i| rig.camera(i).ok()).collect();
         let center = |i: usize| nearest.get(i).or(nearest.first()).map_or(camera.eye, SampleCamera::center);
@@ -83,8 +83,8 @@ fn focus_distance(camera: &Camera, bounds: &Bounds) -> f64 {
 /// Texels per radian of a sample camera, along its axis.
 fn texels_per_radian(camera: &SampleCamera) -> f64 {
     match camera {
-        SampleCamera::Perspective { camera, height, .. } => {
-            0.5 * f64::from(*height) / (0.5 * camera.fov_deg.to_radians()).tan().max(1e-9)
+        SampleCamera::Perspective { camera, width, height } => {
+            0.5 * f64::from(*height) / camera.tan_half_fov(*width, *height).y.max(1e-9)
         }
         // A face covers a right angle; so does half of a paraboloid's hemisphere, a little more coarsely.
         SampleCamera::Omni { layout, .. } => match layout {

@@ -80,7 +80,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use argus_scene::rig::Target;
-    use argus_scene::{Outputs, PlanRequest, SampleSetInfo, View};
+    use argus_scene::{PlanRequest, SampleSetInfo, View};
     use glam::DVec3;
 
     use super::*;
@@ -145,7 +145,7 @@ mod tests {
             let mut core = Core::new(config, set.clone()).with_sight(Some(counting.clone()));
             let camera = Camera::look_at(DVec3::new(0.3, 0.4, 0.5), DVec3::X);
             let plan = PlanRequest::from_samples();
-            let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
+            let view = View::new(camera, [40, 30], plan);
             let (view_id, view) = (ViewId(1), Box::new(view));
             let client = "a client".into();
             let requested =

@@ -77,6 +77,12 @@ impl SampleLocations {
         news
     }
 
+    /// Number of samples of a version that workers hold.
+    pub(super) fn held_of(&self, version: u64) -> u64 {
+        let of_version = SampleId { version, camera: 0 }..=SampleId { version, camera: u64::MAX };
+        self.places.range(of_version).filter(|(_, place)| place.is_held()).count() as u64
+    }
+
     /// Whether any worker holds any sample.
     pub(super) fn holds_any(&self) -> bool {
         self.places.values().any(SampleHolders::is_held)

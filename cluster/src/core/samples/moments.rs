@@ -89,6 +89,20 @@ impl Samples {
         Advanced { changed, ordered }
     }
 
+    /// Serves a version with other transforms of nodes. `kept`: the revisions that can still be shown. Returns the number of samples
+    /// that show the state before.
+    pub(in crate::core) fn move_nodes(
+        &mut self,
+        revision: u64,
+        kept: impl IntoIterator<Item = u64>,
+        needed: &NeededVersions,
+    ) -> u64 {
+        let stale = self.locations.held_of(self.versions.served().number);
+        self.versions.move_nodes(revision, kept);
+        self.serve_version(needed);
+        stale
+    }
+
     fn serve_version(&mut self, needed: &NeededVersions) {
         let version = self.versions.served();
         self.changed = true;
@@ -154,6 +168,15 @@ impl Samples {
         };
         let epochs = kept.map(|version| version.state.epoch);
         let pinned = pin.state;
+        let revisions = self.versions.revisions();
+        if !revisions.contains(&pinned.revision) {
+            let (asked, newest) = (pinned.revision, revisions.back().copied().unwrap_or_default());
+            return Err(Fault::Pin(format!(
+                "revision {asked} of the nodes' transforms is not kept here, the newest of {} is {newest}; set the \
+                 transforms again, and pin the frame that shows them",
+                revisions.len()
+            )));
+        }
         let direct = self.versions.moves() && !pin.plan.needs_samples();
         if !direct && !epochs.contains(&pinned.epoch) {
             let epochs = are("epoch", epochs);
@@ -168,6 +191,11 @@ impl Samples {
             }
             Some((number, Some(SceneState { epoch, .. }))) if epoch != pinned.epoch => {
                 let reason = format!("of version {number} show epoch {epoch}, not epoch {}", pinned.epoch);
+                Err(InvalidField::new("pin.plan.warp.samples", reason).into())
+            }
+            Some((number, Some(SceneState { revision, .. }))) if revision != pinned.revision => {
+                let reason =
+                    format!("of version {number} show revision {revision}, not revision {}", pinned.revision);
                 Err(InvalidField::new("pin.plan.warp.samples", reason).into())
             }
             Some((number, Some(SceneState { light, .. }))) if light != pinned.light => {

@@ -78,6 +78,8 @@ pub(super) struct Versions {
     plans_each: u64,
     /// Plans since the newest version was issued.
     plans: u64,
+    /// Revisions of the nodes' transforms that can still be shown, oldest first.
+    revisions: VecDeque<u64>,
 }
 
 impl Versions {
@@ -103,6 +105,7 @@ impl Versions {
             used: BTreeMap::new(),
             plans_each: 0,
             plans: 0,
+            revisions: VecDeque::from([0]),
         }
     }
 
@@ -153,6 +156,20 @@ impl Versions {
         self.before = self.served.clone();
         self.past.clear();
         self.upcoming.clear();
+    }
+
+    /// Serves a version with other transforms of nodes from now on: views do not wait until samples show them. Versions in
+    /// preparation would show earlier ones, and are dropped. `kept`: the revisions that can still be shown.
+    pub(super) fn move_nodes(&mut self, revision: u64, kept: impl IntoIterator<Item = u64>) {
+        let version = self.issue(SceneState { revision, ..self.served.version.state });
+        self.upcoming.clear();
+        self.serve(Prepared { version, cameras: BTreeSet::new() });
+        self.revisions = kept.into_iter().collect();
+    }
+
+    /// The revisions of the nodes' transforms that can still be shown, oldest first.
+    pub(super) fn revisions(&self) -> &VecDeque<u64> {
+        &self.revisions
     }
 
     /// Issues the next version, which shows this state. Each level of light that it skips uses up a number as well. So a

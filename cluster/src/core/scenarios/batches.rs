@@ -2,7 +2,7 @@
 
 use argus_scene::rig::{CoverageEstimate, Target, VisibilityQuery};
 use argus_scene::{
-    Camera, LightLevel, Outputs, Plan, PlanRequest, Preset, Rig, SampleSetInfo, SceneState, Version, View,
+    Camera, LightLevel, Plan, PlanRequest, Preset, Rig, SampleSetInfo, SceneState, Version, View,
 };
 use glam::DVec3;
 
@@ -31,7 +31,7 @@ impl VisibilityQuery for Open {
 /// A worker whose prices are known, in a scene of cells in this light.
 fn priced(direct_ms: f64, warp_ms: f64, light: LightLevel) -> Sim {
     let rig = Rig::Cell { origin: DVec3::ZERO, spacing: 4.0, face: 512 };
-    let version = Version { number: 0, state: SceneState { epoch: 0, light } };
+    let version = Version { number: 0, state: SceneState { light, ..SceneState::default() } };
     let set = SampleSetInfo { rig, version, ..crate::core::tests::set_info() };
     let mut sim = Sim::with_set(Config::default(), set);
     let id = sim.join("a");
@@ -52,7 +52,7 @@ fn views(sim: &Sim, count: u32) -> Vec<(View, Option<CoverageEstimate>)> {
         let eye = DVec3::new(0.5 + f64::from(i % 7) * 0.1, 1.0, 0.7);
         let camera = Camera::look_at(eye, eye + DVec3::X);
         let plan = PlanRequest::default();
-        View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
+        View::new(camera, [200, 150], plan)
     };
     let estimated = |view: View| {
         let estimate = sim.core.batch_estimate_wanted(&view).map(|wanted| wanted.make(&view, &Open));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use argus_scene::frame::{Provenance, Reason};
 use argus_scene::rig::{Target, VisibilityQuery};
-use argus_scene::{Camera, Outputs, Plan, PlanRequest, SampleId, View};
+use argus_scene::{Camera, Plan, PlanRequest, SampleId, View};
 use glam::DVec3;
 
 use super::sim::Sim;
@@ -52,7 +52,7 @@ pub(super) fn measured(direct_ms: f64, warp_ms: f64) -> Sim {
 pub(super) fn view() -> View {
     let camera = Camera::look_at(DVec3::new(0.5, 1.0, 0.7), DVec3::new(5.0, 1.0, 0.7));
     let plan = PlanRequest::default();
-    View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None }
+    View::new(camera, [200, 150], plan)
 }
 
 /// Requests a view, with its estimate.

@@ -204,6 +204,8 @@ impl Sim {
                 device,
                 history: false,
             }),
+            flow_to: None,
+            rays: None,
         });
         let client = "a client".into();
         self.step(Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None });
@@ -245,8 +247,7 @@ impl Sim {
     ) -> ViewId {
         let view_id = ViewId(self.next);
         self.next += 1;
-        let view =
-            Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
+        let view = Box::new(View::new(camera, [200, 150], plan));
         let client = "a client".into();
         self.step(Event::Requested { view_id, client, view, deadline, estimate: None, last: None });
         view_id

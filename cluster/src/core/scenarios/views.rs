@@ -271,6 +271,8 @@ fn a_pinned_device_is_waited_for_or_refused() {
                 device: device.to_owned(),
                 history: false,
             }),
+            flow_to: None,
+            rays: None,
         });
         let client = "a client".into();
         sim.step(Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None });

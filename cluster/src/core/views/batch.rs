@@ -71,7 +71,8 @@ impl Cluster<'_> {
     }
 }
 
-/// Whether a set's version lasts: nothing moves, and its light rises no more.
+/// Whether a set's version lasts: nothing moves, nothing was moved, and its light rises no more.
 fn stands_still(set: &SampleSetInfo) -> bool {
-    set.epoch_secs == 0.0 && set.version.state.light == set.last_light()
+    let state = set.version.state;
+    set.epoch_secs == 0.0 && state.revision == 0 && state.light == set.last_light()
 }

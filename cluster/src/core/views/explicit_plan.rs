@@ -184,6 +184,8 @@ mod tests {
             outputs: Outputs::COLOR,
             plan: PlanRequest::default(),
             pin: None,
+            flow_to: None,
+            rays: None,
         }
     }
 

@@ -116,7 +116,7 @@ impl Views {
         }
         let Cluster { samples, workers, .. } = cluster;
         // Limits are checked first, so that refused views cost no planning under overload.
-        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let open = view.leaves_way_open();
         let (least, most) = match open {
             true => self.expected_wait_anywhere(cluster, now),
             false => {

@@ -66,7 +66,7 @@ impl Cluster<'_> {
         view: &View,
         last: Option<&LastView>,
     ) -> Option<EstimateRequest> {
-        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let open = view.leaves_way_open();
         let candidates = if open { self.held_around(&view.camera) } else { Vec::new() };
         // The last frame's samples may no longer be the nearest ones.
         let memory = last.filter(|_| open).and_then(|last| Memory::of(view, last.clone()));
@@ -77,7 +77,7 @@ impl Cluster<'_> {
 
     /// The estimate that tells which camera set would have served a view; `None` if no camera set can pay.
     pub(in crate::core) fn camera_set_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
-        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let open = view.leaves_way_open();
         let may_pay = self.workers.iter().any(|worker| worker.report().warp_cost.is_some());
         let candidates = if open && may_pay { self.cameras_around(&view.camera) } else { Vec::new() };
         EstimateRequest::of(self.samples.set(), candidates, Vec::new(), Vec::new())

@@ -38,7 +38,7 @@ impl OpenView {
         estimate: Option<Box<CoverageEstimate>>,
         last: Option<Box<LastView>>,
     ) -> Option<Box<Self>> {
-        let open = view.pin.is_none() && view.plan.leaves_way_open();
+        let open = view.leaves_way_open();
         let direct = direct_frame(view);
         let aim = Aim::of(&view.plan);
         let memory = last.and_then(|last| Memory::of(view, *last));

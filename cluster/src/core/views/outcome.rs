@@ -1,5 +1,7 @@
 //! Outcomes of views: answered, retried, failed, expired and cancelled.
 
+use std::time::Duration;
+
 use argus_proto::Fault;
 
 use super::pending::Pending;
@@ -7,6 +9,12 @@ use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Failure, ViewId};
 use crate::core::time::Uptime;
 use crate::core::workers::{RecentFrame, Worker};
+
+/// A view may wait for so many times the usual while a worker measures how samples are rendered.
+const PATIENCE_FOR_A_SET: u32 = 4;
+
+/// Such a view is looked at again after this time.
+const CHECK_AGAIN: Duration = Duration::from_secs(1);
 
 impl Views {
     /// Handles an answered attempt.
@@ -139,10 +147,22 @@ impl Views {
         if now >= at {
             self.refuse(view_id, Fault::Deadline(asked_for), outputs);
         } else if view.worker.is_none() && now.since(view.requested) >= self.config.patience {
-            let secs = self.config.patience.as_secs_f64();
+            // On a busy machine, measuring how samples are best rendered may take longer than a worker's other work.
+            let awaits_set = view.needs_samples() && cluster.workers.set_is_on_its_way();
+            if awaits_set && now.since(view.requested) < self.config.patience * PATIENCE_FOR_A_SET {
+                view.due = at.min(now.after(CHECK_AGAIN));
+                self.due.insert((view.due, view_id));
+                return;
+            }
+            let secs = now.since(view.requested).as_secs_f64();
             let ready = cluster.workers.queues().ready();
-            let fault = Fault::Unavailable(format!("none of {ready} ready workers had room within {secs} s"));
-            self.refuse(view_id, fault, outputs);
+            let why = match awaits_set {
+                true => format!(
+                    "{ready} ready workers are still measuring how to render samples, after {secs:.0} s"
+                ),
+                false => format!("none of {ready} ready workers had room within {secs:.0} s"),
+            };
+            self.refuse(view_id, Fault::Unavailable(why), outputs);
         } else {
             // In work: only the deadline remains.
             view.due = at;

@@ -32,7 +32,8 @@ impl Views {
     /// The plan of an unpinned view by its target, if a model can answer it; else `plain`, the plan by the request
     /// alone.
     pub(super) fn planned(&self, view: &View, plain: Plan, cluster: Cluster<'_>) -> Planned {
-        let Some(model) = self.model(cluster).filter(|_| view.pin.is_none()) else {
+        let may_choose = view.pin.is_none() && view.camera.is_pinhole();
+        let Some(model) = self.model(cluster).filter(|_| may_choose) else {
             return Planned { plan: plain, expected: None, target_search: None };
         };
         let set = cluster.samples.set();

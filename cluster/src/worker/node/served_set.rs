@@ -96,6 +96,13 @@ impl ServedSet {
         state: SceneState,
     ) -> Result<(Arc<SampleSetInfo>, Limits), Fault> {
         let (set, limits) = self.set()?;
+        if state.revision != 0
+            && self.scene().is_none_or(|scene| scene.revisions.get(state.revision).is_none())
+        {
+            let reason =
+                format!("transforms of revision {} are not known to this worker any more", state.revision);
+            return Err(Fault::Unavailable(reason));
+        }
         if let Some(same) = self.state.lock().versions.iter().find(|info| info.version.state == state) {
             return Ok((same.clone(), limits));
         }

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Cancel, Compositor, FrameSource, Outputs, Plan, RenderError, Sample, SampleId, SampleSet, SampleSetInfo,
-    Scene, ViewJob, Warp,
+    Cancel, Compositor, FrameSource, Output, Outputs, Plan, RenderError, Sample, SampleId, SampleSet,
+    SampleSetInfo, Scene, ViewJob, Warp,
 };
 use tracing::{debug, warn};
 
@@ -51,7 +51,7 @@ impl Renderer {
             .map(|[width, height]| {
                 let source = FrameSource { camera, width, height, samples_per_pixel: 1, light: None };
                 let direct = view(info, camera, [width, height], source.plan(), visibility);
-                let job = ViewJob { outputs: Outputs { range: true, ..Outputs::COLOR }, ..direct };
+                let job = ViewJob { outputs: Outputs::COLOR.with(Output::Range), ..direct };
                 let frames = self.guarded(|own| {
                     Ok(own.sampler()?.render_views(std::slice::from_ref(&job), &Cancel::default()))
                 })?;

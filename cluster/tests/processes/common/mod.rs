@@ -20,6 +20,7 @@ use argus_proto::chunks::{FrameAssembler, FrameMeta};
 use argus_proto::v1::cluster_client::ClusterClient;
 use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::v1::{self};
+use argus_scene::animation::{Node, Parts, Rest};
 use argus_scene::scene::RigKind;
 use argus_scene::{
     Camera, Frame, Instance, Limits, Mesh, Outputs, PlanRequest, Provenance, Scene, SceneHash, View,
@@ -61,9 +62,15 @@ pub fn scene(name: &str) -> Arc<Scene> {
         hash: SceneHash(hash),
         meshes: vec![mesh],
         instances: vec![Instance { mesh: 0, node: None, world_from_mesh: DAffine3::IDENTITY }],
+        nodes: [("box", None), ("lid", Some(0)), ("twin", None), ("twin", None)].map(node).into(),
         rig: RigKind::TileCorners,
         ..Scene::default()
     })
+}
+
+/// A node of that name and parent, which nothing hangs from.
+fn node((name, parent): (&str, Option<u32>)) -> Node {
+    Node { name: name.to_owned(), parent, rest: Rest::Parts(Parts::default()), lights: Vec::new() }
 }
 
 /// Serves a generated scene, or one of two files.
@@ -372,6 +379,8 @@ pub fn view(i: usize) -> View {
         outputs: Outputs::COLOR,
         plan: PlanRequest::from_samples(),
         pin: None,
+        flow_to: None,
+        rays: None,
     }
 }
 

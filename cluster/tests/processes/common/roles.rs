@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use argus_cluster::RoleFactory;
 use argus_scene::{
-    Cancel, CellContent, CellPage, CellPages, CellReport, Compositor, FaceMask, Frame, InvalidField, Plan,
-    Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError, Sample, SampleId, SampleJob,
+    Cancel, CellContent, CellPage, CellPages, CellReport, Compositor, FaceMask, Frame, InvalidField, Output,
+    Plan, Plane, PlaneData, PlaneFormat, PlaneKind, Provenance, RenderError, Sample, SampleId, SampleJob,
     SampleSet, SampleSetInfo, Sampler, Scene, Served, Specification, Stage, ViewJob, Warp,
 };
 use bytes::Bytes;
@@ -224,12 +224,15 @@ fn frame(job: &ViewJob, scene: &Scene, specification: Specification, seed: u64) 
     Frame {
         width: job.width,
         height: job.height,
-        color: job.outputs.color.then(|| noise(seed, pixels * 3)),
-        range: job.outputs.range.then(|| noise(seed ^ 1, pixels * 4)),
-        mask: job.outputs.mask.then(|| noise(seed ^ 2, pixels)),
-        // No pixel says which sample it comes from.
-        source: job.outputs.source.then(|| vec![0; pixels].into()),
-        confidence: job.outputs.confidence.then(|| noise(seed ^ 4, pixels)),
+        images: job
+            .outputs
+            .iter()
+            .map(|output| match output {
+                // No pixel names a sample.
+                Output::Source => (output, vec![0; pixels].into()),
+                _ => (output, noise(seed ^ output as u64, pixels * output.pixel_bytes())),
+            })
+            .collect(),
         unresolved_fraction: 0.0,
         served: Served::default(),
         predicted: None,
@@ -252,7 +255,8 @@ fn stages(us: &AtomicU64) -> Vec<Stage> {
 }
 
 fn seed_of(job: &ViewJob, more: &[u8]) -> u64 {
-    let text = format!("{:?} {:?} {} {} {}", job.camera, job.plan, job.width, job.height, job.state.epoch);
+    let shown = (job.state.epoch, job.state.revision);
+    let text = format!("{:?} {:?} {} {} {shown:?}", job.camera, job.plan, job.width, job.height);
     hash(&[text.as_bytes(), more])
 }
 
@@ -280,6 +284,7 @@ impl FakeSampler {
             &self.scene.hash.0,
             &id.camera.to_le_bytes(),
             &info.version.state.epoch.to_le_bytes(),
+            &info.version.state.revision.to_le_bytes(),
             light.as_bytes(),
         ]);
         let plane = |kind, format: PlaneFormat, seed| {
@@ -439,8 +444,9 @@ impl Compositor for FakeCompositor {
             made.stages = stages(&self.settings.view_us);
             if self.settings.coarse.load(Ordering::SeqCst) {
                 let pixels = (job.width * job.height) as usize;
-                made.range = job.outputs.range.then(|| 1e-3_f32.to_le_bytes().repeat(pixels).into());
-                made.source = job.outputs.source.then(|| vec![1; pixels].into());
+                made.images[Output::Range] =
+                    job.outputs.has(Output::Range).then(|| 1e-3_f32.to_le_bytes().repeat(pixels).into());
+                made.images[Output::Source] = job.outputs.has(Output::Source).then(|| vec![1; pixels].into());
             }
             made.unresolved_fraction = self.settings.unresolved_percent.load(Ordering::SeqCst) as f64 * 1e-2;
             Ok(made)

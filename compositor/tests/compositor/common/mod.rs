@@ -10,9 +10,9 @@ use argus_scene::reference::Tracer;
 use argus_scene::shading::{Surface, diffuse_radiance, sky_radiance, specular_radiance};
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Bounds, Camera, Cancel, Compositor as _, FaceMask, Frame, Light, Lighting, OmniLayout, Outputs, Plan,
-    Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId, SampleSet,
-    SampleSetInfo, SceneHash, SceneState, Search, Sky, Version, ViewJob, Warp,
+    Bounds, Camera, Cancel, Compositor as _, FaceMask, Frame, Light, Lighting, OmniLayout, Output, Outputs,
+    Plan, Plane, PlaneData, PlaneFormat, PlaneKind, RenderError, Rig, Sample, SampleCamera, SampleId,
+    SampleSet, SampleSetInfo, SceneHash, SceneState, Search, Sky, Version, ViewJob, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -178,7 +178,8 @@ pub(crate) fn take(
         let direction_at = |at: DVec2| {
             let ndc = at / DVec2::new(f64::from(face.size[0]), f64::from(face.size[1])) * 2.0 - 1.0;
             let half = face.tan_half_fov;
-            let in_face = DVec3::new(ndc.x * half.x, -ndc.y * half.y, -1.0);
+            let at = ndc * half + face.tan_center;
+            let in_face = DVec3::new(at.x, -at.y, -1.0);
             (face.view_from_world.transpose() * in_face).normalize()
         };
         let rows: Vec<u32> = (0..face.size[1]).collect();
@@ -320,7 +321,7 @@ pub(crate) fn compositor_with(set: &SampleSet, settings: CompositorSettings) -> 
 }
 
 pub(crate) const EVERYTHING: Outputs =
-    Outputs { color: true, range: true, mask: true, source: true, confidence: false };
+    Outputs::COLOR.with(Output::Range).with(Output::Mask).with(Output::Source);
 
 /// A view of everything, from all samples of a set, nearest first.
 pub(crate) fn job(set: &SampleSet, camera: Camera, size: [u32; 2], search: Search) -> ViewJob {
@@ -359,8 +360,10 @@ pub(crate) struct Judged {
 
 /// Compares a frame with what the subject looks like from there.
 pub(crate) fn judge(subject: &dyn Subject, job: &ViewJob, frame: &Frame, tolerance: f64) -> Judged {
-    let (color, range) = (frame.color.as_ref().unwrap(), frame.range.as_ref().unwrap());
-    let (mask, source) = (frame.mask.as_ref().unwrap(), frame.source.as_ref().unwrap());
+    let (color, range) =
+        (frame.images[Output::Color].as_ref().unwrap(), frame.images[Output::Range].as_ref().unwrap());
+    let (mask, source) =
+        (frame.images[Output::Mask].as_ref().unwrap(), frame.images[Output::Source].as_ref().unwrap());
     let exposure = subject.lighting().exposure;
     let (mut bad, mut difference, mut unresolved, mut sky) = (0.0, 0.0, 0.0, 0.0);
     let pixels = (job.width * job.height) as usize;

@@ -1,4 +1,4 @@
-// Pieces of triangles that have points, and the maps that points are splatted into. Mirrored in `layout/gpu.rs`.
+// Pieces of triangles that have points, and the maps that points are splatted into. Mirrored in `layout.rs`.
 //
 // Positions have two parts, of which the second is what the first rounds away. So the difference of two positions is as exact
 // as an f32 can be, however far both are from the origin.
@@ -18,8 +18,12 @@ struct PointPiece {
     flags: u32,
     // Unit vector from row to row.
     up: vec3f,
+    // Its index in the list of visibility bits.
+    seen: u32,
     // Column and row of each corner, with fractions.
     places: array<vec2f, 3>,
+    // Cells that are nearer to the piece than this, in cells, count as touching: rounding moves a texel's place by less.
+    slack: f32,
 }
 
 const WHOLE_CELL: u32 = 1u;
@@ -28,14 +32,27 @@ const WHOLE_CELL: u32 = 1u;
 struct PointFacet {
     // Corners, metres.
     a: vec3f,
+    // Index of its instance.
+    instance: u32,
     b: vec3f,
+    // Bits: `BOTH_SIDES`, `CUTOUT`.
+    flags: u32,
     c: vec3f,
+    // A number in 0..1 that decides whether it is culled.
+    chance: f32,
     a_low: vec3f,
+    // Square metres.
+    area: f32,
     b_low: vec3f,
     c_low: vec3f,
     // Unit normal.
     normal: vec3f,
 }
+
+// The back is seen, too.
+const BOTH_SIDES: u32 = 1u;
+// Parts of it are cut out.
+const CUTOUT: u32 = 2u;
 
 // A map of six faces around a point.
 struct PointMap {

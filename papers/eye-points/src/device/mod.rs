@@ -1,32 +1,41 @@
 //! Eye-based points on the GPU (Gavane and Watson, 2022): points of pieces of triangles, splatted into maps around reflectors.
 //!
-//! The caller cuts triangles into pieces, and decides their density and which maps see them ([`crate::PointScene`]); so
-//! far that runs on the CPU. The passes here:
+//! 1. [`PointPasses::cut`]: an invocation a triangle, then one a part of a triangle: pieces of one density each, and the maps
+//!    that see them. The CPU does the same in f64 ([`crate::PointScene`]), and may hand over its pieces;
+//! 2. [`PointPasses::count`]: an invocation a piece, then one a row of cells; prefix sums of both;
+//! 3. [`PointPasses::points`]: an invocation a point of 8 bytes;
+//! 4. [`PointPasses::splat`]: an invocation a point writes the texels that it covers by 64-bit atomic maxima, at most 32 × 32 of
+//!    each face. Larger rectangles are divided into tiles, which have invocations of their own;
+//! 5. [`PointPasses::request`]: an invocation a ray looks it up in the maps, and marks the point that it meets; marked points are
+//!    listed, and [`PointPasses::mirror`] averages their radiance.
 //!
-//! 1. [`PointPasses::count`]: an invocation a piece, then one a row of cells; prefix sums of both;
-//! 2. [`PointPasses::points`]: an invocation a point of 8 bytes;
-//! 3. [`PointPasses::splat`]: an invocation a point writes the texels that it covers by 64-bit atomic maxima, at most 32 × 32 of
-//!    each face. Larger rectangles are divided into tiles, which have invocations of their own.
-//!
-//! Every device that [`Gpu::new`] opens has 64-bit atomic maxima, so there is no program without them. Maps that exceed one
-//! array of the device are filled in turns. Results are equal in each run, since a maximum does not depend on order.
+//! Every device that [`Gpu::new`] opens has 64-bit atomic maxima, so there is no program without them. No array exceeds what a
+//! program may bind: triangles are cut in ranges, and maps are filled and looked up in turns. Results are equal in each run,
+//! since a maximum does not depend on order.
 
 mod cells;
+mod cut;
+mod facets;
+mod lookup;
+mod pipelines;
 mod splat;
 #[cfg(test)]
 mod tests;
 
 use std::sync::Arc;
 
-use crate::layout::PointFacet;
 use crate::programs::{POINTS_CELLS, POINTS_SPLAT};
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 use glam::DVec3;
 
-use argus_gpu::{ComputePipeline, Gpu, GpuError, Scan};
+use argus_gpu::{ComputePipeline, Gpu, GpuError, ListScan, Scan};
+use pipelines::{Cutting, LookupPipelines};
 
-pub use cells::{CountedCells, Points};
-pub use splat::MapAround;
+pub use cells::{CellCount, CountedCells, Points};
+pub use cut::{CutParts, CutRule, DeviceReflectors, SeenSides};
+pub use facets::{DeviceFacet, FacetRange, PointFacets};
+pub use lookup::{DeviceRays, ListPart, ListedPoint, Requested};
+pub use splat::{MapAround, MapTurn, SplatPart};
 
 /// Why points could not be made.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -59,12 +68,9 @@ pub struct PointPasses {
     make_points: ComputePipeline,
     splat: ComputePipeline,
     splat_further: ComputePipeline,
-}
-
-/// Triangles on the device.
-#[derive(Debug)]
-pub struct PointFacets {
-    buffer: Buffer,
+    lists: ListScan,
+    cutting: Cutting,
+    lookups: LookupPipelines,
 }
 
 /// A position as the sum of two f32: the second is what the first rounds away.
@@ -89,6 +95,9 @@ impl PointPasses {
             make_points: gpu.compute_pipeline(&POINTS_CELLS, "make_points"),
             splat: gpu.compute_pipeline(&POINTS_SPLAT, "splat"),
             splat_further: gpu.compute_pipeline(&POINTS_SPLAT, "splat_further"),
+            lists: ListScan::new(gpu),
+            cutting: Cutting::new(gpu),
+            lookups: LookupPipelines::new(gpu),
             gpu: Arc::clone(gpu),
         }
     }
@@ -96,26 +105,6 @@ impl PointPasses {
     /// Most points of one array, 8 bytes each.
     pub fn most_points(&self) -> u32 {
         u32::try_from(self.largest / 8).unwrap_or(u32::MAX)
-    }
-
-    /// Uploads triangles. `origin` is near them: positions are relative to it.
-    ///
-    /// # Errors
-    /// There are too many for one array.
-    pub fn facets(
-        &self,
-        corners: impl ExactSizeIterator<Item = [DVec3; 3]>,
-        origin: DVec3,
-    ) -> Result<PointFacets, PointsError> {
-        self.fits("triangles", corners.len() as u64 * size_of::<PointFacet>() as u64)?;
-        let facet = |corners: [DVec3; 3]| {
-            let [[a, a_low], [b, b_low], [c, c_low]] = corners.map(|corner| in_two_parts(corner - origin));
-            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
-            let normal = normal.as_vec3().to_array();
-            PointFacet { a, b, c, a_low, b_low, c_low, normal, ..bytemuck::Zeroable::zeroed() }
-        };
-        let facets: Vec<PointFacet> = corners.map(facet).collect();
-        Ok(PointFacets { buffer: self.gpu.upload("point facets", &facets, BufferUsages::STORAGE) })
     }
 
     fn fits(&self, what: &'static str, needed: u64) -> Result<(), PointsError> {

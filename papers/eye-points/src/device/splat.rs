@@ -35,35 +35,50 @@ impl MapAround {
     }
 }
 
-/// What does not differ between the turns in which maps are filled.
-struct Turns<'a> {
-    facets: &'a PointFacets,
-    cells: &'a CountedCells,
-    points: &'a Points,
-    visible: Buffer,
-    /// 64-bit words of a piece.
-    words: u32,
+/// Maps that are filled together: their texels fit in one array.
+#[derive(Debug)]
+pub struct MapTurn {
+    /// All maps. Those of other turns say so.
+    pub(super) maps: Buffer,
+    /// Bits of the inverse range (f32, 1/metres) above the index of the point, or 0 for sky.
+    pub(super) texels: Buffer,
+    /// Number of texels.
+    pub(super) count: u64,
 }
 
-impl Turns<'_> {
+/// Points that are splatted together.
+#[derive(Debug, Clone, Copy)]
+pub struct SplatPart<'a> {
+    /// Their triangles.
+    pub facets: &'a Buffer,
+    /// Their pieces.
+    pub cells: &'a CountedCells,
+    /// The points.
+    pub points: &'a Points,
+    /// The same number of 64-bit words for each entry that pieces name; bit i of word w says that map 64·w + i sees them.
+    pub visible: &'a Buffer,
+    /// Id of the first point.
+    pub base: u32,
+}
+
+impl SplatPart<'_> {
     /// Binds what both programs read and write.
-    fn bound<'a>(&'a self, call: ComputeCall<'a>, maps: &'a Buffer, texels: &'a Buffer) -> ComputeCall<'a> {
+    fn bound<'a>(&'a self, call: ComputeCall<'a>, turn: &'a MapTurn) -> ComputeCall<'a> {
         call.read("pieces", &self.cells.pieces)
-            .read("facets", &self.facets.buffer)
-            .read("maps", maps)
-            .read("visible", &self.visible)
+            .read("facets", self.facets)
+            .read("maps", &turn.maps)
+            .read("visible", self.visible)
             .read("points", &self.points.buffer)
-            .write("texels", texels)
+            .write("texels", &turn.texels)
     }
 }
 
 impl PointPasses {
-    /// Splats points into maps. `visible` has the same number of 64-bit words for each piece; bit i of word w says that map
-    /// 64·w + i sees the piece. Returns the texels of all maps: bits of the inverse range (f32, 1/metres) above the index of the
-    /// point, or 0 for sky. A map has six faces (+x, −x, +y, −y, +z, −z) of rows.
+    /// Splats points into maps, and reads them back: the texels of all maps, as [`Self::fill`] fills them. `visible` has the same
+    /// number of 64-bit words for each piece.
     ///
     /// # Errors
-    /// A map exceeds an array, or the device failed.
+    /// Triangles, bits or a map exceed an array, or the device failed.
     pub fn splat(
         &self,
         facets: &PointFacets,
@@ -74,10 +89,52 @@ impl PointPasses {
     ) -> Result<Vec<u64>, PointsError> {
         self.fits("visibility bits of pieces", size_of_val(visible) as u64)?;
         let visible = self.gpu.upload("visibility bits of pieces", visible, BufferUsages::STORAGE);
-        let turns = Turns { facets, cells, points, visible, words: maps.len().div_ceil(64) as u32 };
-        let tiles = self.array("first tiles of points", 4 * u64::from(points.count))?;
+        let facets = facets.whole()?;
+        let turns = self.fill(&[SplatPart { facets, cells, points, visible: &visible, base: 0 }], maps)?;
+        self.read_maps(&turns)
+    }
+
+    /// Splats points into maps: bits of the inverse range (f32, 1/metres) above the id of the point, or 0 for sky. A map has
+    /// six faces (+x, −x, +y, −y, +z, −z) of rows.
+    ///
+    /// # Errors
+    /// A map exceeds an array, or the device failed.
+    pub fn fill(&self, parts: &[SplatPart<'_>], maps: &[MapAround]) -> Result<Vec<MapTurn>, PointsError> {
+        let turns = self.turns(maps, None)?;
+        for turn in &turns {
+            for part in parts.iter().filter(|part| part.points.count > 0) {
+                self.fill_turn(part, turn, 2 * maps.len().div_ceil(64) as u32)?;
+            }
+        }
+        Ok(turns)
+    }
+
+    /// Uploads texels of all maps, as [`Self::read_maps`] gives them.
+    ///
+    /// # Errors
+    /// A map exceeds an array.
+    pub fn upload_maps(&self, maps: &[MapAround], texels: &[u64]) -> Result<Vec<MapTurn>, PointsError> {
+        self.turns(maps, Some(texels))
+    }
+
+    /// Reads back the texels of all maps.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn read_maps(&self, turns: &[MapTurn]) -> Result<Vec<u64>, PointsError> {
         let mut texels = Vec::new();
-        let mut begin = 0;
+        for turn in turns {
+            let mut commands = self.gpu.commands("read maps");
+            let read = commands.read_buffer(&turn.texels, 0..8 * turn.count);
+            let bytes = commands.submit().wait()?.take(read);
+            texels.extend(bytemuck::pod_collect_to_vec::<u8, u64>(&bytes[..8 * turn.count as usize]));
+        }
+        Ok(texels)
+    }
+
+    /// Divides maps among arrays, which are empty or have texels.
+    fn turns(&self, maps: &[MapAround], texels: Option<&[u64]>) -> Result<Vec<MapTurn>, PointsError> {
+        let (mut turns, mut begin, mut first) = (Vec::new(), 0, 0);
         while begin < maps.len() {
             let mut on_device: Vec<PointMap> = maps.iter().map(MapAround::on_device).collect();
             let (mut count, mut end) = (0, begin);
@@ -87,57 +144,51 @@ impl PointPasses {
                 end += 1;
             }
             let array = self.array("texels of maps", 8 * count)?;
-            texels.extend(self.turn(&turns, &tiles, &on_device, &array, count)?);
+            if let Some(texels) = texels {
+                self.gpu.write(&array, &texels[first as usize..(first + count) as usize]);
+            }
+            let maps = self.gpu.upload("maps around reflectors", &on_device, BufferUsages::STORAGE);
+            turns.push(MapTurn { maps, texels: array, count });
+            first += count;
             begin = end;
         }
-        Ok(texels)
+        Ok(turns)
     }
 
-    /// Fills maps that fit in one array.
-    fn turn(
-        &self,
-        turns: &Turns<'_>,
-        tiles: &Buffer,
-        maps: &[PointMap],
-        texels: &Buffer,
-        count: u64,
-    ) -> Result<Vec<u64>, PointsError> {
-        let maps = self.gpu.upload("maps around reflectors", maps, BufferUsages::STORAGE);
-        let points = turns.points.count;
+    /// Splats points into the maps of a turn. `words` are of 32 bits.
+    fn fill_turn(&self, part: &SplatPart<'_>, turn: &MapTurn, words: u32) -> Result<(), PointsError> {
+        let points = part.points.count;
+        let tiles = self.array("first tiles of points", 4 * u64::from(points))?;
         let sums = ScanSums::new(&self.gpu, u64::from(points));
         let mut commands = self.gpu.commands("splat points");
-        let each = (EACH / turns.words).max(64);
+        let each = (2 * EACH / words).max(64);
         let mut first = 0;
         while first < points {
-            let step = SplatStep { first, count: each.min(points - first), words: 2 * turns.words, points };
-            turns
-                .bound(commands.compute("splat", &self.splat), &maps, texels)
-                .write("tile_counts", tiles)
+            let step = SplatStep { first, count: each.min(points - first), words, points, base: part.base };
+            part.bound(commands.compute("splat", &self.splat), turn)
+                .write("tile_counts", &tiles)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_linear(u64::from(step.count));
             first += step.count;
         }
-        self.scan.run(&mut commands, "splat", tiles, points, &sums);
+        self.scan.run(&mut commands, "splat", &tiles, points, &sums);
         let further = commands.read_buffer(sums.total(), 0..4);
-        let read = commands.read_buffer(texels, 0..8 * count);
-        let mut finished = commands.submit().wait()?;
-        let further: u32 = bytemuck::pod_read_unaligned(&finished.take(further));
+        let further: u32 = bytemuck::pod_read_unaligned(&commands.submit().wait()?.take(further));
         if further == 0 {
-            return Ok(bytemuck::pod_collect_to_vec(&finished.take(read)));
+            return Ok(());
         }
         let mut commands = self.gpu.commands("splat further tiles");
         let mut first = 0;
         while first < further {
             let count = further.min(first.saturating_add(EACH));
-            let step = SplatStep { first, count, words: 2 * turns.words, points };
-            turns
-                .bound(commands.compute("splat", &self.splat_further), &maps, texels)
-                .read("first_tile", tiles)
+            let step = SplatStep { first, count, words, points, base: part.base };
+            part.bound(commands.compute("splat", &self.splat_further), turn)
+                .read("first_tile", &tiles)
                 .immediates(bytemuck::bytes_of(&step))
                 .dispatch_linear(u64::from(count - first));
             first = count;
         }
-        let read = commands.read_buffer(texels, 0..8 * count);
-        Ok(bytemuck::pod_collect_to_vec(&commands.submit().wait()?.take(read)))
+        commands.submit();
+        Ok(())
     }
 }

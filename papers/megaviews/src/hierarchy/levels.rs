@@ -4,7 +4,7 @@ use crate::layout::LevelStep;
 use crate::programs::LEVELS;
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
-use argus_gpu::{Commands, ComputePipeline, Gpu, Scan, ScanSums};
+use argus_gpu::{Commands, ComputePipeline, Gpu, LengthAt, ListScan, Lists, Scan, ScanSums};
 
 /// The pipelines.
 #[derive(Debug)]
@@ -113,34 +113,46 @@ impl LevelBuilder {
             .dispatch([1, 1, 1]);
     }
 
-    /// Makes the codes and links of a level from the level below, which has at most `children` nodes.
-    #[allow(clippy::too_many_arguments)]
+    /// Comes to the list of a level's nodes, whose index is the level.
+    pub(crate) fn advance(
+        &self,
+        commands: &mut Commands,
+        (scan, lists): (&ListScan, &Lists),
+        level: u32,
+        to: &LevelBuffers,
+    ) {
+        let length = LengthAt { buffer: &to.levels, word: 2 * level + 1, more: 0 };
+        scan.advance(commands, "levels", lists, level, length);
+    }
+
+    /// Makes the codes and links of a level from the level below. [`Self::advance`] must have come to that one. No length is
+    /// read back.
     pub(crate) fn make_level(
         &self,
         commands: &mut Commands,
-        scan: &Scan,
+        (scan, lists): (&ListScan, &Lists),
         level: u32,
-        children: u32,
         heads: &Buffer,
-        sums: &ScanSums,
         to: &LevelBuffers,
     ) {
-        let step = LevelStep { count: children, level, depth: 0 };
-        commands
-            .compute("levels", &self.node_heads)
-            .write("heads", heads)
-            .write("levels", &to.levels)
-            .write("codes", &to.codes)
-            .immediates(bytemuck::bytes_of(&step))
-            .dispatch_linear(u64::from(children));
-        scan.run(commands, "levels", heads, children, sums);
-        commands
-            .compute("levels", &self.node_links)
-            .write("heads", heads)
-            .write("levels", &to.levels)
-            .write("codes", &to.codes)
-            .write("first_children", &to.first_children)
-            .immediates(bytemuck::bytes_of(&step))
-            .dispatch_linear(u64::from(children));
+        let step = LevelStep { count: 0, level, depth: 0 };
+        lists.dispatch(
+            commands
+                .compute("levels", &self.node_heads)
+                .write("heads", heads)
+                .write("levels", &to.levels)
+                .write("codes", &to.codes)
+                .immediates(bytemuck::bytes_of(&step)),
+        );
+        scan.run(commands, "levels", lists, level + 1, heads);
+        lists.dispatch(
+            commands
+                .compute("levels", &self.node_links)
+                .write("heads", heads)
+                .write("levels", &to.levels)
+                .write("codes", &to.codes)
+                .write("first_children", &to.first_children)
+                .immediates(bytemuck::bytes_of(&step)),
+        );
     }
 }

@@ -4,7 +4,8 @@
 //! - [`RootCube`]: the root cube of an octree in f64; everything on the GPU is relative to it.
 //!
 //! The builder finds the cells that triangles overlap, level by level, by a conservative test. Pairs of triangle and cell
-//! are sorted by Morton code; then leaves and inner nodes are averaged. Leaves come first in the array of nodes, the root
+//! are sorted by Morton code; then leaves and inner nodes are averaged. Levels are lists whose lengths the device knows: the CPU
+//! waits for the number of pairs, for that of nodes, and for the end, however many levels there are. Leaves come first in the array of nodes, the root
 //! last. Positions are f32 relative to the root cube, combined in f64 first.
 
 mod error;

@@ -7,15 +7,16 @@ use crate::layout::Average;
 use crate::programs::OCTREE;
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
-use super::voxelize::{Voxelize, first_u32};
+use super::voxelize::{Voxelize, expected_cells};
 use super::{HierarchyError, LevelBuffers, LevelBuilder, MAX_DEPTH, RootCube, Triangle, fits, numbered};
-use argus_gpu::{ComputePipeline, Gpu, Scan, ScanSums, Sort, SortScratch};
+use argus_gpu::{ComputePipeline, Gpu, ListScan, Lists, Scan, ScanSums, Sort, SortScratch};
 
 /// Builds octrees. Holds the pipelines.
 #[derive(Debug)]
 pub struct OctreeBuilder {
     gpu: Arc<Gpu>,
     scan: Scan,
+    lists: ListScan,
     sort: Sort,
     levels: LevelBuilder,
     voxelize: Voxelize,
@@ -75,6 +76,7 @@ impl OctreeBuilder {
     pub fn new(gpu: &Arc<Gpu>) -> Self {
         Self {
             scan: Scan::new(gpu),
+            lists: ListScan::new(gpu),
             sort: Sort::new(gpu),
             levels: LevelBuilder::new(gpu),
             voxelize: Voxelize::new(gpu),
@@ -141,7 +143,9 @@ impl OctreeBuilder {
         let upload_ms = ms(begin);
 
         let began = Instant::now();
-        let pieces = self.voxelize.run(gpu, &self.scan, &triangles, count, depth)?;
+        let cells = f64::from(1u32 << depth);
+        let expected = corners.iter().map(|corners| expected_cells(corners, cells)).sum();
+        let pieces = self.voxelize.run(gpu, &self.lists, &triangles, [count, depth], expected)?;
         let voxelise_ms = ms(began);
 
         let began = Instant::now();
@@ -152,19 +156,16 @@ impl OctreeBuilder {
         let bits = 32..32 + 3 * depth;
         let sorted = self.sort.run(&mut commands, &self.scan, &pieces.buffer, pieces.count, bits, &scratch);
         self.levels.number_leaves(&mut commands, &self.scan, sorted, pieces.count, &heads, &sums);
-        let leaves = commands.read_buffer(sums.total(), 0..4);
-        let leaves = first_u32(&commands.submit().wait()?.take(leaves));
-        let sort_ms = ms(began);
-
-        let began = Instant::now();
-        let found = LevelBuffers::new(gpu, u64::from(leaves), u64::from(leaves));
-        let mut commands = gpu.commands("find leaves");
+        // There are no more leaves than pieces.
+        let found = LevelBuffers::new(gpu, u64::from(pieces.count), u64::from(pieces.count));
         self.levels.find_leaves(&mut commands, sorted, pieces.count, depth, &heads, &sums, &found);
         let ranges = commands.read_buffer(&found.levels, 0..u64::from(depth + 1) * 8);
         let ranges = commands.submit().wait()?.take(ranges);
-        let levels: Vec<[u32; 2]> =
-            ranges.chunks_exact(8).map(|entry| [first_u32(entry), first_u32(&entry[4..])]).collect();
+        let levels: Vec<[u32; 2]> = bytemuck::pod_collect_to_vec(&ranges[..8 * (depth as usize + 1)]);
+        let leaves = levels[depth as usize][1];
+        let sort_ms = ms(began);
 
+        let began = Instant::now();
         let nodes: u64 = levels.iter().map(|level| u64::from(level[1])).sum();
         numbered(nodes)?;
         fits(gpu, "nodes of the octree", nodes * 16)?;
@@ -217,9 +218,10 @@ impl OctreeBuilder {
                 .immediates(bytemuck::bytes_of(&step(depth)))
                 .dispatch_linear(u64::from(leaves));
         }
+        let lists = (&self.lists, &Lists::new(gpu, depth + 1, pieces.count));
         for level in (0..depth).rev() {
-            let children = octree.levels[level as usize + 1][1];
-            self.levels.make_level(&mut commands, &self.scan, level, children, &heads, &sums, &made);
+            self.levels.advance(&mut commands, lists, level + 1, &made);
+            self.levels.make_level(&mut commands, lists, level, &heads, &made);
             commands
                 .compute("average", &self.average_nodes)
                 .read("levels", &made.levels)

@@ -5,13 +5,16 @@ use crate::programs::VIEW_OCTREE;
 use argus_gpu::wgpu::{Buffer, BufferUsages};
 
 use super::{Bounding, Settings, ViewList};
-use crate::hierarchy::{HierarchyError, LevelBuffers, LevelBuilder, fits, numbered};
-use argus_gpu::{Commands, ComputePipeline, Gpu, Scan, ScanSums, Sort, SortScratch};
+use crate::hierarchy::{HierarchyError, LevelBuffers, LevelBuilder, MAX_DEPTH, fits, numbered};
+use argus_gpu::{
+    Commands, ComputePipeline, Gpu, LengthAt, ListScan, Lists, Scan, ScanSums, Sort, SortScratch,
+};
 
 /// The pipelines.
 #[derive(Debug)]
 pub(super) struct ViewOctreeBuilder {
     scan: Scan,
+    lists: ListScan,
     sort: Sort,
     levels: LevelBuilder,
     view_keys: ComputePipeline,
@@ -46,11 +49,15 @@ pub(super) struct ViewOctree {
     pub(super) nodes: LevelBuffers,
     heads: Buffer,
     sums: ScanSums,
-    map_sums: ScanSums,
+    /// Nodes of each level, and those of all levels.
+    lists: Lists,
     keys: Buffer,
     scratch: SortScratch,
     node_capacity: u64,
 }
+
+/// Index of the list of all nodes, after those of the levels.
+const ALL_NODES: u32 = MAX_DEPTH + 1;
 
 /// Most nodes of a level.
 fn bound(views: u32, level: u32) -> u32 {
@@ -93,7 +100,7 @@ impl ViewOctree {
             nodes: LevelBuffers::new(gpu, sorted, if depth == 0 { 1 } else { nodes }),
             heads: gpu.buffer("heads", heads * 4, usage),
             sums: ScanSums::new(gpu, heads),
-            map_sums: ScanSums::new(gpu, heads),
+            lists: Lists::new(gpu, ALL_NODES + 1, heads as u32),
             keys: gpu.buffer("cells of views", sorted * 8, usage),
             scratch: SortScratch::new(gpu, sorted),
             node_capacity: nodes,
@@ -107,7 +114,7 @@ impl ViewOctree {
 
     /// Buffer of one u32: the number of maps.
     pub(super) fn map_total(&self) -> &Buffer {
-        self.map_sums.total()
+        self.lists.total()
     }
 
     /// Bytes on the device, without build buffers.
@@ -124,6 +131,7 @@ impl ViewOctreeBuilder {
         let pipeline = |entry| gpu.compute_pipeline(&VIEW_OCTREE, entry);
         Self {
             scan: Scan::new(gpu),
+            lists: ListScan::new(gpu),
             sort: Sort::new(gpu),
             levels: LevelBuilder::new(gpu),
             view_keys: pipeline("view_keys"),
@@ -204,20 +212,22 @@ impl ViewOctreeBuilder {
             .write("leaf_of_view", &to.leaf_of_view)
             .immediates(bytemuck::bytes_of(&step))
             .dispatch_linear(u64::from(views.count));
+        let lists = (&self.lists, &to.lists);
+        self.levels.advance(commands, lists, depth, &to.nodes);
         for level in (0..depth).rev() {
-            let children = bound(views.count, level + 1);
-            self.levels.make_level(commands, &self.scan, level, children, &to.heads, &to.sums, &to.nodes);
-            let nodes = bound(views.count, level);
-            commands
-                .compute(name, &self.view_nodes)
-                .read("levels", &to.nodes.levels)
-                .read("codes", &to.nodes.codes)
-                .read("first_children", &to.nodes.first_children)
-                .write("view_bounds", &to.bounds)
-                .write("view_links", &to.links)
-                .write("view_maps", &to.node_maps)
-                .immediates(bytemuck::bytes_of(&Self::step(views, settings, to, nodes, level)))
-                .dispatch_linear(u64::from(nodes));
+            self.levels.make_level(commands, lists, level, &to.heads, &to.nodes);
+            self.levels.advance(commands, lists, level, &to.nodes);
+            to.lists.dispatch(
+                commands
+                    .compute(name, &self.view_nodes)
+                    .read("levels", &to.nodes.levels)
+                    .read("codes", &to.nodes.codes)
+                    .read("first_children", &to.nodes.first_children)
+                    .write("view_bounds", &to.bounds)
+                    .write("view_links", &to.links)
+                    .write("view_maps", &to.node_maps)
+                    .immediates(bytemuck::bytes_of(&Self::step(views, settings, to, 0, level))),
+            );
         }
         self.number_maps(commands, views, settings, to);
     }
@@ -225,33 +235,38 @@ impl ViewOctreeBuilder {
     /// Assigns a map to every leaf and every node with several children, and links each map to its parent.
     fn number_maps(&self, commands: &mut Commands, views: &ViewList, settings: &Settings, to: &ViewOctree) {
         let name = "view hierarchy";
-        let nodes = to.node_capacity as u32;
-        let step = Self::step(views, settings, to, nodes, to.depth);
-        commands
-            .compute(name, &self.map_heads)
-            .read("levels", &to.nodes.levels)
-            .write("view_links", &to.links)
-            .write("heads", &to.heads)
-            .immediates(bytemuck::bytes_of(&step))
-            .dispatch_linear(to.node_capacity);
-        self.scan.run(commands, name, &to.heads, nodes, &to.map_sums);
-        commands
-            .compute(name, &self.map_links)
-            .read("levels", &to.nodes.levels)
-            .write("view_links", &to.links)
-            .write("view_maps", &to.node_maps)
-            .write("heads", &to.heads)
-            .write("maps", &to.maps)
-            .immediates(bytemuck::bytes_of(&step))
-            .dispatch_linear(to.node_capacity);
-        commands
-            .compute(name, &self.map_parents)
-            .read("levels", &to.nodes.levels)
-            .write("view_links", &to.links)
-            .write("view_maps", &to.node_maps)
-            .write("maps", &to.maps)
-            .immediates(bytemuck::bytes_of(&step))
-            .dispatch_linear(to.node_capacity);
+        let step = Self::step(views, settings, to, to.node_capacity as u32, to.depth);
+        // The root is the last node.
+        let all = LengthAt { buffer: &to.nodes.levels, word: 0, more: 1 };
+        self.lists.advance(commands, name, &to.lists, ALL_NODES, all);
+        to.lists.dispatch(
+            commands
+                .compute(name, &self.map_heads)
+                .read("levels", &to.nodes.levels)
+                .write("view_links", &to.links)
+                .write("heads", &to.heads)
+                .immediates(bytemuck::bytes_of(&step)),
+        );
+        self.lists.run(commands, name, &to.lists, ALL_NODES, &to.heads);
+        to.lists.dispatch(
+            commands
+                .compute(name, &self.map_links)
+                .read("levels", &to.nodes.levels)
+                .write("view_links", &to.links)
+                .write("view_maps", &to.node_maps)
+                .write("heads", &to.heads)
+                .write("maps", &to.maps)
+                .immediates(bytemuck::bytes_of(&step)),
+        );
+        to.lists.dispatch(
+            commands
+                .compute(name, &self.map_parents)
+                .read("levels", &to.nodes.levels)
+                .write("view_links", &to.links)
+                .write("view_maps", &to.node_maps)
+                .write("maps", &to.maps)
+                .immediates(bytemuck::bytes_of(&step)),
+        );
         commands
             .compute(name, &self.map_ranges)
             .read("levels", &to.nodes.levels)

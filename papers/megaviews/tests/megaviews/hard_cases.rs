@@ -1,6 +1,9 @@
 //! What makes a traversal go wrong.
 
-use argus_megaviews::hierarchy::{HierarchyError, Triangle};
+use std::sync::Arc;
+
+use argus_gpu::{Gpu, GpuOptions};
+use argus_megaviews::hierarchy::{HierarchyError, OctreeBuilder, RootCube, Triangle, stream};
 use argus_megaviews::many_views::{ManyViews, Settings, ViewList, ViewPoint};
 use glam::{DVec3, Vec3};
 
@@ -183,4 +186,21 @@ fn views_that_are_nowhere_or_look_nowhere_are_refused_by_field() {
     assert!(ViewList::new(&gpu(), &octree.root, &[]).is_err());
     let all = ViewPoint { direction: DVec3::ZERO, half_fov: 4.0, ..good };
     ViewList::new(&gpu(), &octree.root, &[all]).unwrap();
+}
+
+#[test]
+fn a_frame_waits_for_the_device_once_however_many_levels_its_views_have() {
+    let gpu = Gpu::new(&GpuOptions::default()).unwrap();
+    let triangles = room();
+    let root = RootCube::around(&stream::bounds(triangles.iter().copied()));
+    let octree = Arc::new(OctreeBuilder::new(&gpu).build(root, 5, triangles).unwrap());
+    let list = ViewList::new(&gpu, &root, &scattered(300, 5)).unwrap();
+    for depth in [1, 5, 9] {
+        let mut many = ManyViews::new(&gpu, Arc::clone(&octree), wide(depth, 16, true)).unwrap();
+        many.render(&list).unwrap();
+        let before = gpu.waits();
+        let stats = many.render(&list).unwrap();
+        assert_eq!((stats.view_depth, stats.reruns), (depth, 0));
+        assert_eq!(gpu.waits() - before, 1, "{depth} levels");
+    }
 }

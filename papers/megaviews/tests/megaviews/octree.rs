@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::io::Write;
 
+use argus_gpu::{Gpu, GpuOptions};
 use argus_megaviews::hierarchy::{HierarchyError, Octree, OctreeBuilder, RootCube, Triangle, stream};
 use argus_scene::Bounds;
 use glam::{DVec3, Vec3};
@@ -163,6 +164,38 @@ fn two_builds_have_the_same_bytes() {
         (read::<[u32; 4]>(&octree.nodes, count), read::<[u32; 4]>(&octree.cones, count))
     };
     assert_eq!(build(), build());
+}
+
+#[test]
+fn the_device_is_waited_for_three_times_however_many_levels_there_are() {
+    let gpu = Gpu::new(&GpuOptions::default()).unwrap();
+    let builder = OctreeBuilder::new(&gpu);
+    for depth in [1, 4, 9] {
+        let triangles = soup(6, 200);
+        let before = gpu.waits();
+        let octree = builder.build(root_of(&triangles), depth, triangles).unwrap();
+        assert_eq!(octree.levels.len(), depth as usize + 1);
+        assert_eq!(gpu.waits() - before, 3, "{depth} levels");
+    }
+}
+
+#[test]
+fn more_cells_than_there_is_room_for_are_found_in_a_second_run() {
+    // A wall on a border of cells is in the cells on both sides: twice as many as expected.
+    let corners = [DVec3::new(0.5, 0.0, 0.0), DVec3::new(0.5, 1.0, 0.0), DVec3::new(0.5, 0.0, 1.0)];
+    let root = RootCube { origin: DVec3::ZERO, edge: 1.0 };
+    let gpu = Gpu::new(&GpuOptions::default()).unwrap();
+    let builder = OctreeBuilder::new(&gpu);
+    let before = gpu.waits();
+    let octree = builder.build(root, 8, [triangle(corners)]).unwrap();
+    assert_eq!(gpu.waits() - before, 4);
+    let mut commands = gpu.commands("codes");
+    let codes = commands.read_buffer(&octree.codes, 0..4 * u64::from(octree.leaf_count()));
+    let codes = commands.submit().wait().unwrap().take(codes);
+    let codes: Vec<u32> = bytemuck::pod_collect_to_vec(&codes[..4 * octree.leaf_count() as usize]);
+    let expected: Vec<u32> = cells(&root, &[triangle(corners)], 8, 0.0).into_iter().collect();
+    assert!(codes.len() > 65_000 && expected.iter().all(|code| codes.binary_search(code).is_ok()));
+    assert_eq!(codes.iter().filter(|code| *code & 1 == 0).count() * 2, codes.len());
 }
 
 #[test]

@@ -236,7 +236,7 @@ fn scene_of_room() -> argus_scene::Scene {
         lighting: Lighting::default(),
         cameras: Vec::new(),
         rig: RigKind::Cell,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

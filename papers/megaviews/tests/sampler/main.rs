@@ -1,6 +1,7 @@
 //! Samples and reflection probes that a sampler renders from an octree.
 #![allow(clippy::unwrap_used)] // a test ends at the first thing that goes wrong
 
+mod cells;
 #[path = "../../../../sampler/tests/samples/common/mod.rs"]
 mod common;
 mod motion;

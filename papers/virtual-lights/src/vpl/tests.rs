@@ -30,7 +30,7 @@ impl World {
             lighting: Lighting { lights, sky: Sky::BLACK, exposure: 1.0 },
             cameras: Vec::new(),
             rig: RigKind::Cell,
-            warnings: Vec::new(),
+            ..Scene::default()
         });
         let placements = placed(&scene, &scene.instances);
         let tracer = PacketTracer::new(&scene, &placements, 1e-3);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::{Indirect, PointSettings, SamplerSettings};
-use argus_scene::{Camera, Light, MegaViews, SampleJob, SampleSetInfo, Sampling, Scene};
+use argus_scene::{Camera, Light, MegaViews, Output, SampleJob, SampleSetInfo, Sampling, Scene};
 use argus_virtual_lights::point_report;
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -77,13 +77,17 @@ fn the_same_settings_give_the_same_bytes_whatever_was_rendered_before() {
     let once = direct(&mut sampler_with(&scene, settings(fine())), &job);
     let mut again = sampler_with(&scene, settings(fine()));
     direct(&mut again, &other);
-    assert_eq!(direct(&mut again, &job).color, once.color);
+    assert_eq!(direct(&mut again, &job).images[Output::Color], once.images[Output::Color]);
     let report = point_report(&again).expect("it was lit");
     assert!(report.leaves > 1000 && report.receivers >= 20 && report.map_bytes > 0, "{report:?}");
     again.set_indirect(Indirect::Points(PointSettings { levels: 4, ..fine() })).unwrap();
-    assert_ne!(direct(&mut again, &job).color, once.color);
+    assert_ne!(direct(&mut again, &job).images[Output::Color], once.images[Output::Color]);
     again.set_indirect(Indirect::Points(fine())).unwrap();
-    assert_eq!(direct(&mut again, &job).color, once.color, "settings that come back");
+    assert_eq!(
+        direct(&mut again, &job).images[Output::Color],
+        once.images[Output::Color],
+        "settings that come back"
+    );
     let refused = again.set_indirect(Indirect::Off).unwrap_err();
     assert!(refused.to_string().contains("indirect"), "{refused}");
     let row = again.plan().into_iter().find(|row| row.name == "receive light").expect("the plan names it");
@@ -119,10 +123,10 @@ fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
     let empty = Arc::new(empty_scene());
     let mut dark = Scene::clone(&box_of_cornell(DVec3::ZERO));
     dark.lighting = lit_by(Vec::new());
-    let plain = direct(&mut sampler(&empty), &job).color;
-    assert_eq!(direct(&mut sampler_with(&empty, settings(fine())), &job).color, plain);
+    let plain = direct(&mut sampler(&empty), &job).images[Output::Color].clone();
+    assert_eq!(direct(&mut sampler_with(&empty, settings(fine())), &job).images[Output::Color], plain);
     let frame = direct(&mut sampler_with(&Arc::new(dark), settings(fine())), &job);
-    assert!(frame.color.expect("asked for").iter().all(|&byte| byte == 0));
+    assert!(frame.images[Output::Color].clone().expect("asked for").iter().all(|&byte| byte == 0));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use argus_sampler::{GpuSampler, Indirect, MapSource, SamplerSettings, VplSettings};
-use argus_scene::{Camera, Cancel, Light, Sampler as _, Scene, ViewJob};
+use argus_scene::{Camera, Cancel, Light, Output, Sampler as _, Scene, ViewJob};
 use argus_virtual_lights::vpl_report;
 use glam::{DVec3, Vec3};
 
@@ -134,11 +134,15 @@ fn the_same_settings_give_the_same_bytes_and_off_costs_nothing() {
     let vpl = settings(VplSettings { vpls: 500, maps: MapSource::Imperfect, ..VplSettings::default() });
     let once = direct(&mut sampler_with(&scene, vpl), &job);
     let mut again = sampler_with(&scene, vpl);
-    assert_eq!(direct(&mut again, &job).color, once.color);
-    assert_eq!(direct(&mut again, &job).color, once.color, "nor does it matter what was rendered before");
+    assert_eq!(direct(&mut again, &job).images[Output::Color], once.images[Output::Color]);
+    assert_eq!(
+        direct(&mut again, &job).images[Output::Color],
+        once.images[Output::Color],
+        "nor does it matter what was rendered before"
+    );
     let mut off = sampler(&scene);
     let plain = direct(&mut off, &job);
-    assert_ne!(plain.color, once.color);
+    assert_ne!(plain.images[Output::Color], once.images[Output::Color]);
     assert!(plain.stages.iter().all(|stage| !stage.name.contains("VPL")));
     assert_eq!(vpl_report(&off).unwrap(), None);
     let row = |sampler: &GpuSampler| {
@@ -177,10 +181,10 @@ fn scenes_with_nothing_to_light_or_to_light_with_render_as_without() {
     let dark = Arc::new(dark);
     for maps in MapSource::ALL {
         let vpl = settings(VplSettings { vpls: 64, maps, levels: 4, ..VplSettings::default() });
-        let plain = direct(&mut sampler(&empty), &job).color;
-        assert_eq!(direct(&mut sampler_with(&empty, vpl), &job).color, plain, "{maps:?}");
+        let plain = direct(&mut sampler(&empty), &job).images[Output::Color].clone();
+        assert_eq!(direct(&mut sampler_with(&empty, vpl), &job).images[Output::Color], plain, "{maps:?}");
         let frame = direct(&mut sampler_with(&dark, vpl), &job);
-        assert!(frame.color.expect("asked for").iter().all(|&b| b == 0), "{maps:?}");
+        assert!(frame.images[Output::Color].clone().expect("asked for").iter().all(|&b| b == 0), "{maps:?}");
     }
 }
 

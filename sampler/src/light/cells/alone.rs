@@ -15,7 +15,7 @@ use super::lookup::CellLight;
 use crate::light_rays::LightRaysAbout;
 
 /// Rays of a pixel in an image, whose neighbours share what they find; and slots of them for a pixel without neighbours.
-const RAYS: usize = 2;
+pub(in crate::light) const RAYS: usize = 2;
 const SLOTS_IN_LIST: usize = 24;
 
 /// What rays of single pixels meet. Positions are metres about the eye.

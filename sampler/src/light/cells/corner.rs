@@ -2,7 +2,7 @@
 //!
 //! A wall that stands on the border of two cells is in neither, so that no side straddles it. The floors before and behind
 //! it look the same way and lie in one plane, and a lookup between them would mix the light of two rooms. So sides that look
-//! alike but do not see one another are *groups* of their own, and a pixel takes those groups that it sees.
+//! alike but do not see one another are *groups* of their own, and a pixel takes the group of the side that it lies on.
 
 use glam::{IVec3, Vec3};
 

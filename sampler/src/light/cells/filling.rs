@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::super::lattice::CellKey;
 use super::corner;
 use super::rays::{self, Sums};
+use super::record::Record;
 use super::scene::CellScene;
 use super::sides::{self, Side};
 use super::state::State;
@@ -22,6 +23,8 @@ struct NewCell {
     key: CellKey,
     sides: Vec<Side>,
     tiers: Vec<(usize, Vec<Sums>)>,
+    /// What its new rays met; `None` if nothing moves.
+    record: Option<Record>,
 }
 
 impl State {
@@ -69,7 +72,10 @@ impl State {
         let filled = |key: &CellKey| new_cell(scene, store, *key, tier);
         let filled: Vec<NewCell> = cells.par_iter().with_min_len(4).map(filled).collect();
         self.filled += filled.len() as u64;
-        for NewCell { key, sides, tiers } in filled {
+        for NewCell { key, sides, tiers, record } in filled {
+            if let Some(record) = record {
+                self.store.record(key, &record);
+            }
             for (tier, sums) in tiers {
                 match tier {
                     0 => {
@@ -98,12 +104,14 @@ fn new_cell(scene: &CellScene<'_>, store: &Store, key: CellKey, tier: usize) -> 
     let has = store.tier(key);
     let before = has.and_then(|has| store.filled(key, has));
     let mut sums = before.map_or_else(|| vec![Sums::default(); shapes.len()], |cell| cell.sums.to_vec());
-    let mut tiers = Vec::new();
+    let (mut tiers, mut record) = (Vec::new(), Record::default());
     for tier in has.map_or(0, |has| has + 1)..=tier {
         for (shape, sums) in shapes.iter().zip(&mut sums) {
-            rays::add_tier(scene, key, shape, tier, sums);
+            rays::add_tier(scene, key, shape, tier, sums, &mut record);
         }
         tiers.push((tier, sums.clone()));
     }
-    NewCell { key, sides: shapes.into_iter().map(|shape| shape.side).collect(), tiers }
+    let (sides, record) =
+        (shapes.into_iter().map(|shape| shape.side).collect(), scene.blocks.is_some().then_some(record));
+    NewCell { key, sides, tiers, record }
 }

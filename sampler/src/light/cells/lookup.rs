@@ -1,10 +1,12 @@
 //! Looks the light of pixels up in filled cells.
 //!
 //! A pixel takes the eight cells of the level whose cells are a few pixels wide there; near the next level it blends into
-//! that. A point that a ray found, such as one seen in a mirror, takes cells a few times as wide as that ray is there. Each side counts by how near it is, how alike it faces, and how close the pixel is to its plane. What a pixel
-//! gets depends on the pixel and on cells alone, never on its neighbours.
+//! that. A point that a ray found, such as one seen in a mirror, takes cells a few times as wide as that ray is there.
+//! Each side counts by how near it is, how alike it faces, and how close the pixel is to its plane. Where a wall stands
+//! between the eight cells, those sides count that see the one that the pixel lies on. Where cells do not describe a pixel,
+//! finer ones may. What a pixel finds depends on the pixel and on cells alone, never on its neighbours.
 
-use std::ops::Range;
+use std::ops::{AddAssign, Mul, Range};
 
 use argus_scene::Bounds;
 use glam::{IVec3, Vec3};
@@ -12,11 +14,9 @@ use rayon::prelude::*;
 
 use super::super::lattice::{CellKey, Lattice, MOST_LEVEL};
 use super::super::shading_points::{ShadingPoint, ShadingPoints};
-use super::corner::{MOST_GROUPS, above};
 use super::scene::RAYS;
-use super::sides::{ALMOST, MOST_BLOCKED};
+use super::sides::{MOST_BLOCKED, ORIGINS};
 use super::store::Store;
-use crate::light_rays::LightRaysAbout;
 
 /// Share of a level, in octaves, in which it blends into the next.
 const BLEND: f32 = 0.3;
@@ -26,15 +26,20 @@ const LEAST_COSINE: f32 = 0.05;
 const PLANE: f32 = 1.2;
 /// Weight below which the sides do not show what the pixel shows.
 const LEAST_WEIGHT: f32 = 0.02;
-/// Share of unfit sides from which a pixel is lit by rays of its own.
-const MOST_UNFIT: f32 = 0.5;
-/// Share of the weight up to which a group of sides does not count.
-const LITTLE: f32 = 0.02;
-/// Share of the weight from which on further groups are left out unseen.
-const MOST_OF: f32 = 0.9;
-/// Beside a wall: share of unfit sides from which, and share of seen sides below which a pixel is lit by rays of its own.
-const MOST_LOST: f32 = 0.1;
-const LEAST_SEEN: f32 = 0.7;
+/// Levels that are tried, each finer than the one before it, where cells do not describe a pixel.
+const FINER: u32 = 1;
+/// Which sides describe pixels.
+#[derive(Clone, Copy)]
+struct Fitness {
+    /// Blocked ways of eight between a side's origins from which on it is unfit.
+    most_blocked: u8,
+    /// Share of unfit sides from which on the others do not describe a pixel.
+    most_unfit: f32,
+}
+
+const IN_THE_OPEN: Fitness = Fitness { most_blocked: MOST_BLOCKED, most_unfit: 0.5 };
+/// A side that reaches through the wall by little brings light of the other room.
+const BESIDE_WALL: Fitness = Fitness { most_blocked: 0, most_unfit: 0.1 };
 /// Rows and columns of pixels that are looked up together.
 const BLOCK: usize = 16;
 
@@ -64,11 +69,11 @@ pub(super) enum Answer {
 pub(super) struct Lookup<'a> {
     pub(super) store: &'a Store,
     pub(super) lattice: Lattice,
-    /// The scene about the eye.
-    pub(super) about: &'a LightRaysAbout<'a>,
     /// The eye's cell of each level, and its place within: [`Lattice::about`].
     pub(super) eye: Vec<Option<(IVec3, Vec3)>>,
     pub(super) tier: usize,
+    /// Whether cells of an earlier pose count where they are not filled anew yet.
+    pub(super) shows_older: bool,
     /// Edge of a cell in pixels.
     pub(super) pixels: f32,
     /// Angle of a pixel, radians.
@@ -82,7 +87,8 @@ struct Near {
     /// Mean point from that cell's lowest corner, in edges of a cell.
     at: Vec3,
     normal: Vec3,
-    is_unfit: bool,
+    /// How many of eight ways between its own origins are blocked; all if the side is thin.
+    blocked: u8,
     /// Its group ([`super::corner::groups`]).
     group: u8,
     /// Squared share of its rays that count.
@@ -96,6 +102,21 @@ struct Mix {
     seen: Vec3,
     whole: Vec3,
     reflected: Vec3,
+}
+
+impl AddAssign for CellLight {
+    fn add_assign(&mut self, other: Self) {
+        self.sky += other.sky;
+        self.indirect += other.indirect;
+    }
+}
+
+impl Mul<f32> for CellLight {
+    type Output = Self;
+
+    fn mul(self, factor: f32) -> Self {
+        Self { sky: self.sky * factor, indirect: self.indirect * factor }
+    }
 }
 
 impl Mix {
@@ -122,18 +143,11 @@ enum Mixed {
     Missing,
 }
 
-/// Sides that some pixels see and others do not.
-struct Group {
-    number: u8,
-    /// A point above its first side, in edges of a cell from the corner's lowest.
-    above: Vec3,
-}
-
-/// What is known of a corner: ranges of [`Corners::sides`] and of [`Corners::groups`].
+/// What is known of a corner: its range of [`Corners::sides`], and whether a wall stands between them.
 #[derive(Clone)]
 enum Known {
     Missing,
-    Sides(Range<usize>, Range<usize>),
+    Sides { range: Range<usize>, are_parted: bool },
 }
 
 /// The corners of a block of pixels, each gathered once.
@@ -141,28 +155,37 @@ enum Known {
 struct Corners {
     known: Vec<(CellKey, Known)>,
     sides: Vec<Near>,
-    groups: Vec<Group>,
 }
 
 impl Lookup<'_> {
-    /// Corners of every `step`-th pixel in each direction that lack cells; ascending.
-    pub(super) fn missing(&self, points: &ShadingPoints, step: usize) -> Vec<CellKey> {
+    /// Corners of every `step`-th pixel in each direction; ascending.
+    pub(super) fn corners_of(&self, points: &ShadingPoints, step: usize) -> Vec<CellKey> {
         let [width, height] = points.size;
         let of_row = |row: usize| {
-            let mut lacking = Vec::new();
-            let mut last = None;
+            let mut keys = Vec::new();
             for column in (0..width).step_by(step) {
                 let Some(point) = points.all.get(row * width + column) else { continue };
                 for key in self.corners(point).into_iter().flatten() {
-                    if last.replace(key) != Some(key) && !self.store.is_whole(key, self.tier) {
-                        lacking.push(key);
+                    if keys.last() != Some(&key) {
+                        keys.push(key);
                     }
                 }
             }
-            lacking
+            keys
         };
         let rows: Vec<usize> = (0..height).step_by(step).collect();
         sorted(rows.into_par_iter().flat_map_iter(of_row).collect())
+    }
+
+    /// Those of some corners that lack cells, in the same order.
+    pub(super) fn lacking(&self, corners: &[CellKey]) -> Vec<CellKey> {
+        let lacks = |key: &&CellKey| !self.is_whole(**key);
+        corners.par_iter().with_min_len(256).filter(lacks).copied().collect()
+    }
+
+    fn is_whole(&self, corner: CellKey) -> bool {
+        self.store.is_whole(corner, self.tier)
+            || self.shows_older && self.store.is_whole_or_older(corner, self.tier)
     }
 
     /// Looks all pixels up that `answers` says are missing. Returns the corners that lack cells; ascending.
@@ -214,13 +237,26 @@ impl Lookup<'_> {
         match (coarse, fine) {
             (Mixed::Missing, _) | (_, Some(Mixed::Missing)) => Answer::Missing,
             (Mixed::Light(coarse), None) => Answer::Light(coarse.light()),
-            // The finer level is enough. A coarser one may reach behind walls that the finer one told from one another.
-            (Mixed::Alone, Some(Mixed::Light(fine))) => Answer::Light(fine.light()),
-            (Mixed::Alone, _) | (_, Some(Mixed::Alone)) => Answer::Alone,
             (Mixed::Light(coarse), Some(Mixed::Light(fine))) => {
                 Answer::Light(Mix::default().plus(coarse, 1.0 - blend).plus(fine, blend).light())
             }
+            // The finer level is enough. A coarser one may reach behind walls that the finer one told from one another.
+            (Mixed::Alone, Some(Mixed::Light(fine))) => Answer::Light(fine.light()),
+            (Mixed::Alone, None) => self.finer(point, level + 1, corners),
+            (_, Some(Mixed::Alone)) => self.finer(point, level + 2, corners),
         }
+    }
+
+    /// The answer of the first of a few finer levels whose cells describe a pixel.
+    fn finer(&self, point: &ShadingPoint, level: u32, corners: &mut Corners) -> Answer {
+        for level in level..(level + FINER).min(MOST_LEVEL + 1) {
+            match self.mixed(point, level, corners) {
+                Mixed::Light(light) => return Answer::Light(light.light()),
+                Mixed::Missing => return Answer::Missing,
+                Mixed::Alone => {}
+            }
+        }
+        Answer::Alone
     }
 
     /// The level of a pixel, and the share of the next finer one.
@@ -270,63 +306,31 @@ impl Lookup<'_> {
                 known
             }
         };
-        let Known::Sides(sides, groups) = known else { return Mixed::Missing };
-        let (sides, groups) = (&corners.sides[sides], &corners.groups[groups]);
-        let mixed = match groups.is_empty() {
-            true => Weighed::all(sides, point, place).mean(),
-            false => self.seen(sides, groups, point, place, level).and_then(Weighed::mean),
+        let Known::Sides { range, are_parted } = known else { return Mixed::Missing };
+        let sides = &corners.sides[range];
+        let rule = if are_parted { BESIDE_WALL } else { IN_THE_OPEN };
+        let weighed = match are_parted {
+            false => Some(Weighed::of(sides.iter(), point, place, rule)),
+            true => Weighed::beside_wall(sides, point, place),
         };
-        mixed.map_or(Mixed::Alone, Mixed::Light)
-    }
-
-    /// Weighs those sides at a pixel that are in no group or in one that the pixel sees. Groups are looked at from the
-    /// weightiest on, until nearly all weight is seen. `None` if the pixel sees none of those that count.
-    fn seen(
-        &self,
-        sides: &[Near],
-        groups: &[Group],
-        point: &ShadingPoint,
-        place: Vec3,
-        level: u32,
-    ) -> Option<Weighed> {
-        let mut of_groups = [Weighed::default(); MOST_GROUPS + 1];
-        let of_groups = &mut of_groups[..=groups.last().map_or(0, |group| usize::from(group.number))];
-        sides.iter().for_each(|side| of_groups[usize::from(side.group)].add(side, point, place));
-        let total = of_groups.iter().map(Weighed::weight).sum::<f32>();
-        let spacing = self.lattice.spacing(level);
-        let (mut all, mut seen) = (of_groups[0], None);
-        while all.weight() < MOST_OF * total {
-            let weight = |group: &&Group| of_groups[usize::from(group.number)].weight();
-            let Some(group) = groups.iter().max_by(|a, b| weight(a).total_cmp(&weight(b))) else { break };
-            if weight(&group) <= LITTLE * total {
-                break;
-            }
-            let to = point.position + (group.above - place) * spacing - point.start;
-            let is_seen = !self.about.is_blocked(point.start, to, ALMOST);
-            seen = Some(seen.unwrap_or(false) || is_seen);
-            let of_group = std::mem::take(&mut of_groups[usize::from(group.number)]);
-            if is_seen {
-                all.join(of_group);
-            }
-        }
-        // Beside a wall, little may be missing of what describes the pixel.
-        let describes = all.unfit <= MOST_LOST * all.weight() && all.weight() >= LEAST_SEEN * total;
-        (seen.unwrap_or(true) && describes).then_some(all)
+        weighed.and_then(|weighed| weighed.mean(rule)).map_or(Mixed::Alone, Mixed::Light)
     }
 
     /// Collects the sides of a corner's cells.
     fn gather(&self, key: CellKey, corners: &mut Corners) -> Known {
-        let (first, first_group) = (corners.sides.len(), corners.groups.len());
-        let Some(groups) = self.store.groups(key) else { return Known::Missing };
+        let (first, store) = (corners.sides.len(), self.store);
+        // All of a corner is of one pose.
+        let is_older = self.shows_older && !store.is_whole(key, self.tier);
+        let groups = if is_older { store.groups_or_older(key) } else { store.groups(key) };
+        let Some(groups) = groups else { return Known::Missing };
         let mut group = groups.iter().copied();
-        for (offset, cell) in key.corner() {
-            let Some(filled) = self.store.filled(cell, self.tier) else { return Known::Missing };
+        let older = key.corner().map(|(offset, cell)| (offset, store.filled_or_older(cell, self.tier)));
+        let older = is_older.then_some(older).into_iter().flatten();
+        let new = (!is_older).then(|| store.around(key, self.tier)).into_iter().flatten();
+        for (offset, filled) in older.chain(new) {
+            let Some(filled) = filled else { return Known::Missing };
             for (side, sums) in filled.sides.iter().zip(filled.sums) {
                 let number = group.next().unwrap_or(0);
-                let is_new = |groups: &[Group]| groups.iter().all(|known| known.number != number);
-                if number > 0 && is_new(&corners.groups[first_group..]) {
-                    corners.groups.push(Group { number, above: above(offset, side) });
-                }
                 if sums.valid > 0.0 {
                     let (share, offset) = (sums.valid / RAYS[self.tier] as f32, offset.as_vec3());
                     let each = 1.0 / sums.valid;
@@ -334,9 +338,7 @@ impl Lookup<'_> {
                         offset,
                         at: offset + side.place,
                         normal: side.normal,
-                        // Beside a wall, a side that reaches through it by little brings light of the other room.
-                        is_unfit: side.is_thin
-                            || side.blocked > if groups.is_empty() { MOST_BLOCKED } else { 0 },
+                        blocked: if side.is_thin { ORIGINS as u8 } else { side.blocked },
                         group: number,
                         valid: share * share,
                         light: Mix {
@@ -348,7 +350,7 @@ impl Lookup<'_> {
                 }
             }
         }
-        Known::Sides(first..corners.sides.len(), first_group..corners.groups.len())
+        Known::Sides { range: first..corners.sides.len(), are_parted: !groups.is_empty() }
     }
 }
 
@@ -356,17 +358,27 @@ impl Near {
     /// How much the side counts at a pixel.
     #[inline]
     fn weight(&self, point: &ShadingPoint, place: Vec3) -> f32 {
-        let facing = point.normal.dot(self.normal);
-        if facing <= 0.0 {
+        let likeness = self.likeness(point, place);
+        if likeness <= 0.0 {
             return 0.0;
         }
         // 1 − across for the lower cell of an axis, across for the upper one.
         let across = place - 0.5;
         let near = (1.0 - across + self.offset * (2.0 * across - 1.0)).element_product();
+        near * likeness * self.valid
+    }
+
+    /// How alike the side and the pixel face, and how near the pixel is to its plane: 0 to 1.
+    #[inline]
+    fn likeness(&self, point: &ShadingPoint, place: Vec3) -> f32 {
+        let facing = point.normal.dot(self.normal);
+        if facing <= 0.0 {
+            return 0.0;
+        }
         let off = (place - self.at).dot(point.side);
         let plane = (1.0 - PLANE * off * off).max(0.0);
         let squared = facing * facing;
-        near * (squared * squared) * (plane * plane) * self.valid
+        squared * squared * (plane * plane)
     }
 }
 
@@ -379,27 +391,39 @@ struct Weighed {
 }
 
 impl Weighed {
-    fn all(sides: &[Near], point: &ShadingPoint, place: Vec3) -> Self {
+    fn of<'a>(
+        sides: impl Iterator<Item = &'a Near>,
+        point: &ShadingPoint,
+        place: Vec3,
+        rule: Fitness,
+    ) -> Self {
         let mut all = Self::default();
-        sides.iter().for_each(|side| all.add(side, point, place));
+        for side in sides {
+            let weight = side.weight(point, place);
+            if weight <= 0.0 {
+                continue;
+            }
+            if side.blocked > rule.most_blocked {
+                all.unfit += weight;
+            } else {
+                all.fit += weight;
+                all.sum = all.sum.plus(side.light, weight);
+            }
+        }
         all
     }
 
-    #[inline]
-    fn add(&mut self, side: &Near, point: &ShadingPoint, place: Vec3) {
-        let weight = side.weight(point, place);
-        if side.is_unfit {
-            self.unfit += weight;
-        } else {
-            self.fit += weight;
-            self.sum = self.sum.plus(side.light, weight);
+    /// Beside a wall: those sides that are on the pixel's side of it, as the side is that the pixel itself lies on. `None` if
+    /// there is no such side, or if it is not fit.
+    fn beside_wall(sides: &[Near], point: &ShadingPoint, place: Vec3) -> Option<Self> {
+        let cell = place.floor();
+        let here = sides.iter().filter(|side| side.offset == cell);
+        let home = here.max_by(|a, b| a.likeness(point, place).total_cmp(&b.likeness(point, place)))?;
+        if home.blocked > BESIDE_WALL.most_blocked || home.likeness(point, place) <= 0.0 {
+            return None;
         }
-    }
-
-    fn join(&mut self, other: Self) {
-        self.sum = self.sum.plus(other.sum, 1.0);
-        self.fit += other.fit;
-        self.unfit += other.unfit;
+        let is_seen = |side: &&Near| home.group == 0 || side.group == 0 || side.group == home.group;
+        Some(Self::of(sides.iter().filter(is_seen), point, place, BESIDE_WALL))
     }
 
     fn weight(&self) -> f32 {
@@ -407,13 +431,14 @@ impl Weighed {
     }
 
     /// The mean; `None` if the sides do not describe the pixel.
-    fn mean(self) -> Option<Mix> {
-        let describes = self.fit > LEAST_WEIGHT && self.unfit <= MOST_UNFIT * self.weight();
+    fn mean(self, rule: Fitness) -> Option<Mix> {
+        let describes = self.fit > LEAST_WEIGHT && self.unfit <= rule.most_unfit * self.weight();
         describes.then(|| Mix::default().plus(self.sum, 1.0 / self.fit))
     }
 }
 
-fn sorted(mut keys: Vec<CellKey>) -> Vec<CellKey> {
+/// Keys in ascending order, each once.
+pub(super) fn sorted(mut keys: Vec<CellKey>) -> Vec<CellKey> {
     keys.par_sort_unstable();
     keys.dedup();
     keys
@@ -427,6 +452,7 @@ pub(super) fn only(points: &ShadingPoints, keep: impl Fn(usize) -> bool + Sync) 
         size: points.size,
         first: points.first,
         effort: points.effort,
+        numbers: Vec::new(),
         all: points.all.par_iter().enumerate().map(point).collect(),
         bounds: Bounds::EMPTY,
     }

@@ -17,54 +17,74 @@
 //! 4. [`corner`]: which of the eight cells of a lookup have a wall between them.
 //! 5. [`store`]: holds what is filled, within a bound.
 //! 6. [`lookup`]: pixels take the mean of the sides around them.
-//! 7. [`alone`]: pixels that no side describes cast rays of their own.
+//! 7. [`alone`]: pixels that no side describes cast rays of their own. Then [`super::filter`] joins those, and pixels
+//!    lit by cells of few rays, with what is around them.
 //! 8. [`sharing`]: samplers of one scene and lighting send one another their cells.
+//! 9. [`record`]: what the rays of a page met, in a scene that moves. [`changes`]: which pages the next pose or lighting leaves as
+//!    they are. The others are *older*: open views show them until they are filled anew, and say so.
+//! 10. [`mirror`] and [`on_device`]: a device looks cells up in a copy of its own.
 //!
 //! A view's own pixels are lit by cells of one tier throughout, or by rays throughout, and so is all that its reflections show,
 //! so that a frame can be repeated. [`CellUse`] says which a job asks for. Cells that an open view lacks are filled later, in slices ([`LightCells::fill_slice`]).
 
 mod alone;
+mod blocks;
+mod changes;
 mod corner;
 mod filling;
+#[cfg(feature = "fuzzing")]
+pub(crate) mod fuzzing;
+mod inputs;
 mod lookup;
+mod mirror;
+mod on_device;
 mod queue;
 mod rays;
+mod record;
 mod scene;
 mod sharing;
 mod sides;
 mod state;
 mod store;
+#[cfg(test)]
+mod tests;
 mod tree;
 
-use std::sync::{Arc, MutexGuard};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
-use argus_scene::{CellPages, CellReport, CellSettings, Lighting, SurfaceLight};
-use glam::{DVec3, Vec3};
+use argus_gpu::wgpu;
+use argus_scene::{CellPages, CellReport, CellSettings, SurfaceLight};
+use glam::DVec3;
 use rayon::prelude::*;
 
+use super::filter::{REACH_OF_CELLS, smoothed_by};
 use super::lattice::CellKey;
-use super::paths::Leaves;
 use super::shading_points::ShadingPoints;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 use alone::Surroundings;
+use blocks::Blocks;
 use lookup::{Answer, Lookup, only};
+use mirror::CellMirror;
 use scene::{CellScene, RAYS, Sequence};
-use state::{Job, SharedCells, State};
-use store::Store;
+use state::{Job, SharedCells, State, existing};
 
+pub(super) use alone::RAYS as ALONE_RAYS;
+pub(super) use inputs::CellInputs;
 pub(super) use lookup::CellLight;
+pub(super) use on_device::{Asking, DeviceLookup};
 pub(crate) use state::CellUse;
 pub(super) use tree::BoxTree;
 
-/// Longest time for which an open view fills cells that it lacks, milliseconds, as predicted.
-const VIEW_FILLS_MS: f64 = 20.0;
 /// Pixels from one to the next, in each direction, that are asked before a view whether its cells are filled. Cells are
 /// about as wide.
-const ASKED: usize = 4;
+const ASKED: usize = 2;
 /// What is found to lack among them may be so many times as much among all pixels.
-const LACKS_MORE: f64 = 1.5;
+const LACKS_MORE: f64 = 1.2;
+/// Of a view that shows cells of an earlier pose, one of so many pixels may lack cells.
+const MOST_LACKING: usize = 4;
 /// Pause while all cells that lack are awaited from other samplers.
 const PAUSE: Duration = Duration::from_millis(1);
 /// Corners that are filled between two looks at the clock.
@@ -73,12 +93,9 @@ const CORNERS_AT_ONCE: usize = 48;
 /// The scene's parts, as a caller has them.
 #[derive(Clone, Copy)]
 pub(super) struct Parts<'a> {
-    pub(super) leaves: &'a Leaves,
-    pub(super) tree: &'a BoxTree,
+    pub(super) inputs: &'a CellInputs,
     pub(super) surfaces: &'a Surfaces,
     pub(super) about: &'a LightRaysAbout<'a>,
-    pub(super) lighting: &'a Lighting,
-    pub(super) radiance: &'a [Vec3],
 }
 
 /// Where pixels are seen from.
@@ -106,37 +123,58 @@ pub(crate) struct LightCells {
     settings: CellSettings,
     sequence: Sequence,
     state: Arc<SharedCells>,
+    /// What a device holds of them.
+    mirror: Mutex<CellMirror>,
+    /// Room for the numbers of corners that a device found lacking.
+    lacking: OnceLock<wgpu::Buffer>,
+    /// Whether a device will probably find all cells.
+    expects_whole: AtomicBool,
 }
 
 impl LightCells {
     pub(crate) fn new(settings: CellSettings) -> Self {
-        Self { settings, sequence: Sequence::new(), state: Arc::default() }
+        Self {
+            settings,
+            sequence: Sequence::new(),
+            state: Arc::default(),
+            mirror: Mutex::default(),
+            lacking: OnceLock::new(),
+            expects_whole: AtomicBool::new(false),
+        }
     }
 
     pub(crate) fn settings(&self) -> CellSettings {
         self.settings
     }
 
-    /// Forgets all cells: surfaces moved.
+    /// Forgets all cells: surfaces exchange light in another way.
     pub(crate) fn forget(&mut self) {
         self.state().forget();
     }
 
-    /// Begins a job.
-    pub(crate) fn begin(&self, asked: CellUse) {
+    /// Begins a job. `lags`: it shows light of an earlier pose.
+    pub(crate) fn begin(&self, asked: CellUse, lags: bool) {
         let mut state = self.state();
-        state.job = Job::new(asked);
+        state.job = Job { lags, ..Job::new(asked) };
         state.store.begin_job();
     }
 
     /// What the job is lit by so far; rays before any of it is.
     pub(crate) fn light(&self) -> SurfaceLight {
         let state = self.state();
-        let cells = |tier: usize| SurfaceLight::Cells {
-            rays: RAYS[tier] as u32,
-            reflected: state.job.reflected.unwrap_or(true),
+        let cells = |tier: usize| {
+            let (rays, reflected) = (RAYS[tier] as u32, state.job.reflected.unwrap_or(true));
+            match state.job.shows_older {
+                false => SurfaceLight::Cells { rays, reflected },
+                true => SurfaceLight::OlderCells { rays, reflected },
+            }
         };
-        state.job.found.flatten().map_or(SurfaceLight::Rays, cells)
+        match (state.job.found.flatten(), state.job.lags) {
+            (Some(tier), _) => cells(tier),
+            // Rays gathered what surfaces reflected in an earlier pose.
+            (None, true) => SurfaceLight::OlderCells { rays: RAYS[0] as u32, reflected: false },
+            (None, false) => SurfaceLight::Rays,
+        }
     }
 
     /// What the cells are.
@@ -153,6 +191,9 @@ impl LightCells {
             pixels_lit: state.pixels_lit,
             pages_taken: state.asked.taken,
             take_ms: state.asked.take_ms,
+            pages_kept: state.kept.kept as u64,
+            pages_touched: state.kept.touched as u64,
+            pages_older: state.store.older_pages(),
             is_due: state.queue.len() > 0 || state.may_refine,
         }
     }
@@ -171,7 +212,9 @@ impl LightCells {
     ) -> Option<Vec<CellLight>> {
         let mut state = self.state();
         let scene = self.scene(parts);
-        state.relight(parts.lighting, || sharing::content_of(&scene));
+        // Cells of an earlier pose have no name with the surfaces of the present one.
+        let lags = state.job.lags;
+        state.relight(parts.inputs, || if lags { None } else { sharing::content_of(&scene) });
         let question = Question { scene: &scene, points, eye };
         let answers = match eye.reflected {
             true => self.of_reflected(&mut state, question),
@@ -180,7 +223,10 @@ impl LightCells {
         if state.job.asked != CellUse::Rays {
             state.count(points, answers.as_deref().unwrap_or_default());
         }
-        Some(with_alone(question, &answers?))
+        let answers = answers?;
+        let lights = with_alone(question, &answers);
+        // What reflections show has no neighbours in the image.
+        Some(if eye.reflected { lights } else { joined(points, &answers, lights, state.job.found) })
     }
 
     /// The answers of the job's own pixels; `None` if it is lit by rays.
@@ -188,8 +234,17 @@ impl LightCells {
         let light = match (state.job.asked, state.job.found) {
             (CellUse::Rays, _) | (_, Some(None)) => None,
             (CellUse::Whole { rays, .. }, _) => Some((tier_of(rays), None)),
+            (_, Some(Some(tier))) if state.job.shows_older => {
+                Some((tier, Some(self.older_answers(state, question, tier))))
+            }
             (_, Some(Some(tier))) => Some((tier, None)),
-            (CellUse::Open, None) => self.best(state, question).map(|(tier, answers)| (tier, Some(answers))),
+            (CellUse::Open, None) if state.job.lags => {
+                self.older(state, question).map(|(tier, answers)| (tier, Some(answers)))
+            }
+            (CellUse::Open, None) => {
+                let found = self.best(state, question).or_else(|| self.older(state, question));
+                found.map(|(tier, answers)| (tier, Some(answers)))
+            }
         };
         state.job.found = Some(light.as_ref().map(|(tier, _)| *tier));
         match light? {
@@ -203,6 +258,8 @@ impl LightCells {
     fn of_reflected(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let has_cells = match (state.job.asked, state.job.reflected) {
             (CellUse::Rays, _) => return None,
+            // Nothing is filled from light of an earlier pose.
+            (CellUse::Open, _) if state.job.lags => return None,
             (CellUse::Whole { reflected, .. }, _) => Some(reflected),
             (CellUse::Open, _) if state.job.found.flatten().is_none() => Some(false),
             (CellUse::Open, known) => known,
@@ -210,11 +267,10 @@ impl LightCells {
         let answers = match has_cells {
             Some(true) => self.answers(state, question, 0, f64::INFINITY),
             Some(false) => None,
-            None => self.answers_soon(state, question, 0),
+            None => self.answers_soon(state, question, 0, &self.corners_of(state, question)),
         };
         if state.job.asked == CellUse::Open && has_cells == Some(false) {
-            let missing = self.lookup(&state.store, question, 0).missing(question.points, ASKED);
-            state.queue.add(missing);
+            self.ask(state, question);
         }
         state.job.reflected = Some(answers.is_some());
         answers
@@ -222,8 +278,9 @@ impl LightCells {
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
     fn best(&self, state: &mut State, question: Question<'_>) -> Option<(usize, Vec<Answer>)> {
+        let corners = self.corners_of(state, question);
         for tier in (0..=tier_of(self.settings.rays)).rev() {
-            if let Some(answers) = self.answers_soon(state, question, tier) {
+            if let Some(answers) = self.answers_soon(state, question, tier, &corners) {
                 state.may_refine |= tier < tier_of(self.settings.rays);
                 return Some((tier, answers));
             }
@@ -231,20 +288,64 @@ impl LightCells {
         None
     }
 
+    /// The best tier that nearly all of a view has where cells of an earlier pose count, too, until they are filled anew; `None` if it has
+    /// none. Then the job says so. Rays light what is left.
+    fn older(&self, state: &mut State, question: Question<'_>) -> Option<(usize, Vec<Answer>)> {
+        if !state.job.lags && state.store.older_pages() == 0 {
+            return None;
+        }
+        state.job.shows_older = true;
+        let exist = question.points.all.iter().filter(|point| point.exists).count();
+        let found = (0..=tier_of(self.settings.rays)).rev().find_map(|tier| {
+            let answers = self.older_answers(state, question, tier);
+            let lacking = answers.iter().filter(|answer| **answer == Answer::Missing).count();
+            (lacking * MOST_LACKING <= exist).then_some((tier, answers))
+        });
+        state.job.shows_older = found.is_some();
+        found
+    }
+
+    /// The answers of a tier where cells of an earlier pose count. What lacks waits in the queue.
+    fn older_answers(&self, state: &mut State, question: Question<'_>, tier: usize) -> Vec<Answer> {
+        let mut answers = vec![Answer::Missing; question.points.all.len()];
+        let lacking = self.lookup(state, question, tier).look_up(question.points, &mut answers);
+        state.queue.add(lacking);
+        answers
+    }
+
     /// The answers of a tier if they are there, or for the first tier soon would be; else `None`, and cells of the first tier wait
-    /// in the queue.
-    fn answers_soon(&self, state: &mut State, question: Question<'_>, tier: usize) -> Option<Vec<Answer>> {
-        let missing = self.lookup(&state.store, question, tier).missing(question.points, ASKED);
-        let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= VIEW_FILLS_MS;
+    /// in the queue. `corners` are those of some of the pixels.
+    fn answers_soon(
+        &self,
+        state: &mut State,
+        question: Question<'_>,
+        tier: usize,
+        corners: &[CellKey],
+    ) -> Option<Vec<Answer>> {
+        let missing = self.lookup(state, question, tier).lacking(corners);
+        let most_ms = state.view_fills_ms(existing(question.points));
+        let within = state.costs[tier] * missing.len() as f64 * LACKS_MORE <= most_ms;
         // Better light is no reason to wait.
         let found = match within && (tier == 0 || missing.is_empty()) {
-            true => self.answers(state, question, tier, VIEW_FILLS_MS),
+            true => self.answers(state, question, tier, most_ms),
             false => None,
         };
         if found.is_none() && tier == 0 {
-            state.queue.add(missing);
+            self.ask(state, question);
         }
         found
+    }
+
+    /// Has the cells of the first tier that the pixels lack filled beside views.
+    fn ask(&self, state: &mut State, question: Question<'_>) {
+        let lookup = self.lookup(state, question, 0);
+        let missing = lookup.lacking(&lookup.corners_of(question.points, 1));
+        state.queue.add(missing);
+    }
+
+    /// The corners that some of the pixels look up.
+    fn corners_of(&self, state: &State, question: Question<'_>) -> Vec<CellKey> {
+        self.lookup(state, question, 0).corners_of(question.points, ASKED)
     }
 
     /// The answers of a tier; cells that lack are filled if that is predicted to take no longer than `most_ms`, else they wait
@@ -258,7 +359,7 @@ impl LightCells {
     ) -> Option<Vec<Answer>> {
         let mut answers = vec![Answer::Missing; question.points.all.len()];
         loop {
-            let missing = self.lookup(&state.store, question, tier).look_up(question.points, &mut answers);
+            let missing = self.lookup(state, question, tier).look_up(question.points, &mut answers);
             if missing.is_empty() {
                 return Some(answers);
             }
@@ -275,13 +376,18 @@ impl LightCells {
         }
     }
 
+    /// Learns the time of light by rays, of which texels cast one of `divisor`.
+    pub(super) fn took_rays(&self, points: &ShadingPoints, divisor: u32, took: Duration) {
+        self.state().took_rays(existing(points), divisor, took);
+    }
+
     /// Fills cells that views lacked and that are not awaited from other samplers, then with `refines` refines those that were used
     /// last, for about so long. Returns whether there is more to do.
     pub(super) fn fill_slice(&self, parts: Parts<'_>, time: Duration, refines: bool) -> bool {
         let begin = Instant::now();
         let mut guard = self.state();
         let (state, scene) = (&mut *guard, self.scene(parts));
-        state.relight(parts.lighting, || sharing::content_of(&scene));
+        state.relight(parts.inputs, || sharing::content_of(&scene));
         while begin.elapsed() < time {
             let (State { queue, store, asked, .. }, now) = (&mut *state, Instant::now());
             let lacks = |key: CellKey| !store.is_whole(key, 0);
@@ -303,19 +409,20 @@ impl LightCells {
     }
 
     fn scene<'a>(&'a self, parts: Parts<'a>) -> CellScene<'a> {
-        let Parts { leaves, tree, surfaces, about, lighting, radiance } = parts;
+        let Parts { inputs: CellInputs { leaves, tree, pose, lighting, radiance }, surfaces, about } = parts;
         let (lattice, sky, sequence) = (leaves.lattice(), &lighting.sky, &self.sequence);
-        CellScene { lattice, leaves, tree, surfaces, about, sky, radiance, sequence }
+        let blocks = pose.is_some().then(|| Blocks::new(&lattice));
+        CellScene { lattice, leaves, tree, surfaces, about, sky, radiance, sequence, blocks }
     }
 
-    fn lookup<'a>(&self, store: &'a Store, question: Question<'a>, tier: usize) -> Lookup<'a> {
+    fn lookup<'a>(&self, state: &'a State, question: Question<'a>, tier: usize) -> Lookup<'a> {
         let Question { scene, eye, .. } = question;
         let places = scene.lattice.about(eye.position - scene.leaves.center());
         let pixels = self.settings.pixels as f32;
         Lookup {
-            store,
+            store: &state.store,
+            shows_older: state.job.shows_older,
             lattice: scene.lattice,
-            about: eye.about,
             eye: places,
             tier,
             pixels,
@@ -343,6 +450,24 @@ fn with_alone(question: Question<'_>, answers: &[Answer]) -> Vec<CellLight> {
         Answer::Alone | Answer::Missing => alone.as_ref().map_or(CellLight::default(), |all| all[index]),
     };
     answers.par_iter().enumerate().map(light).collect()
+}
+
+/// Joins pixels that would stand out with those around them that show the same surface: pixels that cells do not describe, and all
+/// of them where cells have the fewest rays, since those differ from one to the next. Other pixels keep what they have.
+fn joined(
+    points: &ShadingPoints,
+    answers: &[Answer],
+    lights: Vec<CellLight>,
+    tier: Option<Option<usize>>,
+) -> Vec<CellLight> {
+    let is_first = tier.flatten() == Some(0);
+    let stands_out = |answer: &Answer| is_first || matches!(answer, Answer::Alone | Answer::Missing);
+    if !answers.par_iter().any(stands_out) {
+        return lights;
+    }
+    let smooth = smoothed_by(lights.clone(), points, REACH_OF_CELLS);
+    let choose = |((answer, light), smooth)| if stands_out(answer) { smooth } else { light };
+    answers.par_iter().zip(lights).zip(smooth).map(choose).collect()
 }
 
 /// The tier with at most so many rays.

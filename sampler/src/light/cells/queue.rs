@@ -14,6 +14,8 @@ pub(super) struct Queue {
     /// The newest at the end.
     keys: VecDeque<CellKey>,
     waiting: HashSet<CellKey>,
+    /// Those that were added since they were last asked for.
+    fresh: Vec<CellKey>,
 }
 
 impl Queue {
@@ -22,6 +24,7 @@ impl Queue {
         for corner in corners {
             if self.waiting.insert(corner) {
                 self.keys.push_back(corner);
+                self.are_fresh(&[corner]);
             }
         }
         while self.keys.len() > MOST {
@@ -61,6 +64,18 @@ impl Queue {
         self.keys.iter().rev().copied()
     }
 
+    /// Counts corners as added since. Beyond a bound they are not: they are looked at with all others.
+    pub(super) fn are_fresh(&mut self, corners: &[CellKey]) {
+        let room = MOST.saturating_sub(self.fresh.len());
+        self.fresh.extend(corners.iter().take(room));
+    }
+
+    /// Up to `most` of those that were added since this was last asked, the newest first.
+    pub(super) fn take_fresh(&mut self, most: usize) -> Vec<CellKey> {
+        let rest = self.fresh.len().saturating_sub(most);
+        self.fresh.drain(rest..).rev().collect()
+    }
+
     pub(super) fn len(&self) -> usize {
         self.keys.len()
     }
@@ -77,7 +92,9 @@ mod tests {
         let key = |i: usize| CellKey::new(9, IVec3::new((i % 512) as i32, (i / 512) as i32, 0)).unwrap();
         let mut queue = Queue::default();
         queue.add((0..MOST + 10).map(key).collect());
+        assert_eq!(queue.take_fresh(2), [key(MOST - 1), key(MOST - 2)], "no more than the bound are fresh");
         queue.add((0..3).map(|i| key(MOST + i)).collect());
+        assert_eq!(queue.take_fresh(1), [key(MOST - 3)], "those that wait are not fresh again");
         assert_eq!(queue.len(), MOST);
         let nothing = |_: CellKey| false;
         assert_eq!(queue.take(2, |corner| corner != key(MOST + 8), nothing), [key(MOST + 9), key(MOST + 7)]);

@@ -1,14 +1,16 @@
 //! The light that arrives at a side of a cell: of the sky and of other surfaces, by rays.
 //!
 //! Rays of all sides are blocks of 16 of one (0, 2)-sequence (Sobol'; Kollig and Keller, "Efficient Multidimensional
-//! Sampling", 2002), so that each block is well distributed by itself and all together are. Neighbouring cells take other
-//! blocks, four in turn, so that a lookup of eight cells has the rays of four.
+//! Sampling", 2002), so that each block is well distributed by itself and all together are. Neighbouring cells begin
+//! with other blocks, four in turn, so that a lookup of eight cells has the rays of four. From 64 rays on all have the same
+//! directions: what differs between neighbours shows on even walls, as a pattern as wide as cells.
 
 use argus_scene::shading::sky_radiance;
 use glam::{IVec3, Vec3};
 
 use super::super::lattice::CellKey;
 use super::super::pattern::above;
+use super::record::Record;
 use super::scene::{BLOCK, CellScene, RAYS};
 use super::sides::{ORIGINS, SideShape};
 
@@ -25,7 +27,7 @@ pub(super) struct Sums {
     pub(super) valid: f32,
 }
 
-/// The blocks of a cell, by the parities of i + k and j + k.
+/// The first block of a cell, by the parities of i + k and j + k.
 fn slot(at: IVec3) -> usize {
     (((at.x ^ at.z) & 1) | ((at.y ^ at.z) & 1) << 1) as usize
 }
@@ -35,8 +37,15 @@ fn origin(ray: usize) -> usize {
     (ray % BLOCK + ray % BLOCK / ORIGINS * (ORIGINS / 2) + ray / BLOCK * 3) % ORIGINS
 }
 
-/// Adds the rays of a tier to the sums of the tiers before it.
-pub(super) fn add_tier(scene: &CellScene<'_>, key: CellKey, shape: &SideShape, tier: usize, sums: &mut Sums) {
+/// Adds the rays of a tier to the sums of the tiers before it, and what they meet to the record if things move.
+pub(super) fn add_tier(
+    scene: &CellScene<'_>,
+    key: CellKey,
+    shape: &SideShape,
+    tier: usize,
+    sums: &mut Sums,
+    record: &mut Record,
+) {
     let first = tier.checked_sub(1).map_or(0, |before| RAYS[before]);
     let slot = slot(key.at());
     let near = 0.5 * scene.lattice.spacing(key.level());
@@ -45,10 +54,13 @@ pub(super) fn add_tier(scene: &CellScene<'_>, key: CellKey, shape: &SideShape, t
         let from = &shape.origins[origin(ray)];
         let direction = above(shape.side.normal, scene.sequence.disc(slot, ray));
         // Below the triangle's own plane lies what shading does not show.
-        if direction.dot(from.side) <= 0.0 {
+        if from.is_covered || direction.dot(from.side) <= 0.0 {
             continue;
         }
         let hit = scene.about.nearest(from.start, direction, f32::MAX);
+        if let Some(blocks) = &scene.blocks {
+            record.add_ray(blocks, from.start, direction, hit.map(|hit| hit.t));
+        }
         // The back of something close by: the origin is inside of a wall.
         if hit.is_some_and(|hit| !hit.front && hit.t < near) {
             continue;
@@ -59,7 +71,10 @@ pub(super) fn add_tier(scene: &CellScene<'_>, key: CellKey, shape: &SideShape, t
         if hit.is_none_or(|hit| hit.t > reach) {
             sums.seen += radiance;
         }
-        let side = hit.and_then(|hit| scene.leaves.hit(from.start, direction, &hit));
+        let side = hit.and_then(|hit| match scene.blocks {
+            Some(_) => scene.leaves.hit_reading(from.start, direction, &hit, |read| record.add_read(read)),
+            None => scene.leaves.hit(from.start, direction, &hit),
+        });
         sums.reflected += side.map_or(Vec3::ZERO, |side| scene.radiance[side as usize]);
     }
 }

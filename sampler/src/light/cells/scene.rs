@@ -6,13 +6,14 @@ use glam::{DVec2, Vec2, Vec3};
 
 use super::super::lattice::Lattice;
 use super::super::paths::Leaves;
+use super::blocks::Blocks;
 use super::tree::BoxTree;
 use crate::light_rays::LightRaysAbout;
 use crate::surfaces::Surfaces;
 
 /// Rays of a block.
 pub(super) const BLOCK: usize = 16;
-/// Blocks that neighbouring cells take in turn.
+/// Blocks that neighbouring cells begin with in turn.
 const SLOTS: usize = 4;
 /// Rays of a side at each tier. A tier's rays are those of the one before it, and further ones.
 pub(super) const RAYS: [usize; 3] = [16, 64, 256];
@@ -29,6 +30,8 @@ pub(super) struct CellScene<'a> {
     /// Radiance that leaf sides reflect.
     pub(super) radiance: &'a [Vec3],
     pub(super) sequence: &'a Sequence,
+    /// Blocks by which what rays meet is recorded; `None` if nothing moves.
+    pub(super) blocks: Option<Blocks>,
 }
 
 /// Points of the unit disc for all rays of all slots.
@@ -37,12 +40,14 @@ pub(super) struct Sequence(Vec<Vec2>);
 impl Sequence {
     pub(super) fn new() -> Self {
         let [.., most] = RAYS;
-        Self((0..(most * SLOTS) as u32).map(|index| disc_point(point(index)).as_vec2()).collect())
+        Self((0..most as u32).map(|index| disc_point(point(index)).as_vec2()).collect())
     }
 
+    /// The point of a ray of a cell that begins with the block `slot`. After so many blocks as there are slots, all cells have had
+    /// the same ones.
     pub(super) fn disc(&self, slot: usize, ray: usize) -> Vec2 {
-        let block = ray / BLOCK * SLOTS + slot;
-        self.0[block * BLOCK + ray % BLOCK]
+        let [round, turn] = [ray / BLOCK / SLOTS, ray / BLOCK % SLOTS];
+        self.0[(round * SLOTS + (turn ^ slot)) * BLOCK + ray % BLOCK]
     }
 }
 
@@ -63,6 +68,23 @@ fn point(index: u32) -> DVec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cells_begin_with_different_directions_and_in_the_end_have_the_same() {
+        let sequence = Sequence::new();
+        let points = |slot: usize, rays: std::ops::Range<usize>| {
+            let mut all: Vec<[u32; 2]> =
+                rays.map(|ray| sequence.disc(slot, ray).to_array().map(f32::to_bits)).collect();
+            all.sort_unstable();
+            all
+        };
+        for slot in 1..SLOTS {
+            assert_ne!(points(slot, 0..16), points(0, 0..16));
+            for rays in [0..64, 64..128, 0..256] {
+                assert_eq!(points(slot, rays.clone()), points(0, rays));
+            }
+        }
+    }
 
     #[test]
     fn every_block_has_a_point_in_each_of_sixteen_boxes_of_every_shape() {

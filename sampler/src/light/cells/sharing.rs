@@ -14,7 +14,7 @@ use super::state::{SharedCells, State};
 use super::store::Unpacked;
 
 /// Version of what cells hold and how they are packed.
-const VERSION: u8 = 1;
+const VERSION: u8 = 2;
 /// How long filling waits for a page that was asked of other samplers.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// How long after it was asked for a page is asked for again.
@@ -67,11 +67,21 @@ impl CellPages for SharedCells {
         }
         state.asked.awaited.retain(|_, until| *until > now);
         let mut wanted = Vec::new();
-        let corners: Vec<CellKey> = state.queue.newest().take(LOOKED_AT).collect();
-        for corner in corners {
-            let lacking: Vec<PageKey> = state.lacking(corner).collect();
+        // All that wait are looked at rarely: other samplers may have filled them meanwhile.
+        let all_are_due = state.asked.all_at.is_none_or(|at| now.duration_since(at) > ASKED_AGAIN);
+        let fresh = state.queue.take_fresh(LOOKED_AT);
+        let corners: Vec<CellKey> = match all_are_due {
+            true => state.queue.newest().take(LOOKED_AT).collect(),
+            false => fresh,
+        };
+        if all_are_due {
+            state.asked.all_at = Some(now);
+        }
+        for (index, corner) in corners.iter().enumerate() {
+            let lacking: Vec<PageKey> = state.lacking(*corner).collect();
             for page in lacking {
                 if wanted.len() >= most {
+                    state.queue.are_fresh(&corners[index..]);
                     return wanted;
                 }
                 let asked = &mut state.asked;

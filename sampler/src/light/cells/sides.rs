@@ -51,6 +51,8 @@ pub(super) struct Origin {
     pub(super) start: Vec3,
     /// Unit normal of the triangle, on the visible side.
     pub(super) side: Vec3,
+    /// Whether something lies so close above it that it is not what a viewer sees of the cell, such as the floor in a crack.
+    pub(super) is_covered: bool,
 }
 
 /// The part of a triangle in the cell, seen from one side.
@@ -66,7 +68,7 @@ struct Piece {
 pub(super) fn shapes_of(scene: &CellScene<'_>, key: CellKey) -> Vec<SideShape> {
     let [low, high] = scene.lattice.corners(key);
     let mut pieces: [Vec<Piece>; 6] = Default::default();
-    for triangle in scene.tree.within([low, high]) {
+    for triangle in scene.tree.within([low, high], scene.leaves.triangles()) {
         let Some((front, faces)) = scene.leaves.faces(scene.surfaces, triangle) else { continue };
         let polygon = scene.leaves.polygon(triangle).in_box(low, high);
         let area = polygon.area();
@@ -108,6 +110,7 @@ fn shape_of(scene: &CellScene<'_>, key: CellKey, pieces: &[Piece]) -> Option<Sid
     }
     let (origins, normal) = origins_of(scene, key, pieces, area);
     let normal = normal.try_normalize().or_else(|| facing.try_normalize())?;
+    let origins = covered(scene, origins, LIFT * spacing);
     let side = Side {
         place: center / (area * spacing),
         normal,
@@ -134,17 +137,27 @@ fn origins_of(scene: &CellScene<'_>, key: CellKey, pieces: &[Piece], area: f32) 
         let shading = scene.leaves.shading_normal(scene.surfaces, piece.triangle, position, piece.normal);
         normals += shading.unwrap_or(piece.normal);
         let off = 2.0 * scene.about.offset(position, 0.0);
-        Origin { start: position + piece.normal * off, side: piece.normal }
+        Origin { start: position + piece.normal * off, side: piece.normal, is_covered: false }
     });
     (origins, normals)
 }
 
-/// How many of eight ways between the origins of a side are blocked.
+/// Finds out which origins are covered. If all are, they are all that there is, and none counts as covered.
+fn covered(scene: &CellScene<'_>, origins: [Origin; ORIGINS], lift: f32) -> [Origin; ORIGINS] {
+    let found = origins.map(|origin| Origin {
+        is_covered: scene.about.is_blocked(origin.start, origin.side * lift, 1.0),
+        ..origin
+    });
+    if found.iter().all(|origin| origin.is_covered) { origins } else { found }
+}
+
+/// How many of eight ways between the origins of a side are blocked. Those of covered ones do not count, as their rays do not.
 fn blocked_ways(scene: &CellScene<'_>, origins: &[Origin; ORIGINS], lift: Vec3) -> u8 {
     let is_blocked = |number: &usize| {
         // Three is prime to eight: one round trip over all origins, with long steps.
-        let [from, to] = [*number, (number + 3) % ORIGINS].map(|number| origins[number].start + lift);
-        scene.about.is_blocked(from, to - from, ALMOST)
+        let ends = [*number, (number + 3) % ORIGINS].map(|number| &origins[number]);
+        let [from, to] = ends.map(|end| end.start + lift);
+        !ends.iter().any(|end| end.is_covered) && scene.about.is_blocked(from, to - from, ALMOST)
     };
     (0..ORIGINS).filter(is_blocked).count() as u8
 }

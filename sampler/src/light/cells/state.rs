@@ -2,18 +2,25 @@
 
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use argus_scene::{CellContent, Lighting, SurfaceLight};
+use argus_scene::{CellContent, SurfaceLight};
 
 use super::super::lattice::{CellKey, PageKey};
 use super::super::shading_points::ShadingPoints;
+use super::changes::Changes;
+use super::inputs::CellInputs;
 use super::lookup::Answer;
 use super::queue::Queue;
-use super::store::{Store, TIERS};
+use super::store::{Kept, Store, TIERS};
 
 /// Most memory of cells: 1.6 M sides of 16 rays take 110 MB.
 const MOST_BYTES: usize = 256 << 20;
+/// Longest time for which an open view fills cells that it lacks, milliseconds, as predicted; more where its rays would take longer.
+pub(super) const VIEW_FILLS_MS: f64 = 20.0;
+/// Share of the time of its rays that an open view may spend on filling. A lookup takes less than the rest, so that no view takes
+/// longer than by rays, and each leaves cells to the next.
+const VIEW_FILLS_SHARE: f64 = 0.5;
 /// Milliseconds of a corner or refined cell, before any is measured.
 const FIRST_GUESS_MS: f64 = 0.05;
 
@@ -36,7 +43,8 @@ pub(crate) enum CellUse {
 impl From<Option<SurfaceLight>> for CellUse {
     fn from(asked: Option<SurfaceLight>) -> Self {
         match asked {
-            None => Self::Open,
+            // Cells of an earlier pose are shown, but callers refuse to be asked for them.
+            None | Some(SurfaceLight::OlderCells { .. }) => Self::Open,
             Some(SurfaceLight::Rays) => Self::Rays,
             Some(SurfaceLight::Cells { rays, reflected }) => Self::Whole { rays, reflected },
         }
@@ -53,19 +61,23 @@ pub(super) struct State {
     /// Cells to be refined, and whether there may be more.
     pub(super) refined: Vec<CellKey>,
     pub(super) may_refine: bool,
-    /// The lighting that the cells are of.
-    pub(super) lighting: Option<Lighting>,
+    /// The posed and lit scene that the cells are of.
+    pub(super) inputs: Option<CellInputs>,
     /// What the cells are of, once that is known; `None` within if it has no name.
     pub(super) content: Option<Option<CellContent>>,
     pub(super) asked: Asked,
     pub(super) job: Job,
     /// Milliseconds of a corner of the first tier and of a cell's refinement to each further one.
     pub(super) costs: [f64; TIERS],
+    /// Milliseconds of a texel's light by rays; `None` until it is measured.
+    pub(super) ray_ms: Option<f64>,
     pub(super) filled: u64,
     pub(super) fill_ms: f64,
     /// Pixels that asked for cells, and those that cells lit.
     pub(super) pixels: u64,
     pub(super) pixels_lit: u64,
+    /// Pages that were kept as things moved, and those that were not.
+    pub(super) kept: Kept,
 }
 
 /// The light of the present job.
@@ -73,6 +85,10 @@ pub(super) struct Job {
     pub(super) asked: CellUse,
     /// The tier of its own pixels, once that is known; `None` within for rays.
     pub(super) found: Option<Option<usize>>,
+    /// Whether it shows light of an earlier pose. Then nothing is filled.
+    pub(super) lags: bool,
+    /// Whether cells of an earlier pose count for it, too.
+    pub(super) shows_older: bool,
     /// Whether its reflected points take cells, once that is known.
     pub(super) reflected: Option<bool>,
 }
@@ -84,6 +100,8 @@ pub(super) struct Asked {
     pub(super) asked: HashMap<PageKey, Instant>,
     /// Until when they are awaited.
     pub(super) awaited: HashMap<PageKey, Instant>,
+    /// When all corners that waited were last looked at.
+    pub(super) all_at: Option<Instant>,
     /// Pages taken, and the milliseconds spent on them.
     pub(super) taken: u64,
     pub(super) take_ms: f64,
@@ -94,6 +112,7 @@ impl Asked {
     pub(super) fn forget(&mut self) {
         self.asked.clear();
         self.awaited.clear();
+        self.all_at = None;
     }
 
     /// Whether a cell of a corner is awaited.
@@ -110,15 +129,17 @@ impl Default for SharedCells {
             queue: Queue::default(),
             refined: Vec::new(),
             may_refine: false,
-            lighting: None,
+            inputs: None,
             content: None,
             asked: Asked::default(),
             job: Job::new(CellUse::Rays),
             costs: [FIRST_GUESS_MS; TIERS],
+            ray_ms: None,
             filled: 0,
             fill_ms: 0.0,
             pixels: 0,
             pixels_lit: 0,
+            kept: Kept::default(),
         }))
     }
 }
@@ -132,11 +153,12 @@ impl SharedCells {
 
 impl Job {
     pub(super) fn new(asked: CellUse) -> Self {
-        Self { asked, found: None, reflected: None }
+        Self { asked, lags: false, found: None, shows_older: false, reflected: None }
     }
 }
 
 impl State {
+    /// Forgets all cells.
     pub(super) fn forget(&mut self) {
         self.store.clear();
         self.queue = Queue::default();
@@ -144,20 +166,73 @@ impl State {
         self.may_refine = false;
         self.content = None;
         self.asked.forget();
+        self.inputs = None;
+    }
+
+    /// Keeps the cells that changes leave as they are.
+    fn keep_untouched(&mut self, changes: &Changes) {
+        let Kept { kept, touched } = self.store.keep_untouched(changes);
+        self.kept = Kept { kept: self.kept.kept + kept, touched: self.kept.touched + touched };
+        self.refined.clear();
+        self.content = None;
+        self.asked.forget();
     }
 
     /// Counts points that asked for cells, and answers that are light of cells.
     pub(super) fn count(&mut self, points: &ShadingPoints, answers: &[Answer]) {
-        self.pixels += points.all.iter().filter(|point| point.exists).count() as u64;
+        self.pixels += existing(points) as u64;
         self.pixels_lit += answers.iter().filter(|answer| matches!(answer, Answer::Light(_))).count() as u64;
     }
 
-    /// Forgets the cells of another lighting, and has `content` name what the cells are of.
-    pub(super) fn relight(&mut self, lighting: &Lighting, content: impl FnOnce() -> Option<CellContent>) {
-        if self.lighting.as_ref() != Some(lighting) {
-            self.forget();
-            self.lighting = Some(lighting.clone());
+    /// Milliseconds for which an open view of so many texels with a surface fills cells that it lacks.
+    pub(super) fn view_fills_ms(&self, texels: f64) -> f64 {
+        let by_rays = self.ray_ms.map_or(0.0, |ms| ms * texels);
+        (VIEW_FILLS_SHARE * by_rays).max(VIEW_FILLS_MS)
+    }
+
+    /// Learns the time of light by rays at so many texels, which cast one of `divisor`.
+    pub(super) fn took_rays(&mut self, texels: f64, divisor: u32, took: Duration) {
+        /// Share of the newest measurement.
+        const NEW: f64 = 0.25;
+        if texels > 0.0 {
+            let ms = took.as_secs_f64() * 1e3 * f64::from(divisor) / texels;
+            self.ray_ms = Some(self.ray_ms.map_or(ms, |before| before + (ms - before) * NEW));
+        }
+    }
+
+    /// Takes over another pose or lighting: forgets the cells that are not the same there. `content` names what the cells are of.
+    pub(super) fn relight(&mut self, inputs: &CellInputs, content: impl FnOnce() -> Option<CellContent>) {
+        if !self.inputs.as_ref().is_some_and(|known| known.is(inputs)) {
+            match self.inputs.as_ref().and_then(|before| Changes::between(before, inputs)) {
+                Some(changes) => self.keep_untouched(&changes),
+                None => self.forget(),
+            }
+            self.inputs = Some(inputs.clone());
         }
         self.content.get_or_insert_with(content);
+    }
+}
+
+/// Texels with a surface.
+pub(super) fn existing(points: &ShadingPoints) -> f64 {
+    points.all.iter().filter(|point| point.exists).count() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_fills_for_half_of_what_its_rays_take_or_for_a_slice() {
+        let cells = SharedCells::default();
+        let mut state = cells.lock();
+        assert_eq!(state.view_fills_ms(1e6), VIEW_FILLS_MS, "nothing is known of rays");
+        state.took_rays(0.0, 1, Duration::from_secs(1));
+        assert_eq!(state.view_fills_ms(1e6), VIEW_FILLS_MS, "nothing was lit");
+        state.took_rays(1000.0, 4, Duration::from_millis(25));
+        assert_eq!(state.view_fills_ms(2000.0), 100.0);
+        assert_eq!(state.view_fills_ms(10.0), VIEW_FILLS_MS);
+        state.took_rays(1000.0, 1, Duration::from_millis(300));
+        assert_eq!(state.view_fills_ms(2000.0), 150.0, "a quarter of what is new");
     }
 }

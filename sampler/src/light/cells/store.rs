@@ -2,6 +2,8 @@
 //!
 //! Values are pure functions of their cells, so what is evicted comes back the same.
 
+mod hot;
+mod moved;
 mod packed;
 
 use std::collections::HashMap;
@@ -11,27 +13,35 @@ use glam::IVec3;
 
 use super::super::lattice::{CellKey, PAGE_CELLS, PageKey};
 use super::rays::Sums;
+use super::record::Record;
 use super::scene::RAYS;
 use super::sides::Side;
 
+pub(super) use moved::Kept;
 pub(super) use packed::Unpacked;
 
 /// Tiers of rays.
 pub(super) const TIERS: usize = RAYS.len();
 
-/// The filled cells of one pose and lighting.
+/// The filled cells of one pose and lighting, and some of earlier ones.
 pub(super) struct Store {
     pages: HashMap<PageKey, Page>,
+    /// Pages of an earlier pose, which show until they are filled anew.
+    older: HashMap<PageKey, Page>,
     /// Bytes of all pages, about.
     bytes: usize,
     most_bytes: usize,
     cells: usize,
     /// Counts jobs: pages know the last one that used them.
     job: u32,
+    /// Counts changes of pages.
+    version: u64,
 }
 
 struct Page {
     used: AtomicU32,
+    /// The store's version when the page changed last.
+    version: u64,
     /// For each cell 0 if it is not filled, or 1 + its place in `cells`.
     places: [u16; PAGE_CELLS],
     /// For each corner what is known of it.
@@ -42,6 +52,10 @@ struct Page {
     sides: Vec<Side>,
     /// Sums of each tier. Those of a tier that no cell has yet are empty.
     sums: [Vec<Sums>; TIERS],
+    /// What the rays of its cells met; `None` if nothing moves.
+    record: Option<Box<Record>>,
+    /// Whether it has cells whose rays are not in the record.
+    has_unrecorded: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -69,12 +83,20 @@ pub(super) struct Filled<'a> {
 
 impl Store {
     pub(super) fn new(most_bytes: usize) -> Self {
-        Self { pages: HashMap::new(), bytes: 0, most_bytes, cells: 0, job: 0 }
+        Self {
+            pages: HashMap::new(),
+            older: HashMap::new(),
+            bytes: 0,
+            most_bytes,
+            cells: 0,
+            job: 0,
+            version: 0,
+        }
     }
 
     /// Forgets all cells.
     pub(super) fn clear(&mut self) {
-        *self = Self::new(self.most_bytes);
+        *self = Self { version: self.version + 1, ..Self::new(self.most_bytes) };
     }
 
     /// Number of filled cells, those without surfaces included.
@@ -88,6 +110,12 @@ impl Store {
 
     pub(super) fn pages(&self) -> usize {
         self.pages.len()
+    }
+
+    /// The pages held.
+    #[cfg(test)]
+    pub(super) fn page_keys(&self) -> impl Iterator<Item = PageKey> {
+        self.pages.keys().copied()
     }
 
     /// Begins another job, of which all pages that it uses are kept.
@@ -109,26 +137,48 @@ impl Store {
         Some(usize::from(self.pages.get(&page)?.cell(place)?.tier))
     }
 
+    /// The cells of a corner, with their offsets from the lowest; `None` for one that lacks the tier. Most lie in one page.
+    pub(super) fn around(
+        &self,
+        corner: CellKey,
+        tier: usize,
+    ) -> impl Iterator<Item = (IVec3, Option<Filled<'_>>)> {
+        let mut last: Option<(PageKey, Option<&Page>)> = None;
+        corner.corner().map(move |(offset, cell)| {
+            let (key, place) = cell.in_page();
+            let page = match last {
+                Some((of, page)) if of == key => page,
+                _ => {
+                    let page = self.pages.get(&key);
+                    page.inspect(|page| page.used.store(self.job, Ordering::Relaxed));
+                    last = Some((key, page));
+                    page
+                }
+            };
+            (offset, page.and_then(|page| page.filled(place, tier)))
+        })
+    }
+
     /// The groups of a corner's sides ([`super::corner::groups`]); `None` if they are not known.
     pub(super) fn groups(&self, corner: CellKey) -> Option<&[u8]> {
         let (page, place) = corner.in_page();
-        let page = self.pages.get(&page)?;
-        match page.corners[place] {
-            Corner::Unknown => None,
-            Corner::Open => Some(&[]),
-            Corner::Parted(groups) => page.groups.get(usize::from(groups)).map(|groups| &**groups),
-        }
+        self.pages.get(&page)?.groups_at(place)
     }
 
     /// Whether lookups at a corner have all that they need.
     pub(super) fn is_whole(&self, corner: CellKey, tier: usize) -> bool {
-        let has = |key| self.tier(key).is_some_and(|has| has >= tier);
-        self.groups(corner).is_some() && corner.corner().all(|(_, key)| has(key))
+        self.groups(corner).is_some() && self.around(corner, tier).all(|(_, filled)| filled.is_some())
+    }
+
+    /// Whether lookups at a corner have all that they need, by what it was where it is not filled anew yet.
+    pub(super) fn is_whole_or_older(&self, corner: CellKey, tier: usize) -> bool {
+        self.groups_or_older(corner).is_some()
+            && corner.corner().all(|(_, key)| self.filled_or_older(key, tier).is_some())
     }
 
     /// The sides of a corner's cells, which are filled.
     pub(super) fn sides(&self, corner: CellKey) -> Vec<(IVec3, Side)> {
-        let cells = corner.corner().filter_map(|(offset, key)| Some((offset, self.filled(key, 0)?)));
+        let cells = self.around(corner, 0).filter_map(|(offset, filled)| Some((offset, filled?)));
         cells.flat_map(|(offset, cell)| cell.sides.iter().map(move |side| (offset, *side))).collect()
     }
 
@@ -150,16 +200,31 @@ impl Store {
         self.change(page, |page| page.set_groups(place, groups));
     }
 
-    /// Changes a page, which returns how many bytes it grew by.
-    fn change(&mut self, page: PageKey, change: impl FnOnce(&mut Page) -> usize) {
-        let page = self.pages.entry(page).or_insert_with(|| {
+    /// Adds what the rays of a cell met that is added next.
+    pub(super) fn record(&mut self, key: CellKey, record: &Record) {
+        let (page, _) = key.in_page();
+        self.change(page, |page| {
+            page.record.get_or_insert_default().join(record);
+            0
+        });
+    }
+
+    /// Changes a page, which returns how many bytes it grew by, but for its record.
+    fn change(&mut self, key: PageKey, change: impl FnOnce(&mut Page) -> usize) {
+        let page = self.pages.entry(key).or_insert_with(|| {
             self.bytes += size_of::<Page>();
             Page::new()
         });
         page.used.store(self.job, Ordering::Relaxed);
-        let cells = page.cells.len();
+        self.version += 1;
+        page.version = self.version;
+        let (cells, recorded) = (page.cells.len(), page.record_bytes());
         self.bytes += change(page);
+        self.bytes = self.bytes + page.record_bytes() - recorded;
         self.cells += page.cells.len() - cells;
+        if self.older.get(&key).is_some_and(|older| older.cells.len() <= page.cells.len()) {
+            self.drop_older(key);
+        }
     }
 
     /// Drops the pages that were not used for longest, until a tenth of the bound is free; those of the present job stay.
@@ -167,6 +232,7 @@ impl Store {
         if self.bytes <= self.most_bytes {
             return;
         }
+        self.bound_older();
         let age = |page: &Page| self.job.wrapping_sub(page.used.load(Ordering::Relaxed));
         let mut ages: Vec<(u32, PageKey)> = self.pages.iter().map(|(key, page)| (age(page), *key)).collect();
         ages.sort_unstable_by_key(|(age, _)| std::cmp::Reverse(*age));
@@ -175,6 +241,7 @@ impl Store {
                 break;
             }
             if let Some(page) = self.pages.remove(&key) {
+                self.version += 1;
                 self.bytes -= page.bytes();
                 self.cells -= page.cells.len();
             }
@@ -204,12 +271,15 @@ impl Page {
     fn new() -> Self {
         Self {
             used: AtomicU32::new(0),
+            version: 0,
             places: [0; PAGE_CELLS],
             corners: [Corner::Unknown; PAGE_CELLS],
             groups: Vec::new(),
             cells: Vec::new(),
             sides: Vec::new(),
             sums: Default::default(),
+            record: None,
+            has_unrecorded: false,
         }
     }
 
@@ -255,6 +325,14 @@ impl Page {
         bytes
     }
 
+    fn groups_at(&self, place: usize) -> Option<&[u8]> {
+        match self.corners[place] {
+            Corner::Unknown => None,
+            Corner::Open => Some(&[]),
+            Corner::Parted(groups) => self.groups.get(usize::from(groups)).map(|groups| &**groups),
+        }
+    }
+
     fn cell(&self, place: usize) -> Option<&Cell> {
         self.cells.get(usize::from(self.places[place]).checked_sub(1)?)
     }
@@ -263,6 +341,10 @@ impl Page {
         let cell = self.cell(place).filter(|cell| usize::from(cell.tier) >= tier)?;
         let range = cell.first as usize..cell.first as usize + usize::from(cell.count);
         Some(Filled { sides: self.sides.get(range.clone())?, sums: self.sums[tier].get(range)? })
+    }
+
+    fn record_bytes(&self) -> usize {
+        self.record.as_ref().map_or(0, |record| record.bytes())
     }
 
     fn bytes(&self) -> usize {
@@ -274,6 +356,7 @@ impl Page {
             + self.cells.len() * size_of::<Cell>()
             + self.sides.len() * size_of::<Side>()
             + sums * size_of::<Sums>()
+            + self.record_bytes()
     }
 }
 

@@ -1,16 +1,21 @@
 //! The leaf sides of one level, and the light on them.
 
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+use argus_gpu::Gpu;
 use argus_scene::{Bounds, Lighting, PathSettings, RenderError, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::super::cells::BoxTree;
-use super::super::paths::{Gatherer, Leaves, Links};
+use super::super::cells::{BoxTree, CellInputs};
+use super::super::emitters::EmitterPart;
+use super::super::paths::{Gatherer, Leaves, Links, Side};
+use super::super::pose::Pose;
 use super::super::shading_points::{Effort, ShadingPoint, ShadingPoints};
 use super::super::tracing::LightTracing;
 use crate::light_rays::LightRaysAbout;
+use crate::lit_leaves::DeviceLeaves;
 use crate::surfaces::Surfaces;
 use crate::timing;
 
@@ -46,17 +51,21 @@ pub(super) struct LitLeaves {
 
 /// What depends on the pose.
 struct Posed {
-    leaves: Leaves,
+    leaves: Arc<Leaves>,
     links: Links,
     /// Finds the triangles of light cells, if they are filled from here.
-    tree: Option<BoxTree>,
+    tree: Option<Arc<BoxTree>>,
+    /// Where instances are, if light cells are filled from here and things move.
+    pose: Option<Arc<Pose>>,
 }
 
 /// What depends on lights, too.
 struct Lit {
     lighting: Lighting,
     /// Radiance that each leaf side reflects.
-    radiance: Vec<Vec3>,
+    radiance: Arc<[Vec3]>,
+    /// The leaves on a device, once it gathers from them.
+    on_device: OnceLock<Arc<DeviceLeaves>>,
 }
 
 impl LitLeaves {
@@ -74,6 +83,12 @@ impl LitLeaves {
             self.lit = None;
         }
         self.settings = settings;
+    }
+
+    /// Takes out what is lit, as if it was never built.
+    pub(super) fn take(&mut self) -> Self {
+        let unlit = Self::new(self.settings, self.fills_cells);
+        std::mem::replace(self, unlit)
     }
 
     /// Forgets leaf sides and links: instances moved.
@@ -118,13 +133,16 @@ impl LitLeaves {
                 return Err(RenderError::OutOfMemory(message));
             }
             self.report.sides = leaves.sides.len();
-            let tree = self.fills_cells.then(|| BoxTree::new(leaves.triangles()));
+            let tree =
+                self.fills_cells.then(|| Arc::new(BoxTree::new(leaves.triangles(), &leaves.lattice())));
+            let moves = self.fills_cells && surfaces.scene().may_move();
+            let pose = moves.then(|| Arc::new(Pose::new(surfaces, &leaves)));
             self.report.build_ms = stage(&mut stages, "light leaves: build", begin);
             let begin = Instant::now();
             let about = tracing.rays.about(leaves.center());
             let links = Links::trace(&leaves, surfaces, &about, rays);
             self.report.links_ms = stage(&mut stages, "light leaves: links", begin);
-            self.posed = Some(Posed { leaves, links, tree });
+            self.posed = Some(Posed { leaves: Arc::new(leaves), links, tree, pose });
         }
         if let (Some(posed), false) = (&self.posed, self.is_lit(&tracing.lighting)) {
             let begin = Instant::now();
@@ -135,16 +153,41 @@ impl LitLeaves {
             let all = posed.links.bounce(&posed.leaves, &arriving, self.settings.bounces - 1);
             let radiance = posed.leaves.reflected(&posed.leaves.smoothed(&all));
             self.report.gather_ms = stage(&mut stages, "light leaves: gather", begin);
-            self.lit = Some(Lit { lighting: tracing.lighting.clone(), radiance });
+            let lighting = tracing.lighting.clone();
+            self.lit = Some(Lit { lighting, radiance: radiance.into(), on_device: OnceLock::new() });
         }
         Ok(stages)
     }
 
-    /// What light cells are filled from, once it is lit for them: leaf sides, triangles by place, and what leaf sides reflect.
-    pub(super) fn for_cells(&self) -> Option<(&Leaves, &BoxTree, &Lighting, &[Vec3])> {
-        let (Posed { leaves, tree, .. }, Lit { lighting, radiance }) =
+    /// What light cells are filled from, once it is lit for them.
+    pub(super) fn for_cells(&self) -> Option<CellInputs> {
+        let (Posed { leaves, tree, pose, .. }, Lit { lighting, radiance, .. }) =
             (self.posed.as_ref()?, self.lit.as_ref()?);
-        Some((leaves, tree.as_ref()?, lighting, radiance))
+        Some(CellInputs {
+            leaves: leaves.clone(),
+            tree: tree.clone()?,
+            pose: pose.clone(),
+            lighting: lighting.clone(),
+            radiance: radiance.clone(),
+        })
+    }
+
+    /// The leaves on a device; `None` before they are lit.
+    ///
+    /// # Errors
+    /// [`RenderError::OutOfMemory`] if they are larger than the device can bind.
+    pub(super) fn on_device(&self, gpu: &Arc<Gpu>) -> Result<Option<Arc<DeviceLeaves>>, RenderError> {
+        let (Some(Posed { leaves, .. }), Some(lit)) = (&self.posed, &self.lit) else { return Ok(None) };
+        if let Some(held) = lit.on_device.get() {
+            return Ok(Some(Arc::clone(held)));
+        }
+        let made = Arc::new(DeviceLeaves::new(gpu, &leaves.packed(&lit.radiance))?);
+        Ok(Some(Arc::clone(lit.on_device.get_or_init(|| made))))
+    }
+
+    /// Rays of a gathering texel, with one of `divisor` of them.
+    pub(super) fn gather_rays(&self, divisor: u32) -> u32 {
+        self.settings.gather.div_ceil(divisor.max(1))
     }
 
     /// Whether light cells are filled from them.
@@ -164,7 +207,7 @@ impl LitLeaves {
         let (Posed { leaves, .. }, Lit { radiance, .. }) = (self.posed.as_ref()?, self.lit.as_ref()?);
         let from_eye = (eye - leaves.center()).as_vec3();
         let gatherer = Gatherer { leaves, radiance, about, from_eye };
-        Some(gatherer.irradiance_over_pi(texels, self.settings.gather.div_ceil(divisor.max(1)) as usize))
+        Some(gatherer.irradiance_over_pi(texels, self.gather_rays(divisor) as usize))
     }
 }
 
@@ -188,14 +231,19 @@ impl Posed {
             all.iter()
                 .filter(|texel| texel.exists)
                 .for_each(|texel| bounds.extend(texel.position.as_dvec3()));
-            let texels =
-                ShadingPoints { size: [rays, batch.len()], first: None, effort: Effort::Shared, all, bounds };
-            let irradiance_over_pi = tracing.lights_by_pi(&texels, about, center);
+            let texels = ShadingPoints {
+                size: [rays, batch.len()],
+                first: None,
+                effort: Effort::Shared,
+                numbers: self.leaves.sides[batch.clone()].iter().map(Side::number).collect(),
+                all,
+                bounds,
+            };
+            let lights = tracing.lights_by_pi(&texels, about, center, self.leaves.width());
             let side = |at: usize| {
                 let side = batch.start + at;
-                let lights: Vec3 = irradiance_over_pi[at * rays..(at + 1) * rays].iter().sum();
                 let texels = &texels.all[at * rays..(at + 1) * rays];
-                (lights + self.links.sky(side, texels, &tracing.lighting.sky)) / rays as f32
+                lights[at] + self.links.sky(&self.leaves, side, texels, &tracing.lighting.sky) / rays as f32
             };
             found.extend((0..batch.len()).into_par_iter().map(side).collect::<Vec<Vec3>>());
         }
@@ -204,13 +252,26 @@ impl Posed {
 }
 
 impl LightTracing {
-    /// Irradiance / π of lights and emitters at texels without neighbours.
-    fn lights_by_pi(&self, texels: &ShadingPoints, about: &LightRaysAbout<'_>, eye: DVec3) -> Vec<Vec3> {
-        let mut irradiance_over_pi = self.of_lights(texels, about, eye, &mut Vec::new(), |_, _, _| {});
-        if let Some(emitted) = self.emitters.irradiance_over_pi(texels, about, eye, self.settings) {
-            irradiance_over_pi.par_iter_mut().zip(&emitted).for_each(|(sum, emitted)| *sum += *emitted);
+    /// Irradiance / π of lights and emitters at leaf sides `width` metres wide: means over the points of each.
+    fn lights_by_pi(
+        &self,
+        points: &ShadingPoints,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+        width: f32,
+    ) -> Vec<Vec3> {
+        let [per_side, _] = points.size;
+        let mean = |values: &[Vec3]| values.iter().sum::<Vec3>() / per_side as f32;
+        let all = self.of_lights(points, about, eye, &mut Vec::new(), |_, _, _| {});
+        let mut sides: Vec<Vec3> = all.par_chunks(per_side.max(1)).map(mean).collect();
+        // What an emitter lights at less than a side's width is mostly hidden behind it, but as a part of the side's mean it would
+        // shine past it: a single ray that met it would show as a bright spot.
+        let part = EmitterPart::Triangle { beyond: width };
+        if let Some(emitted) = self.emitters.irradiance_over_pi(points, about, eye, self.settings, part) {
+            let emitted = emitted.par_chunks(per_side.max(1)).map(mean);
+            sides.par_iter_mut().zip(emitted).for_each(|(sum, emitted)| *sum += emitted);
         }
-        irradiance_over_pi
+        sides
     }
 }
 

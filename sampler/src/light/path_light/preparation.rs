@@ -21,6 +21,8 @@ const NICE: i32 = 5;
 pub(super) struct Preparation {
     light: LightLevel,
     lighting: Lighting,
+    /// Whether things moved since it began.
+    is_outdated: bool,
     /// Behind a lock, since samplers are shared between threads.
     result: Mutex<Receiver<Result<LitLeaves, RenderError>>>,
 }
@@ -57,7 +59,22 @@ impl Preparation {
             .name("light".to_owned())
             .spawn(prepare)
             .map_err(|error| failed(&error))?;
-        Ok(Self { light, lighting, result: Mutex::new(result) })
+        Ok(Self { light, lighting, is_outdated: false, result: Mutex::new(result) })
+    }
+
+    /// Says that things moved: what is prepared is of an earlier pose.
+    pub(super) fn outdate(&mut self) {
+        self.is_outdated = true;
+    }
+
+    /// Whether things moved since it began.
+    pub(super) fn is_outdated(&self) -> bool {
+        self.is_outdated
+    }
+
+    /// The level that it prepares.
+    pub(super) fn level(&self) -> LightLevel {
+        self.light
     }
 
     /// Whether it prepares this level under these lights.

@@ -113,6 +113,7 @@ fn halved(points: &ShadingPoints, first: [u32; 2]) -> [ShadingPoints; 2] {
         size,
         first: Some(begin),
         effort: Effort::Shared,
+        numbers: Vec::new(),
         all,
         bounds: Bounds::EMPTY,
     })
@@ -175,6 +176,7 @@ mod tests {
             size: [size; 2],
             first: Some([0, 0]),
             effort: Effort::Shared,
+            numbers: Vec::new(),
             all: (0..size * size).map(point).collect(),
             bounds: Bounds::EMPTY,
         }

@@ -7,7 +7,7 @@ use glam::{IVec3, Vec3};
 /// The cells of its *inner* cube, around the scene's extent, are equal: 2^level on a side. Where surfaces reach beyond, a
 /// quarter as many cells follow on each side, and each is larger than the one before it by the same factor. So what is far
 /// away takes few cells, and none from what is near.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Grid {
     /// The lowest corner of the inner cube.
     low: Vec3,
@@ -48,6 +48,12 @@ impl Grid {
     /// The lowest corner of the inner cube, and its edge.
     pub(super) fn cube(&self) -> (Vec3, f32) {
         (self.low, self.cell * self.inner as f32)
+    }
+
+    /// The lowest corner of the inner cube, the edge of its cells, the ratio of edges beyond it, and the cells on its side and beyond
+    /// it: what programs find cells by.
+    pub(in crate::light::paths) fn parameters(&self) -> (Vec3, f32, f32, [i32; 2]) {
+        (self.low, self.cell, self.growth, [self.inner, self.outer])
     }
 
     /// Cells on a side.
@@ -102,6 +108,11 @@ impl Grid {
     pub(super) fn corners(&self, cell: IVec3) -> [Vec3; 2] {
         let along = [0, 1, 2].map(|axis| self.bounds(axis, cell[axis]));
         [0, 1].map(|end| Vec3::from(along.map(|bounds| bounds[end])))
+    }
+
+    /// Edge of a cell within the extent.
+    pub(super) fn inner_size(&self) -> f32 {
+        self.cell
     }
 
     /// Edge of a cube as large as a cell.

@@ -1,5 +1,9 @@
 //! Leaf sides: what the surfaces in a cell are, seen from one side.
 
+mod changes;
+mod hits;
+mod packed;
+
 use argus_scene::Bounds;
 use argus_scene::light_sampling::r2;
 use glam::{DVec3, IVec3, Vec3};
@@ -10,9 +14,11 @@ use super::super::pattern::hash;
 use super::super::shading_points::ShadingPoint;
 use super::grid::{Grid, Table};
 use super::polygon::Polygon;
-use crate::light_rays::{LightRaysAbout, RayHit};
+use crate::light_rays::LightRaysAbout;
 use crate::resident::{Cull, Placement};
 use crate::surfaces::Surfaces;
+
+pub(in crate::light) use changes::{LeafChanges, LeafRead};
 
 /// Cosine of the angle within which surfaces of a cell are one leaf side: 45°.
 const ALIKE: f32 = 0.707;
@@ -55,6 +61,15 @@ pub(in crate::light) struct Side {
     albedo: Vec3,
     /// Whether triangles show their counter-clockwise side.
     is_front: bool,
+    number: u32,
+}
+
+impl Side {
+    /// A number by which it casts other rays than others. It depends on its cell alone, so that its rays are the same whatever moves
+    /// elsewhere. Neighbours have numbers that follow one another.
+    pub(in crate::light) fn number(&self) -> u32 {
+        self.number
+    }
 }
 
 /// A point of a triangle.
@@ -90,13 +105,19 @@ impl Leaves {
         let mut bounds = Bounds::EMPTY;
         let finite = |triangle: &[DVec3; 3]| triangle.iter().all(|corner| corner.is_finite());
         surfaces.triangles().filter(finite).flatten().for_each(|corner| bounds.extend(corner));
-        let extent = surfaces.scene().extent().intersection(&bounds);
-        let (center, size, beyond) = match extent.is_empty() {
+        let (extent, moves) = (surfaces.scene().extent(), surfaces.scene().may_move());
+        // The extent of a scene that moves is that of all times, so that cells stay where they are.
+        let extent = if moves { extent } else { extent.intersection(&bounds) };
+        let (center, size, beyond) = match extent.is_empty() || bounds.is_empty() {
             true => (DVec3::ZERO, Vec3::ZERO, 0.0),
             false => {
                 let (center, half) = (extent.center(), 0.5 * extent.size().max_element());
                 let farthest = (bounds.max - center).max(center - bounds.min).max_element();
-                (center, extent.size().as_vec3(), (farthest - half).max(0.0) as f32)
+                let beyond = (farthest - half).max(0.0);
+                // What moves out of the extent and on seldom changes how far cells reach.
+                let beyond =
+                    if moves { half * (beyond / half).max(1.0).log2().ceil().exp2() } else { beyond };
+                (center, extent.size().as_vec3(), beyond as f32)
             }
         };
         let mut leaves = Self {
@@ -134,6 +155,11 @@ impl Leaves {
         self.center
     }
 
+    /// Edge of a cell within the extent: about the width of a leaf side.
+    pub(in crate::light) fn width(&self) -> f32 {
+        self.grid.inner_size()
+    }
+
     /// The lattice of light cells around the same extent.
     pub(in crate::light) fn lattice(&self) -> Lattice {
         let (low, edge) = self.grid.cube();
@@ -143,6 +169,15 @@ impl Leaves {
     /// Corners of all triangles.
     pub(in crate::light) fn triangles(&self) -> &[[Vec3; 3]] {
         &self.triangles
+    }
+
+    /// The visible instances, each with its triangles.
+    pub(in crate::light) fn instances(&self) -> impl Iterator<Item = (u32, &[[Vec3; 3]])> {
+        let ends = self.placed.iter().skip(1).map(|(first, _)| *first as usize).chain([self.triangles.len()]);
+        self.placed
+            .iter()
+            .zip(ends)
+            .map(|(&(first, instance), end)| (instance, &self.triangles[first as usize..end]))
     }
 
     /// A triangle as a polygon.
@@ -254,7 +289,13 @@ impl Leaves {
         let size = parts.first().map_or(0.0, |part| self.grid.size(Grid::cell(part.key)));
         let least = LEAST_AREA * size * size;
         let usable = facings.iter().filter(|facing| facing.area > least);
-        usable.filter_map(|facing| self.sides_of_facing(surfaces, facing)).flatten().collect()
+        let mut sides: CellSides =
+            usable.filter_map(|facing| self.sides_of_facing(surfaces, facing)).flatten().collect();
+        let key = parts.first().map_or(0, |part| part.key);
+        for (place, (side, _)) in (0u32..).zip(&mut sides) {
+            side.number = key.wrapping_add(place.wrapping_mul(0x9e37_79b9));
+        }
+        sides
     }
 
     /// Front and back of a facing.
@@ -272,6 +313,7 @@ impl Leaves {
             normal: if is_front { normal } else { -normal },
             albedo: albedo * share,
             is_front,
+            number: 0,
         };
         Some([(side(true), points.clone()), (side(false), points)])
     }
@@ -351,51 +393,6 @@ impl Leaves {
             is_lifted: false,
             across: 0.0,
         }
-    }
-
-    /// The leaf side that a ray from `start` along `direction` hits.
-    pub(in crate::light) fn hit(&self, start: Vec3, direction: Vec3, hit: &RayHit) -> Option<u32> {
-        let first = *self.first_of_instance.get(hit.instance as usize)?;
-        let triangle = first.checked_add(hit.primitive)?;
-        if triangle as usize >= self.triangles.len() {
-            return None;
-        }
-        let front = self.front(triangle)?;
-        let is_front = front.dot(direction) < 0.0;
-        let normal = if is_front { front } else { -front };
-        self.at(start + direction * hit.t, normal, is_front)
-    }
-
-    /// The leaf side at a position of a triangle.
-    fn at(&self, position: Vec3, normal: Vec3, is_front: bool) -> Option<u32> {
-        const LIKELY: f32 = 0.5;
-        let cell = self.grid.at(position);
-        let here = self.best_in(cell, normal, is_front);
-        if let Some((side, cosine)) = here
-            && cosine > LIKELY
-        {
-            return Some(side);
-        }
-        // Rounding took the position to a neighbouring cell, or its surface has little area in this one.
-        let mut best = here;
-        for corner in 0..8 {
-            let sign = |axis: i32| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 };
-            let nudge = Vec3::new(sign(0), sign(1), sign(2)) * (0.4 * self.grid.size(cell));
-            let there = self.best_in(self.grid.at(position + nudge), normal, is_front);
-            if there.is_some_and(|(_, cosine)| best.is_none_or(|(_, most)| cosine > most)) {
-                best = there;
-            }
-        }
-        best.filter(|(_, cosine)| *cosine > 0.0).map(|(side, _)| side)
-    }
-
-    /// The leaf side of a cell that faces a normal best, and the cosine between.
-    fn best_in(&self, cell: IVec3, normal: Vec3, is_front: bool) -> Option<(u32, f32)> {
-        let leaf = self.table.get(self.grid.key(cell)?)?;
-        let sides = self.sides_in(leaf).filter(|side| self.sides[*side as usize].is_front == is_front);
-        sides
-            .map(|side| (side, self.sides[side as usize].normal.dot(normal)))
-            .max_by(|(_, a), (_, b)| a.total_cmp(b))
     }
 
     fn sides_in(&self, leaf: u32) -> std::ops::Range<u32> {

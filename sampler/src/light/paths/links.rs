@@ -37,7 +37,8 @@ impl Links {
         let mut links = Self { targets: Vec::new(), rays, squares };
         let target = |index: usize| {
             let point = leaves.texel(surfaces, about, index);
-            let direction = links.direction(index / rays, index % rays, point.normal);
+            let number = leaves.sides[index / rays].number();
+            let direction = links.direction(number, index % rays, point.normal);
             // Interpolated normals allow directions below the triangle.
             if !(point.exists && direction.dot(point.side) > 0.0) {
                 return DARK;
@@ -52,17 +53,24 @@ impl Links {
         links
     }
 
-    /// The unit direction of a ray.
-    fn direction(&self, side: usize, ray: usize, normal: Vec3) -> Vec3 {
-        let disc = disc_point((self.squares[ray] + hash(side as u32)).fract()).as_vec2();
+    /// The unit direction of a ray of the leaf side with that number.
+    fn direction(&self, number: u32, ray: usize, normal: Vec3) -> Vec3 {
+        let disc = disc_point((self.squares[ray] + hash(number)).fract()).as_vec2();
         above(normal, disc)
     }
 
-    /// Sum of the sky's radiance along the rays of a leaf side that reach it. `texels` are where they start.
-    pub(in crate::light) fn sky(&self, side: usize, points: &[ShadingPoint], sky: &Sky) -> Vec3 {
+    /// Sum of the sky's radiance along the rays of a leaf side that reach it. `points` are where they start.
+    pub(in crate::light) fn sky(
+        &self,
+        leaves: &Leaves,
+        side: usize,
+        points: &[ShadingPoint],
+        sky: &Sky,
+    ) -> Vec3 {
+        let number = leaves.sides[side].number();
         let targets = &self.targets[side * self.rays..(side + 1) * self.rays];
         let reaches = targets.iter().zip(points).enumerate().filter(|(_, (target, _))| **target == SKY);
-        reaches.map(|(ray, (_, point))| sky_radiance(sky, self.direction(side, ray, point.normal))).sum()
+        reaches.map(|(ray, (_, point))| sky_radiance(sky, self.direction(number, ray, point.normal))).sum()
     }
 
     /// Irradiance / π of leaf sides after some bounces from leaf side to leaf side, direct light included.

@@ -33,6 +33,6 @@ mod links;
 mod polygon;
 
 pub(super) use gather::Gatherer;
-pub(super) use leaves::Leaves;
+pub(super) use leaves::{LeafChanges, LeafRead, Leaves, Side};
 pub(super) use links::Links;
 pub(super) use polygon::Polygon;

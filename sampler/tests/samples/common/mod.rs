@@ -8,9 +8,9 @@ use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::reference::{ReferenceImage, Tracer};
 use argus_scene::rig::Rig;
 use argus_scene::{
-    Bounds, Camera, Cancel, Frame, Indirect, Instance, Light, Lighting, Material, Mesh, Outputs, Plan,
-    PlaneData, PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene, SceneHash,
-    SceneState, Sky, Specification, Version, ViewJob, Visibility,
+    Bounds, Camera, Cancel, Frame, Indirect, Instance, Light, Lighting, Material, Mesh, Output, Outputs,
+    Plan, PlaneData, PlaneKind, Sample, SampleId, SampleJob, SampleSetInfo, Sampler, Sampling, Scene,
+    SceneHash, SceneState, Sky, Specification, Version, ViewJob, Visibility,
 };
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 use image::RgbImage;
@@ -38,12 +38,13 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         camera,
         width: size[0],
         height: size[1],
-        outputs: Outputs { range: true, ..Outputs::COLOR },
+        outputs: Outputs::COLOR.with(Output::Range),
         plan: Plan::direct(samples_per_pixel),
         state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,
         history: None,
+        rays: None,
         visibility: Visibility::default(),
     }
 }
@@ -53,12 +54,12 @@ pub(crate) fn direct(sampler: &mut GpuSampler, job: &ViewJob) -> Frame {
 }
 
 pub(crate) fn image_of(frame: &Frame) -> RgbImage {
-    let bytes = frame.color.as_ref().expect("colour was asked for").to_vec();
+    let bytes = frame.images[Output::Color].as_ref().expect("colour was asked for").to_vec();
     RgbImage::from_raw(frame.width, frame.height, bytes).expect("three bytes a pixel")
 }
 
 pub(crate) fn range_of(frame: &Frame) -> Vec<f32> {
-    floats(frame.range.as_ref().expect("range was asked for"))
+    floats(frame.images[Output::Range].as_ref().expect("range was asked for"))
 }
 
 pub(crate) fn floats(bytes: &[u8]) -> Vec<f32> {
@@ -155,7 +156,7 @@ pub(crate) fn empty_scene() -> Scene {
         lighting: Lighting { lights: vec![Light::sun()], sky, exposure: 0.7 },
         cameras: Vec::new(),
         rig: argus_scene::RigKind::TileCorners,
-        warnings: Vec::new(),
+        ..Scene::default()
     }
 }
 

@@ -235,8 +235,13 @@ pub(super) fn cameras(
         let eye = world_from_node.translation;
         let forward = world_from_node.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z);
         let up = world_from_node.transform_vector3(DVec3::Y).normalize_or(DVec3::Y);
-        let read =
-            Camera { eye, target: eye + forward, up, fov_deg: f64::from(perspective.yfov).to_degrees() };
+        let read = Camera {
+            eye,
+            target: eye + forward,
+            up,
+            fov_deg: f64::from(perspective.yfov).to_degrees(),
+            lens: None,
+        };
         match read.validate() {
             Ok(()) => {
                 if moved {

@@ -9,7 +9,7 @@ use argus_gpu::wgpu::BufferUsages;
 use argus_proto::codec::{self, Layout};
 use argus_proto::jpeg;
 use argus_sampler::GpuSampler;
-use argus_scene::{Cancel, Outputs, Plan, Sampler as _, SceneState, ViewJob, Visibility};
+use argus_scene::{Cancel, Output, Outputs, Plan, Sampler as _, SceneState, ViewJob, Visibility};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _};
 
@@ -61,17 +61,18 @@ fn encoders(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
         camera: scene.cameras.first().map_or_else(|| scene.default_camera(), |named| named.camera),
         width,
         height,
-        outputs: Outputs { range: true, ..Outputs::COLOR },
+        outputs: Outputs::COLOR.with(Output::Range),
         plan: Plan::direct(1),
         state: SceneState::default(),
         time_secs: 0.0,
         visibility: Visibility::default(),
         reflections: None,
         history: None,
+        rays: None,
     };
     let frame = sampler.render_views(&[job], &Cancel::new()).pop().context("no view was rendered")??;
-    let color = frame.color.context("the view has no colour")?;
-    let range = frame.range.context("the view has no range")?;
+    let color = frame.images[Output::Color].clone().context("the view has no colour")?;
+    let range = frame.images[Output::Range].clone().context("the view has no range")?;
     let encoders: [(&str, &[u8], Encode<'_>); 4] = [
         ("colour, zstd", &color, &|raw| Some(codec::pack(Layout::Rgb8, raw).ok()??.len())),
         ("range, zstd", &range, &|raw| Some(codec::pack(Layout::R32, raw).ok()??.len())),

@@ -4,8 +4,8 @@ use anyhow::{Context as _, Result};
 use argus_sampler::GpuSampler;
 use argus_scene::tone::display_from_radiance;
 use argus_scene::{
-    Cancel, Frame, LightEffects, PlaneData, PlaneFormat, PlaneKind, Sample, SampleJob, Sampler as _, Stage,
-    ViewJob,
+    Cancel, Frame, LightEffects, Output, PlaneData, PlaneFormat, PlaneKind, Sample, SampleJob, Sampler as _,
+    Stage, ViewJob,
 };
 use glam::Vec3;
 use half::f16;
@@ -59,7 +59,7 @@ pub(super) fn sample(sampler: &mut GpuSampler, job: &SampleJob) -> Result<Sample
 /// Displayed views and faces of a sample.
 pub(super) fn images(frames: &[Frame], sample: &Sample, exposure: f32) -> Result<Images> {
     let view = |frame: &Frame| -> Result<RgbImage> {
-        let bytes = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+        let bytes = frame.images[Output::Color].as_ref().context("the frame has no colour")?.to_vec();
         RgbImage::from_raw(frame.width, frame.height, bytes).context("the frame is short")
     };
     let plane = sample.plane(PlaneKind::Radiance).context("the sample has no radiance")?;

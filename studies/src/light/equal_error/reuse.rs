@@ -9,7 +9,9 @@ use std::sync::Arc;
 use anyhow::{Context as _, Result};
 use argus_scene::sample::{Plane, PlaneData, PlaneFormat, PlaneKind, Sample, SampleId, SampleSet};
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Camera, Compositor as _, FaceMask, Frame, Outputs, Plan, SampleCamera, ViewJob, Warp};
+use argus_scene::{
+    Camera, Compositor as _, FaceMask, Frame, Output, Outputs, Plan, SampleCamera, ViewJob, Warp,
+};
 use glam::DVec3;
 use half::f16;
 
@@ -25,7 +27,7 @@ impl Subject<'_> {
         for view in &self.views {
             let right = (view.target - view.eye).cross(view.up).normalize_or_zero();
             let cameras = [-1.0, 1.0].map(|side| moved(bench, view, right * (side * aside)));
-            let outputs = Outputs { range: true, ..Outputs::COLOR };
+            let outputs = Outputs::COLOR.with(Output::Range);
             let plan = || Plan::direct(1);
             let jobs: Vec<ViewJob> =
                 cameras.iter().map(|camera| bench.job(*camera, size, outputs, plan())).collect();
@@ -61,8 +63,8 @@ fn moved(bench: &Bench, view: &Camera, step: DVec3) -> Camera {
 /// A frame without colour or range.
 fn sample_of(frame: &Frame, camera: Camera, id: SampleId, exposure: f32) -> Result<Sample> {
     let (width, height) = (frame.width, frame.height);
-    let color = frame.color.as_ref().context("the frame has no colour")?;
-    let range = frame.range.as_ref().context("the frame has no range")?;
+    let color = frame.images[Output::Color].as_ref().context("the frame has no colour")?;
+    let range = frame.images[Output::Range].as_ref().context("the frame has no range")?;
     let half = |value: f32| f16::from_f32(value).to_le_bytes();
     let radiance = |byte: u8| half(linear_from_srgb(f32::from(byte) / 255.0) / exposure);
     let texel = |[r, g, b]: &[u8; 3]| [radiance(*r), radiance(*g), radiance(*b), half(1.0)].concat();

@@ -13,6 +13,7 @@ use argus_proto::v1::frame_chunk::Body;
 use argus_proto::v1::redeem_response::Body as Redeemed;
 use argus_proto::v1::views_server::{Views, ViewsServer};
 use argus_proto::{PROTOCOL_VERSION, v1};
+use argus_scene::{Images, Output};
 use bytes::Bytes;
 use futures::StreamExt as _;
 use futures::stream::{self, BoxStream};
@@ -154,7 +155,13 @@ impl PeerState {
             ..v1::FrameHeader::default()
         };
         self.answered.fetch_add(1, Ordering::Relaxed);
-        let chunks = [Body::Header(header), Body::Data(v1::FrameData { offset: 0, bytes })];
+        let digest = Images::from([(Output::Color, bytes.clone())]).digest();
+        let digest = Bytes::copy_from_slice(&digest.0);
+        let chunks = [
+            Body::Header(header),
+            Body::Data(v1::FrameData { offset: 0, bytes }),
+            Body::Trailer(v1::FrameTrailer { digest }),
+        ];
         chunks.map(|body| v1::FrameChunk { body: Some(body) }).into_iter()
     }
 }
@@ -205,6 +212,20 @@ impl Views for Answering {
         &self,
         _request: Request<v1::DescribeRequest>,
     ) -> Result<Response<v1::DescribeResponse>, Status> {
+        Err(Status::unimplemented("simulated"))
+    }
+
+    async fn names(
+        &self,
+        _request: Request<v1::NamesRequest>,
+    ) -> Result<Response<v1::NamesResponse>, Status> {
+        Err(Status::unimplemented("simulated"))
+    }
+
+    async fn set_transforms(
+        &self,
+        _request: Request<v1::SetTransformsRequest>,
+    ) -> Result<Response<v1::SetTransformsResponse>, Status> {
         Err(Status::unimplemented("simulated"))
     }
 

@@ -17,8 +17,8 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use argus_client::load::patient;
 use argus_local::{LocalCluster, connect};
-use argus_scene::PlanRequest;
 use argus_scene::metrics::compare;
+use argus_scene::{Output, PlanRequest};
 use image::RgbImage;
 use indicatif::ProgressBar;
 
@@ -251,7 +251,7 @@ async fn quality(argus: &Path, options: &Options) -> Result<(f64, f64)> {
         let mut images = Vec::new();
         for view in [views.0, views.1] {
             let frame = client.render(view, &patient()).await?.frame;
-            let color = frame.color.map(|color| color.to_vec()).unwrap_or_default();
+            let color = frame.images[Output::Color].clone().map(|color| color.to_vec()).unwrap_or_default();
             images.extend(RgbImage::from_raw(frame.width, frame.height, color));
         }
         let [warped, direct] = images.as_slice() else { anyhow::bail!("a frame without colour") };

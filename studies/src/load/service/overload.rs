@@ -78,7 +78,16 @@ async fn peak(client: &Client, options: &Options, mode: Mode) -> Result<f64> {
         let view = |k: u32| {
             let secs = options.seconds * f64::from(k) / f64::from(count);
             let camera = walk.camera(client.description(), k % clients, secs);
-            View { camera, width, height, outputs: Outputs::COLOR, plan: mode.plan(), pin: None }
+            View {
+                camera,
+                width,
+                height,
+                outputs: Outputs::COLOR,
+                plan: mode.plan(),
+                pin: None,
+                flow_to: None,
+                rays: None,
+            }
         };
         let views = (0..count).map(view).collect();
         let outcome = burst(client, views, IN_FLIGHT * options.workers, &patience, |_, _| ()).await;

@@ -91,7 +91,16 @@ fn poses(client: &Client, options: &Options) -> Vec<Camera> {
 
 async fn render(client: &Client, options: &Options, camera: Camera, mode: Mode) -> Option<Frame> {
     let [width, height] = options.size;
-    let view = View { camera, width, height, outputs: Outputs::COLOR, plan: mode.plan(), pin: None };
+    let view = View {
+        camera,
+        width,
+        height,
+        outputs: Outputs::COLOR,
+        plan: mode.plan(),
+        pin: None,
+        flow_to: None,
+        rays: None,
+    };
     let patience = RenderOptions { deadline: DEADLINE, ..RenderOptions::default() };
     client.render(&view, &patience).await.ok().map(|answer| answer.frame)
 }

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, ensure};
 use argus_client::load::{burst, direct_view};
 use argus_client::{Client, RenderOptions};
 use argus_scene::metrics::{FlipTiles, flip_tiles};
-use argus_scene::{Camera, Frame, Plan, SceneState};
+use argus_scene::{Camera, Frame, Output, Plan, SceneState};
 use image::RgbImage;
 
 use crate::median::{mean, median};
@@ -167,7 +167,7 @@ fn predicted_excess(frame: &Frame) -> Option<f64> {
 }
 
 fn image_of(frame: &Frame) -> Result<RgbImage> {
-    let color = frame.color.as_ref().context("the frame has no colour")?;
+    let color = frame.images[Output::Color].as_ref().context("the frame has no colour")?;
     RgbImage::from_raw(frame.width, frame.height, color.to_vec()).context("the frame is not of its size")
 }
 

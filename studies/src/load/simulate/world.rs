@@ -247,8 +247,16 @@ impl World {
             true => PlanRequest { direct, ..PlanRequest::default() },
             false => PlanRequest::from_samples(),
         };
-        let view =
-            Box::new(View { camera, width: 200, height: 150, outputs: Outputs::COLOR, plan, pin: None });
+        let view = Box::new(View {
+            camera,
+            width: 200,
+            height: 150,
+            outputs: Outputs::COLOR,
+            plan,
+            pin: None,
+            flow_to: None,
+            rays: None,
+        });
         let latency = self.latency();
         let requested = Event::Requested {
             view_id,

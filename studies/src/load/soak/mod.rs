@@ -1,7 +1,6 @@
 //! Soak: many sessions for a long time. Measures lost cameras, latencies, and each process's memory over time. With
 //! chaos, workers are killed and paused meanwhile. Some frames are compared with a pinned repeat.
 
-mod chaos;
 mod session;
 mod tail;
 
@@ -23,8 +22,8 @@ use serde_json::json;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
 
-use self::chaos::Chaos;
 use self::session::{PATIENCE, SessionStats};
+use super::chaos::Chaos;
 use crate::arguments::{count, is_quick, or_quick, positive, seconds, size};
 use crate::processes::resident_bytes;
 use crate::{Machine, Report, report};

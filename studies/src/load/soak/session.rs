@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use argus_client::load::CameraPath;
 use argus_client::{Client, ClientError, RenderOptions, SessionEvent, SessionOptions};
-use argus_scene::{Frame, Outputs, PlanRequest, Stage, View};
+use argus_scene::{Frame, Output, Outputs, PlanRequest, Stage, View};
 use parking_lot::Mutex;
 use tokio::time::{sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
@@ -110,7 +110,7 @@ pub(super) async fn run(
                     height: load.size[1],
                     outputs: Outputs::COLOR,
                     plan: PlanRequest::default(),
-                    pin: None,
+                    pin: None, flow_to: None, rays: None,
                 };
                 open.insert(session.send(&view), (due, view));
                 waits.get_or_insert(due);
@@ -173,7 +173,8 @@ pub(super) async fn check(client: Client, stats: Arc<Mutex<SessionStats>>) {
             stats.lock().repeats_failed += 1;
             continue;
         };
-        let same = frame.color.is_some() && frame.color == answer.frame.color;
+        let same = frame.images[Output::Color].is_some()
+            && frame.images[Output::Color] == answer.frame.images[Output::Color];
         let mut stats = stats.lock();
         stats.checked += 1;
         stats.wrong += u64::from(!same);

@@ -107,11 +107,12 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
         let stage = Stage::open(&options.scene, balls)?;
         let points = PointScene::new(&stage.scene, 0.0);
         let device = match &gpu {
-            Ok(gpu) => PointDevice::new(gpu, &points).map_err(anyhow::Error::new),
+            Ok(gpu) => anyhow::Ok(PointDevice::new(gpu, &points)),
             Err(error) => Err(anyhow::Error::new(error.clone())),
         };
         if let Err(error) = &device {
-            notes.push(format!("{balls} reflectors: {} is left out: {error}", Way::ComputePoints));
+            let ways = format!("{} and {}", Way::ComputePoints, Way::DevicePoints);
+            notes.push(format!("{balls} reflectors: {ways} are left out: {error}"));
         }
         let rays = ReflectionRays::new(&stage.scene, 0.0)?;
         let mut pictures = Pictures::new(options, balls);
@@ -142,7 +143,7 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
             subject.save("truth", subject.truth.image())?;
             for &way in &ways {
                 let too_large = matches!(way, Way::MultiView(Some(_))) && seen.reflectors.len() > MOST_FIXED;
-                if way == Way::ComputePoints && device.is_err() {
+                if matches!(way, Way::ComputePoints | Way::DevicePoints) && device.is_err() {
                     progress.inc(1);
                     continue;
                 }
@@ -171,7 +172,8 @@ fn reflections(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut report =
         Report::new(&options.scene, Machine::here(gpu.as_ref().map_or("not used", |gpu| gpu.kind())), rows);
     report.notes.push(format!(
-        "{width}×{height} pixels, {} taps a reflective pixel; all on the CPU but for the points and splats of compute, shaded by the f64 reference's definition. in_sight: \
+        "{width}×{height} pixels, {} taps a reflective pixel; all on the CPU but for the points and splats of compute and for all but the shading of device, whose times include uploads and \
+         readback; shaded by the f64 reference's definition. in_sight: \
          reflectors of which a pixel is seen; only those have maps. splat_ms: points into maps, or rasterising, or rays to fill \
          maps. right: reflective pixels whose central lookup is within 1° and 5% of the range of the reflected ray; right_plain: \
          without impostor steps. flip, flip_reflective, rmse: against reflected rays of the f64 reference, whole image, \
@@ -196,6 +198,7 @@ fn ways_of(options: &Options) -> Result<Vec<Way>> {
         Way::BufferlessPoints,
         Way::HybridPoints,
         Way::ComputePoints,
+        Way::DevicePoints,
         Way::MapPoints,
         Way::MultiView(None),
         Way::MultiView(Some(FIXED_SIDE)),

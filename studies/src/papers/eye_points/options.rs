@@ -66,7 +66,7 @@ pub struct Options {
     #[arg(long, value_name = "PX", value_delimiter = ',', value_parser = reflector_pixels, default_value = or_quick("68,106,128,160,208,230,260", "128"))]
     pub reflector_pixels: Vec<f64>,
     /// Rows of --part reflections, to leave out those that take long: `points`, `points-planar`, `points-culled`,
-    /// `points-bufferless`, `points-hybrid`, `points-compute`, `ivir`, `mvr-adaptive`, `mvr-512`, `traced-maps`, `rays` [default: all]
+    /// `points-bufferless`, `points-hybrid`, `points-compute`, `points-device`, `ivir`, `mvr-adaptive`, `mvr-512`, `traced-maps`, `rays` [default: all]
     #[arg(long, value_name = "WAY", value_delimiter = ',')]
     pub ways: Vec<String>,
     /// Most points, 8 bytes each. A smaller number lowers the density where needed

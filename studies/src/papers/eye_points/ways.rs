@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use anyhow::{Context as _, Result};
 use argus_eye_points::{
-    Density, DensityRule, EyePointSettings, EyePoints, Lookups, PointDevice, PointScene, Reflected, STEPS,
-    Splatting, reflect, reflect_adaptively, reflect_all,
+    Density, DensityRule, DeviceLookups, EyePointSettings, EyePoints, Lookups, PointDevice, PointScene,
+    Reflected, STEPS, Splatting, reflect, reflect_adaptively, reflect_all,
 };
-use argus_sampler::plug::{IndexMaps, MappedReflector, ReflectionRays};
+use argus_sampler::plug::{IndexMaps, MappedReflector, ReflectionRays, SurfacePoint};
 use argus_scene::Stage as Timed;
 use argus_scene::shading::sky_radiance;
 use glam::{DVec2, DVec3, Vec3};
@@ -30,6 +30,9 @@ pub(super) enum Way {
     BufferlessPoints,
     /// Eye-based points that are made and splatted on a device; maps are read back, lookups and shading are those of all ways.
     ComputePoints,
+    /// Eye-based points of which a device does all but the shading: it cuts triangles, makes and splats points, looks them up, lists
+    /// what is shaded, and averages its radiance.
+    DevicePoints,
     /// Eye-based points of which only those wider than a texel are stored before they are splatted: the paper's splats of
     /// shadows.
     HybridPoints,
@@ -52,6 +55,7 @@ impl fmt::Display for Way {
             Self::CulledPoints => f.write_str("points, culled"),
             Self::BufferlessPoints => f.write_str("points, bufferless"),
             Self::ComputePoints => f.write_str("points, compute"),
+            Self::DevicePoints => f.write_str("points, device"),
             Self::HybridPoints => f.write_str("points, hybrid"),
             Self::MapPoints => f.write_str("iVIR"),
             Self::MultiView(None) => f.write_str("MVR, adaptive"),
@@ -161,7 +165,8 @@ impl Way {
             | Self::CulledPoints
             | Self::BufferlessPoints
             | Self::HybridPoints
-            | Self::ComputePoints => Some(USUAL_DENSITY),
+            | Self::ComputePoints
+            | Self::DevicePoints => Some(USUAL_DENSITY),
             _ => None,
         }
     }
@@ -181,6 +186,7 @@ impl Ways<'_> {
                 self.points(DensityRule::Eye, USUAL_DENSITY, false, Splatting::Bufferless)
             }
             Way::ComputePoints => self.compute_points()?,
+            Way::DevicePoints => self.device_points()?,
             Way::HybridPoints => self.points(DensityRule::Eye, USUAL_DENSITY, false, Splatting::Hybrid),
             Way::MapPoints => self.points(DensityRule::Map, 1.0, false, Splatting::Buffered),
             Way::MultiView(side) => self.multi_view(side),
@@ -234,6 +240,22 @@ impl Ways<'_> {
         Ok(self.reflected(density.rule, found))
     }
 
+    fn device_points(&self) -> Result<Outcome> {
+        let device = self.device.context("no device is open")?;
+        let density = Density { scale: USUAL_DENSITY, ..Density::default() };
+        let settings = EyePointSettings { density, budget: self.budget, culling: false };
+        let reflectors = &self.seen.reflectors[..];
+        let filled = self.points.fill_on(device, &self.seen.eye, reflectors, &settings)?;
+        let (eye, pixels) = (self.seen.eye.position, &self.seen.pixels[..]);
+        let lookups = DeviceLookups { reflectors, eye, pixels, taps: self.taps, steps: STEPS };
+        let sky = &self.stage.scene.lighting.sky;
+        let shade = |at: &SurfacePoint| self.stage.shade(at);
+        let reflected = self.points.reflect_on(device, &filled, &lookups, sky, shade)?;
+        // What follows is not timed: errors are found on the CPU.
+        let found = self.points.read_points(device, filled, reflectors)?;
+        Ok(self.outcome_of_points(found, reflected, self.taps_of_all_pixels()))
+    }
+
     /// What pixels reflect by the maps of points.
     fn reflected(&self, rule: DensityRule, found: EyePoints) -> Outcome {
         let reflectors = &self.seen.reflectors;
@@ -249,7 +271,12 @@ impl Ways<'_> {
             }
             (_, TapRule::Adaptive) => reflect_adaptively(&lookups, sky, found.count(), |_, id| id, shade),
         };
-        let outcome = self.outcome(&found.maps, reflectors, reflected);
+        self.outcome_of_points(found, reflected, looked_up)
+    }
+
+    /// What is reported of points and what is reflected by them.
+    fn outcome_of_points(&self, found: EyePoints, reflected: Reflected, looked_up: u64) -> Outcome {
+        let outcome = self.outcome(&found.maps, &self.seen.reflectors, reflected);
         let facet_of = |id: u32| {
             let piece = &found.pieces.all[found.point(id).piece() as usize];
             let facet = &self.points.facets()[piece.facet as usize];

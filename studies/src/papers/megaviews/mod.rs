@@ -6,6 +6,7 @@ pub(crate) mod placement;
 pub(crate) mod shadows;
 mod texels;
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use anyhow::{Result, ensure};
@@ -46,14 +47,24 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
     let mut rows = Vec::new();
     for &levels in &options.levels {
         let triangles = || stream::triangles(&scene, &bench.pose);
+        let before = gpu.waits();
         let octree = OctreeBuilder::new(&gpu).build(bench.root, levels, triangles())?;
+        let octree_waits = gpu.waits() - before;
         let octree = Arc::new(octree);
         for &placement in &options.placements {
             for &resolution in &options.resolutions {
                 for &Variant { method, occlusion, texel, discs } in &variants {
                     progress.set_message(format!("{} {} {resolution}²", method.name(), placement.name()));
-                    let subject =
-                        Subject { octree: &octree, placement, resolution, method, occlusion, texel, discs };
+                    let subject = Subject {
+                        octree: &octree,
+                        octree_waits,
+                        placement,
+                        resolution,
+                        method,
+                        occlusion,
+                        texel,
+                        discs,
+                    };
                     rows.extend(bench.series(&subject, progress)?);
                 }
             }
@@ -69,6 +80,9 @@ pub fn run(options: &Options, progress: &ProgressBar) -> Result<Report> {
             .to_owned(),
         "Pairs are counted once, even if the frame was split. The peak of untested pairs is what a queue would hold if pairs \
         were queued before their test. Extrapolated rows are scaled from the row before, or for raster from a few views."
+            .to_owned(),
+        "frame_waits, octree_waits: how often the CPU waited for the device for a frame, and to build the scene's octree; neither \
+        depends on the number of levels."
             .to_owned(),
         "The range error is the mean relative error against maps with uncompressed texels, over the views whose shadows are \
         judged."
@@ -123,6 +137,8 @@ struct Bench<'a> {
 /// What the rows of a series share.
 struct Subject<'a> {
     octree: &'a Arc<Octree>,
+    /// Number of times that its building waited for the device.
+    octree_waits: u64,
     placement: Placement,
     resolution: u32,
     method: Method,
@@ -180,7 +196,7 @@ impl<'a> Bench<'a> {
 
     /// Measures one row; `None` if it does not fit into memory.
     fn measure(&self, subject: &Subject<'_>, count: u32) -> Result<Option<Measured>> {
-        let &Subject { octree, placement, resolution, method, occlusion, texel, discs } = subject;
+        let &Subject { octree, placement, resolution, method, occlusion, texel, discs, .. } = subject;
         let views = self.views(placement, count)?;
         let settings = Settings {
             side: resolution,
@@ -219,7 +235,14 @@ impl<'a> Bench<'a> {
                 first => first?,
             };
         }
-        let frames = match frames(self.options.rounds, || many.render(&list)) {
+        let waits = Cell::new(0);
+        let render = || {
+            let before = self.gpu.waits();
+            let frame = many.render(&list);
+            waits.set(self.gpu.waits() - before);
+            frame
+        };
+        let frames = match frames(self.options.rounds, render) {
             Err(HierarchyError::TooLarge { .. }) => return Ok(None),
             frames => frames?,
         };
@@ -232,7 +255,8 @@ impl<'a> Bench<'a> {
         })?;
         let asked: Vec<u32> = asked.into_iter().map(|view| maps[view]).collect();
         let range = texels::range_error(self.gpu, &list, &many, &asked)?;
-        Ok(Some(Measured::of(frames, octree, Errors { wrong, range })))
+        let measured = Measured::of(frames, octree, Errors { wrong, range });
+        Ok(Some(Measured { frame_waits: Some(waits.get()), ..measured }))
     }
 }
 
@@ -266,6 +290,8 @@ struct Measured {
     last: FrameStats,
     octree_bytes: u64,
     errors: Errors,
+    /// Number of times that the last frame waited for the device.
+    frame_waits: Option<u64>,
     extrapolated: bool,
 }
 
@@ -286,7 +312,8 @@ impl Measured {
             stages.insert(stage.name.clone(), json!((stage.ms * 1e3).round() / 1e3));
         }
         let octree_bytes = octree.bytes();
-        Self { frame_ms: median(&times), stages, last, octree_bytes, errors, extrapolated: false }
+        let frame_ms = median(&times);
+        Self { frame_ms, stages, last, octree_bytes, errors, frame_waits: None, extrapolated: false }
     }
 
     /// Scales the figures to `factor` times as many views at the same cost each.
@@ -325,6 +352,9 @@ fn row(subject: &Subject<'_>, views: u32, measured: &Measured) -> Map<String, Va
         ("view_levels", json!(view_levels)),
         ("view_directions", json!(view_levels.map(|_| last.tells_directions))),
         ("frame_ms", json!(measured.frame_ms)),
+        ("frame_waits", json!(measured.frame_waits)),
+        ("octree_ms", json!(subject.octree.times.total_ms)),
+        ("octree_waits", json!(subject.octree_waits)),
         ("occlusion", json!((subject.method != Method::Raster).then_some(subject.occlusion.name()))),
         ("texel", json!(subject.texel.name())),
         ("disc", json!((subject.method != Method::Raster).then_some(subject.discs[0]))),

@@ -20,7 +20,9 @@ use argus_sampler::{GpuSampler, Indirect, MapSource, PointSettings, SamplerSetti
 use argus_scene::metrics::{Comparison, compare};
 use argus_scene::reference::{Indirect as Paths, Tracer, cache};
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Cancel, Frame, Outputs, Plan, RenderError, Sampler as _, SceneState, ViewJob, Visibility};
+use argus_scene::{
+    Cancel, Frame, Output, Outputs, Plan, RenderError, Sampler as _, SceneState, ViewJob, Visibility,
+};
 use argus_virtual_lights::point_based::PointReport;
 use argus_virtual_lights::vpl::VplReport;
 use argus_virtual_lights::{point_report, vpl_report};
@@ -233,6 +235,7 @@ impl Stage {
             visibility: Visibility::default(),
             reflections: None,
             history: None,
+            rays: None,
         };
         let sampler = |indirect| {
             let settings = SamplerSettings { indirect, ..SamplerSettings::default() };
@@ -288,6 +291,6 @@ fn render(sampler: &mut GpuSampler, job: &ViewJob) -> Result<Frame, RenderError>
 }
 
 fn image_of(frame: &Frame) -> Result<RgbImage> {
-    let pixels = frame.color.as_ref().context("the frame has no colour")?.to_vec();
+    let pixels = frame.images[Output::Color].as_ref().context("the frame has no colour")?.to_vec();
     RgbImage::from_raw(frame.width, frame.height, pixels).context("the frame is short")
 }

@@ -125,7 +125,7 @@ fn show(file: &str, [width, height]: [u32; 2], config: &Config) -> Result<Pictur
     let scene = alone.scene().clone();
     let plan = PlanRequest { direct: true, ..PlanRequest::default() };
     let (camera, outputs) = (scene.default_camera(), Outputs::COLOR);
-    let view = View { camera, width, height, outputs, plan, pin: None };
+    let view = View { camera, width, height, outputs, plan, pin: None, flow_to: None, rays: None };
     alone.render(&view, LightLevel::Direct.min(alone.full_light()), 0.0)?;
     let first_view_secs = began.elapsed().as_secs_f64();
     let plan = PlanRequest { supersampling: Some(SUPERSAMPLING), ..plan };
@@ -135,7 +135,10 @@ fn show(file: &str, [width, height]: [u32; 2], config: &Config) -> Result<Pictur
         0.0,
     )?;
     let set = &alone.prepared().set;
-    let (color, range) = frame.color.zip(frame.range).context("the frame lacks an image")?;
+    let (color, range) = frame.images[Output::Color]
+        .clone()
+        .zip(frame.images[Output::Range].clone())
+        .context("the frame lacks an image")?;
     Ok(Picture {
         image: RgbImage::from_raw(width, height, color.to_vec()).context("the frame is short")?,
         ranges: range.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),

@@ -237,7 +237,8 @@ fn a_new_version_of_the_same_state_is_served_at_once() {
 
 #[test]
 fn better_light_is_a_version_that_is_served_once_its_samples_exist() {
-    let first = Version { number: 0, state: SceneState { epoch: 0, light: LightLevel::Direct } };
+    let first =
+        Version { number: 0, state: SceneState { light: LightLevel::Direct, ..SceneState::default() } };
     let mut still = Versions::new(first, None, Duration::from_secs(1), Duration::from_secs(5));
     let served = |versions: &Versions| (versions.served().number, versions.served().state.light);
     assert!(still.changes());
@@ -257,7 +258,8 @@ fn better_light_is_a_version_that_is_served_once_its_samples_exist() {
 
 #[test]
 fn light_that_is_ready_at_once_skips_the_coarse_version() {
-    let first = Version { number: 0, state: SceneState { epoch: 0, light: LightLevel::Direct } };
+    let first =
+        Version { number: 0, state: SceneState { light: LightLevel::Direct, ..SceneState::default() } };
     let mut still = Versions::new(first, None, Duration::from_secs(1), Duration::from_secs(5));
     still.advance((ms(10), LightLevel::Full), [], |_, _| false, |_, _| false);
     still.advance((ms(20), LightLevel::Full), [], |_, _| false, |_, _| false);
@@ -267,7 +269,8 @@ fn light_that_is_ready_at_once_skips_the_coarse_version() {
 
 #[test]
 fn light_that_begins_coarse_stays_so() {
-    let first = Version { number: 0, state: SceneState { epoch: 0, light: LightLevel::Coarse } };
+    let first =
+        Version { number: 0, state: SceneState { light: LightLevel::Coarse, ..SceneState::default() } };
     for every in [None, Some(DT)] {
         let mut versions = Versions::new(first, every, Duration::from_secs(1), Duration::from_secs(5));
         versions.used([1], ms(0));

@@ -1,7 +1,7 @@
 //! Tests of the sequence of a session's frames, as offers change.
 
 use argus_scene::rig::Coverage;
-use argus_scene::{Camera, Outputs, PlanRequest, Preset, SceneHash, SceneState, Warp};
+use argus_scene::{Camera, PlanRequest, Preset, SceneHash, SceneState, Warp};
 use glam::DVec3;
 use proptest::prelude::*;
 
@@ -49,7 +49,7 @@ struct Session {
 impl Session {
     fn new(plan: PlanRequest) -> Self {
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
-        let view = View { camera, width: 40, height: 30, outputs: Outputs::COLOR, plan, pin: None };
+        let view = View::new(camera, [40, 30], plan);
         Self { now: Duration::ZERO, view, last: None, changed: None }
     }
 

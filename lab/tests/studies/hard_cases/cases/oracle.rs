@@ -49,7 +49,7 @@ impl Truth {
 
     /// Judges a frame. `colors`: whether a right surface with a wrong colour is wrong.
     pub(super) fn judge(&self, frame: &Frame, samples: usize, colors: bool) -> Judged {
-        let image = |output| frame.image(output).map(|bytes| bytes.as_ref()).unwrap_or_default();
+        let image = |output| frame.images[output].as_ref().map(|bytes| bytes.as_ref()).unwrap_or_default();
         let (color, range) = (image(Output::Color), image(Output::Range));
         let (mask, source) = (image(Output::Mask), image(Output::Source));
         let pixels = self.range.len();
@@ -104,7 +104,7 @@ impl Truth {
     /// The oracle's image, the frame, and its wrong (white) and unresolved (grey) pixels, side by side.
     pub(super) fn picture(&self, frame: &Frame, colors: bool) -> RgbImage {
         let [width, height] = self.size;
-        let image = |output| frame.image(output).map(|bytes| bytes.as_ref()).unwrap_or_default();
+        let image = |output| frame.images[output].as_ref().map(|bytes| bytes.as_ref()).unwrap_or_default();
         let (color, range, mask) = (image(Output::Color), image(Output::Range), image(Output::Mask));
         RgbImage::from_fn(3 * width, height, |x, y| {
             let i = (y * width + x % width) as usize;

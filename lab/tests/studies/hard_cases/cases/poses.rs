@@ -105,7 +105,7 @@ pub(super) fn comes_back(
         let stored = shown(sample, pose.size, first, exposure)?;
         for search in Search::ALL {
             let answer = stages.compose(&stage, pose, search)?;
-            let color = answer.frame.image(Output::Color).context("colour was asked for")?;
+            let color = answer.frame.images[Output::Color].as_ref().context("colour was asked for")?;
             let off = |(a, b): &(&[u8], &[u8; 3])| (0..3).any(|k| a[k].abs_diff(b[k]) > 1);
             let wrong = color.chunks_exact(3).zip(&stored).filter(off).count();
             let judged = Judged {

@@ -254,7 +254,7 @@ pub(super) fn compose_one(
 
 /// The number of differing bytes of two frames. An image that one of them lacks counts with all its bytes.
 pub(super) fn differing(a: &Frame, b: &Frame) -> usize {
-    let bytes = |frame: &Frame, output| frame.image(output).cloned().unwrap_or_default();
+    let bytes = |frame: &Frame, output| frame.images[output].clone().unwrap_or_default();
     let differ = |output| {
         let (a, b) = (bytes(a, output), bytes(b, output));
         a.len().abs_diff(b.len()) + a.iter().zip(b.iter()).filter(|(a, b)| a != b).count()

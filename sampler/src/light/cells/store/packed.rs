@@ -3,14 +3,18 @@
 //! A number of cells (u16), and of each: its place (u16), its number of sides and its tier (u8 each); the sides, each with place
 //! and normal (6 f32), whether it is thin and how many ways are blocked (u8 each); and for each tier the sums of the sides
 //! (10 f32 each). Then a number of corners that are known, and of each: its place (u16), and the number of its groups with the
-//! groups (u8 each).
+//! groups (u8 each). Then what its rays met, if things move and all of it is recorded: 1 (u8), the blocks that they crossed (64 u64),
+//! and a number of reads of leaf sides (u32) with the reads, ascending (u32 each). Else 0 (u8).
 
 use argus_scene::InvalidField;
 use glam::Vec3;
 
 use super::super::super::lattice::{PAGE_CELLS, PageKey};
+use super::super::super::paths::LeafRead;
+use super::super::blocks::{BLOCK_WORDS, BlockSet};
 use super::super::corner::MOST_GROUPS;
 use super::super::rays::Sums;
+use super::super::record::Record;
 use super::super::scene::RAYS;
 use super::super::sides::{ORIGINS, Side};
 use super::{Corner, Page, Store, TIERS};
@@ -23,6 +27,8 @@ pub(in crate::light::cells) struct Unpacked {
     cells: Vec<UnpackedCell>,
     /// Places of corners, and the groups of each.
     corners: Vec<(usize, Box<[u8]>)>,
+    /// What the rays of its cells met; `None` if that is not known.
+    record: Option<Record>,
 }
 
 struct UnpackedCell {
@@ -42,6 +48,10 @@ impl Store {
     /// Adds what a page lacks.
     pub(in crate::light::cells) fn add(&mut self, page: PageKey, unpacked: Unpacked) {
         self.change(page, |page| {
+            match &unpacked.record {
+                Some(record) => page.record.get_or_insert_default().join(record),
+                None => page.has_unrecorded = true,
+            }
             let cells = unpacked.cells.into_iter().map(|cell| {
                 page.insert(cell.place, &cell.sides)
                     + (1..)
@@ -89,6 +99,14 @@ impl Page {
             out.push(groups.len() as u8);
             out.extend(groups);
         }
+        let record = self.record.as_ref().filter(|_| !self.has_unrecorded);
+        out.push(u8::from(record.is_some()));
+        if let Some(record) = record {
+            out.extend(record.crossed().words().iter().flat_map(|word| word.to_le_bytes()));
+            let read = record.sorted_reads();
+            out.extend((read.len() as u32).to_le_bytes());
+            out.extend(read.into_iter().flat_map(u32::to_le_bytes));
+        }
         out
     }
 }
@@ -108,7 +126,11 @@ impl Unpacked {
         let cells = (0..cells).map(|_| reader.cell(&mut next)).collect::<Result<_, _>>()?;
         let (corners, mut next) = (reader.count()?, 0);
         let corners = (0..corners).map(|_| reader.corner(&mut next)).collect::<Result<_, _>>()?;
-        if reader.0.is_empty() { Ok(Self { cells, corners }) } else { Err(wrong("has bytes after its end")) }
+        let record = reader.record()?;
+        if !reader.0.is_empty() {
+            return Err(wrong("has bytes after its end"));
+        }
+        Ok(Self { cells, corners, record })
     }
 }
 
@@ -184,6 +206,27 @@ impl Reader<'_> {
         if groups.len() <= 8 * MOST_SIDES { Ok((place, groups)) } else { Err(wrong("has too many groups")) }
     }
 
+    fn record(&mut self) -> Result<Option<Record>, InvalidField> {
+        match self.bytes()? {
+            [0] => return Ok(None),
+            [1] => {}
+            _ => return Err(wrong("has a record of another kind")),
+        }
+        let mut words = [0; BLOCK_WORDS];
+        for word in &mut words {
+            *word = u64::from_le_bytes(self.bytes()?);
+        }
+        let count = u32::from_le_bytes(self.bytes()?) as usize;
+        if count > self.0.len() / size_of::<LeafRead>() {
+            return Err(wrong("ends too early"));
+        }
+        let read = (0..count).map(|_| self.bytes().map(u32::from_le_bytes)).collect::<Result<Vec<_>, _>>()?;
+        if !read.is_sorted_by(|one, next| one < next) {
+            return Err(wrong("has a record out of order"));
+        }
+        Ok(Some(Record::new(BlockSet::from_words(words), read)))
+    }
+
     fn vector(&mut self) -> Result<Vec3, InvalidField> {
         Ok(Vec3::new(self.number()?, self.number()?, self.number()?))
     }
@@ -215,6 +258,7 @@ mod tests {
         store.refine(key(6), 1, &[sums(0.4), sums(0.5)]);
         store.set_groups(key(6), Box::new([1, 2, 0]));
         store.set_groups(key(2), Box::new([]));
+        store.record(key(6), &Record::new(BlockSet::from_words([5; BLOCK_WORDS]), vec![9, 2, 2]));
         (store, key(0).in_page().0)
     }
 
@@ -242,9 +286,16 @@ mod tests {
             assert!(Unpacked::new(&packed[..length]).is_err(), "{length}");
         }
         assert!(Unpacked::new(&[&packed[..], &[0]].concat()).is_err());
-        // The page ends with a corner's groups 1, 2 and 0.
-        let out_of_order = [&packed[..packed.len() - 3], &[2, 1, 0]].concat();
+        // The page ends with a corner's groups 1, 2 and 0, and with a record that reads 2 and 9.
+        let (rest, record) = packed.split_at(packed.len() - (1 + 8 * BLOCK_WORDS + 3 * 4));
+        let out_of_order = [&rest[..rest.len() - 3], &[2, 1, 0], record].concat();
         assert!(Unpacked::new(&out_of_order).is_err());
+        for read in [[9, 2], [2, 2]] {
+            let record = &record[..record.len() - 8];
+            let read = read.map(u32::to_le_bytes).concat();
+            assert!(Unpacked::new(&[rest, record, &read].concat()).is_err());
+        }
+        assert!(Unpacked::new(&[rest, &[0]].concat()).is_ok());
         // No byte makes it panic.
         for at in 0..packed.len() {
             for value in [0, 1, 0x7f, 0x80, 0xff] {
