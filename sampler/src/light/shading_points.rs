@@ -63,8 +63,13 @@ impl ShadingPoints {
         let all: Vec<ShadingPoint> = g_buffer
             .map(|(surface, material)| of_g_buffer(words(surface), words(material), offset))
             .collect();
-        let mut bounds = Bounds::EMPTY;
-        all.iter().filter(|texel| texel.exists).for_each(|texel| bounds.extend(texel.position.as_dvec3()));
+        let none = || [Vec3::INFINITY, Vec3::NEG_INFINITY];
+        let [low, high] = all
+            .par_iter()
+            .filter(|texel| texel.exists)
+            .fold(none, |[low, high], texel| [low.min(texel.position), high.max(texel.position)])
+            .reduce(none, |[low, high], [other_low, other_high]| [low.min(other_low), high.max(other_high)]);
+        let bounds = Bounds { min: low.as_dvec3(), max: high.as_dvec3() };
         let (first, effort) = match neighbours {
             Neighbours::Image(first) => (Some(first), Effort::Shared),
             Neighbours::None { rays } => (None, Effort::Whole { rays }),

@@ -7,7 +7,7 @@ use argus_scene::shading::sky_radiance;
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::super::filter::smoothed;
+use super::super::filter::{Listed, smoothed_among};
 use super::super::paths::Leaves;
 use super::super::pattern::{Pattern, SLOTS, above};
 use super::super::shading_points::{ShadingPoint, ShadingPoints};
@@ -61,27 +61,25 @@ impl Mul<f32> for Sums {
 }
 
 impl Surroundings<'_> {
-    /// The light of all texels that exist.
-    pub(super) fn light(&self, points: &ShadingPoints) -> Vec<CellLight> {
+    /// The light of some texels.
+    pub(super) fn light(&self, points: &ShadingPoints, listed: &Listed) -> Vec<CellLight> {
         let pattern = Pattern::of_disc(RAYS);
         let slots = if points.first.is_some() { 1 } else { SLOTS_IN_LIST };
         let cast = |index: usize| {
             let (point, mut sums) = (&points.all[index], Sums::default());
-            if point.exists {
-                for slot in 0..slots {
-                    let discs = pattern.of_slot((points.slot(index) + slot) % SLOTS);
-                    discs.for_each(|disc| self.add(point, above(point.normal, disc), &mut sums));
-                }
+            for slot in 0..slots {
+                let discs = pattern.of_slot((points.slot(index) + slot) % SLOTS);
+                discs.for_each(|disc| self.add(point, above(point.normal, disc), &mut sums));
             }
             sums
         };
-        let sums: Vec<Sums> = (0..points.all.len()).into_par_iter().with_min_len(256).map(cast).collect();
+        let sums: Vec<Sums> = listed.par_texels().with_min_len(256).map(cast).collect();
         let ratio = |seen: f32, whole: f32| if whole > 0.0 { seen / whole } else { 0.0 };
         let light = |Sums { seen, whole, reflected, rays }: Sums| CellLight {
             sky: Vec3::new(ratio(seen.x, whole.x), ratio(seen.y, whole.y), ratio(seen.z, whole.z)),
             indirect: if rays > 0.0 { reflected / rays } else { Vec3::ZERO },
         };
-        smoothed(sums, points).into_par_iter().map(light).collect()
+        smoothed_among(sums, listed, points).into_par_iter().map(light).collect()
     }
 
     fn add(&self, point: &ShadingPoint, direction: Vec3, sums: &mut Sums) {

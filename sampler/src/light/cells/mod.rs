@@ -31,6 +31,7 @@ mod alone;
 mod blocks;
 mod changes;
 mod corner;
+mod corner_memory;
 mod filling;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzzing;
@@ -49,6 +50,7 @@ mod store;
 #[cfg(test)]
 mod tests;
 mod tree;
+mod weighing;
 
 use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
@@ -59,14 +61,14 @@ use argus_scene::{CellPages, CellReport, CellSettings, SurfaceLight};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::filter::{REACH_OF_CELLS, smoothed_by};
+use super::filter::{Listed, REACH_OF_CELLS, smoothed_at};
 use super::lattice::CellKey;
 use super::shading_points::ShadingPoints;
-use crate::light_rays::LightRaysAbout;
+use crate::light_rays::{LightRaysAbout, has_avx2};
 use crate::surfaces::Surfaces;
 use alone::Surroundings;
 use blocks::Blocks;
-use lookup::{Answer, Lookup, only};
+use lookup::{Answer, Lookup};
 use mirror::CellMirror;
 use scene::{CellScene, RAYS, Sequence};
 use state::{Job, SharedCells, State, existing};
@@ -427,6 +429,7 @@ impl LightCells {
             tier,
             pixels,
             pixel: eye.pixel,
+            has_avx2: has_avx2(),
         }
     }
 
@@ -435,21 +438,22 @@ impl LightCells {
     }
 }
 
-/// Adds the light of pixels that cast rays of their own.
+/// The light of all pixels: those that cells do not describe cast rays of their own.
 fn with_alone(question: Question<'_>, answers: &[Answer]) -> Vec<CellLight> {
     let Question { scene, points, eye } = question;
-    let is_alone = |index: usize| !matches!(answers[index], Answer::Light(_) | Answer::Nothing);
-    let alone = (0..answers.len()).into_par_iter().any(is_alone).then(|| {
+    let light = |answer: &Answer| match answer {
+        Answer::Light(light) => *light,
+        Answer::Nothing | Answer::Alone | Answer::Missing => CellLight::default(),
+    };
+    let mut lights: Vec<CellLight> = answers.par_iter().map(light).collect();
+    let alone = Listed::of(points, |index| !matches!(answers[index], Answer::Light(_) | Answer::Nothing));
+    if !alone.is_empty() {
         let from_eye = (eye.position - scene.leaves.center()).as_vec3();
         let (about, leaves, radiance, sky) = (eye.about, scene.leaves, scene.radiance, scene.sky);
-        Surroundings { about, leaves, radiance, sky, from_eye }.light(&only(points, is_alone))
-    });
-    let light = |(index, answer): (usize, &Answer)| match answer {
-        Answer::Light(light) => *light,
-        Answer::Nothing => CellLight::default(),
-        Answer::Alone | Answer::Missing => alone.as_ref().map_or(CellLight::default(), |all| all[index]),
-    };
-    answers.par_iter().enumerate().map(light).collect()
+        let found = Surroundings { about, leaves, radiance, sky, from_eye }.light(points, &alone);
+        alone.texels().zip(found).for_each(|(index, light)| lights[index] = light);
+    }
+    lights
 }
 
 /// Joins pixels that would stand out with those around them that show the same surface: pixels that cells do not describe, and all
@@ -457,17 +461,15 @@ fn with_alone(question: Question<'_>, answers: &[Answer]) -> Vec<CellLight> {
 fn joined(
     points: &ShadingPoints,
     answers: &[Answer],
-    lights: Vec<CellLight>,
+    mut lights: Vec<CellLight>,
     tier: Option<Option<usize>>,
 ) -> Vec<CellLight> {
     let is_first = tier.flatten() == Some(0);
-    let stands_out = |answer: &Answer| is_first || matches!(answer, Answer::Alone | Answer::Missing);
-    if !answers.par_iter().any(stands_out) {
-        return lights;
-    }
-    let smooth = smoothed_by(lights.clone(), points, REACH_OF_CELLS);
-    let choose = |((answer, light), smooth)| if stands_out(answer) { smooth } else { light };
-    answers.par_iter().zip(lights).zip(smooth).map(choose).collect()
+    let stands_out = |index: usize| is_first || matches!(answers[index], Answer::Alone | Answer::Missing);
+    let standing_out = Listed::of(points, stands_out);
+    let smooth = smoothed_at(&lights, &standing_out, points, REACH_OF_CELLS);
+    standing_out.texels().zip(smooth).for_each(|(index, light)| lights[index] = light);
+    lights
 }
 
 /// The tier with at most so many rays.

@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use argus_scene::{CellContent, SurfaceLight};
+use rayon::prelude::*;
 
 use super::super::lattice::{CellKey, PageKey};
 use super::super::shading_points::ShadingPoints;
@@ -181,7 +182,8 @@ impl State {
     /// Counts points that asked for cells, and answers that are light of cells.
     pub(super) fn count(&mut self, points: &ShadingPoints, answers: &[Answer]) {
         self.pixels += existing(points) as u64;
-        self.pixels_lit += answers.iter().filter(|answer| matches!(answer, Answer::Light(_))).count() as u64;
+        self.pixels_lit +=
+            answers.par_iter().filter(|answer| matches!(answer, Answer::Light(_))).count() as u64;
     }
 
     /// Milliseconds for which an open view of so many texels with a surface fills cells that it lacks.
@@ -215,7 +217,7 @@ impl State {
 
 /// Texels with a surface.
 pub(super) fn existing(points: &ShadingPoints) -> f64 {
-    points.all.iter().filter(|point| point.exists).count() as f64
+    points.all.par_iter().filter(|point| point.exists).count() as f64
 }
 
 #[cfg(test)]
