@@ -228,7 +228,7 @@ fn plan(args: &Args) -> anyhow::Result<()> {
     let costs = if args.costs { costs(args)? } else { Vec::new() };
     let plan = EffectPlan::of(scene, &request, None).with_costs(&costs);
     let (hash, light_effects) = (scene.hash.to_string(), plan.light_effects().to_string());
-    let indirect = plan.indirect(&request).to_string();
+    let indirect = plan.indirect(scene, &request).to_string();
     if args.json {
         let (name, rows) = (scene.name.as_str(), &plan.rows);
         return output::json(&PlanReport { name, hash, light, light_effects, indirect, exposure, rows });

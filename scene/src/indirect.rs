@@ -54,13 +54,16 @@ impl Indirect {
     /// The effects of direct light in a set with this indirect light, where `asked` are asked for.
     ///
     /// Paths need shadows, sky visibility and emitters: light that a surface reflects is light that reached it, and a ray that
-    /// gathers counts neither sky nor emission, which are direct light. Soft shadows stay as asked. Virtual point lights and
-    /// points count emission themselves, so emitters are off.
+    /// gathers counts neither sky nor emission, which are direct light. Soft shadows stay as asked, and with no bounces all but the
+    /// sky. Virtual point lights and points count emission themselves, so emitters are off.
     #[must_use]
     pub fn effects_with(&self, asked: LightEffects) -> LightEffects {
         match self {
             Self::Off => asked,
             Self::Vpl(settings) if settings.vpls == 0 => asked,
+            Self::Cells(settings) if settings.paths.bounces == 0 => {
+                LightEffects { sky_visibility: true, ..asked }
+            }
             Self::Paths(_) | Self::Cells(_) => {
                 LightEffects { shadows: true, sky_visibility: true, emitters: true, ..asked }
             }

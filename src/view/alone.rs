@@ -6,8 +6,8 @@ use argus_scene::{Effects, Exposure, LightRequest};
 use crate::args;
 use crate::settings::{Flags, Sources};
 
-/// A view of a scene that this process renders itself: from triangles, in all the light that `argus serve` would give. Equal
-/// to a view of a service by --direct once its light is full.
+/// A view of a scene that this process renders itself: from triangles, in all the light that `argus serve` would give, by rays.
+/// Equal to a view of a service by --direct that is lit by rays, too, once its light is full.
 #[derive(clap::Args, Debug, Clone)]
 #[command(next_help_heading = "Without a service")]
 pub(super) struct AloneArgs {

@@ -7,7 +7,8 @@ use anyhow::Context as _;
 use argus_cluster::coordinator::{Config, Prepared, prepare};
 use argus_cluster::{RoleFactory as _, SceneSource as _};
 use argus_scene::{
-    Cancel, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, View, ViewJob, derived,
+    Cancel, Frame, LightLevel, Limits, Plan, Sampler, Scene, SceneState, Stage, SurfaceLight, View, ViewJob,
+    derived,
 };
 
 use super::{Device, OpenScene};
@@ -93,7 +94,8 @@ impl Alone {
             plan: Plan::Direct {
                 samples_per_pixel: side * side,
                 detail: view.plan.detail.unwrap_or_default(),
-                light: None,
+                // One view gains nothing by cells, and which of them a process fills in time differs from run to run.
+                light: Some(SurfaceLight::Rays),
             },
             state: SceneState { epoch, light, revision: 0 },
             time_secs: epoch as f64 * set.epoch_secs,

@@ -49,7 +49,7 @@ pub fn prepare(config: &Config, source: &dyn SceneSource) -> Result<Prepared, Se
     request.exposure = Some(exposure);
     // Once for the sample set: its light passes are built from this plan alone.
     let effect_plan = EffectPlan::of(scene, &request, None);
-    let (effects, indirect) = (effect_plan.light_effects(), effect_plan.indirect(&request));
+    let (effects, indirect) = (effect_plan.light_effects(), effect_plan.indirect(scene, &request));
     indirect.check_effects(effects).map_err(ServeError::Sampling)?;
     // A scene that stands still has epochs, too, if its lights drift or if it is sampled anew for every so many
     // views.

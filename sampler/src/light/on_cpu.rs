@@ -151,9 +151,9 @@ impl<'a> OnCpu<'a> {
         self.indirect = paths.irradiance_over_pi(&self.points, &self.about, self.eye, self.ray_divisor);
         if self.indirect.is_some() {
             timing::add_since(&mut self.traced, "gather paths", begin);
-            if !self.reflected {
-                paths.took_rays(&self.points, self.ray_divisor, self.sky_took + begin.elapsed());
-            }
+        }
+        if !self.reflected && (self.sky.is_some() || self.indirect.is_some()) {
+            paths.took_rays(&self.points, self.ray_divisor, self.sky_took + begin.elapsed());
         }
     }
 

@@ -79,11 +79,16 @@ impl EffectPlan {
         }
     }
 
-    /// The indirect light that a sample set is made with, where `request` was made of this plan.
-    pub fn indirect(&self, request: &EffectRequest) -> Indirect {
+    /// The indirect light that a sample set is made with, where `request` was made of this plan. A light of interiors has none
+    /// between surfaces; what is seen of it is kept in light cells, which cost less than rays of each view.
+    pub fn indirect(&self, scene: &Scene, request: &EffectRequest) -> Indirect {
+        let is_inside = scene.lighting.sky.reach.is_some() && self.is_on(EffectKind::SkyVisibility);
         match request.indirect {
             Some(indirect) => indirect,
             None if self.is_on(EffectKind::Indirect) => Indirect::Cells(CellSettings::default()),
+            None if request.effects == Effects::Auto && is_inside && !scene.is_animated() => {
+                Indirect::Cells(CellSettings::of_sky())
+            }
             None => Indirect::Off,
         }
     }

@@ -30,11 +30,20 @@ impl fmt::Display for CellSettings {
     /// All fields in short form, for provenance.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { paths, pixels, rays } = self;
-        write!(f, "cells of {pixels} pixels, {rays} rays a side, {paths}")
+        match paths.bounces {
+            0 => write!(f, "cells of {pixels} pixels, {rays} rays a side, of the sky alone"),
+            _ => write!(f, "cells of {pixels} pixels, {rays} rays a side, {paths}"),
+        }
     }
 }
 
 impl CellSettings {
+    /// Cells that keep what is seen of the sky, and no light of surfaces.
+    pub fn of_sky() -> Self {
+        let default = Self::default();
+        Self { paths: PathSettings { bounces: 0, ..default.paths }, ..default }
+    }
+
     /// Rays of a side that a cell may have.
     pub const RAYS: [u32; 3] = [16, 64, 256];
 

@@ -354,9 +354,9 @@ fn lit_surfaces_that_face_one_another_are_lit_by_paths() {
     let scene = roofed(sun(DVec3::NEG_Y), grey(0.4), grey(0.2));
     let open = EffectRequest::default();
     let plan = EffectPlan::of(&scene, &open, None);
-    assert!(matches!(plan.indirect(&open), argus_scene::Indirect::Cells(_)), "{plan:#?}");
+    assert!(matches!(plan.indirect(&scene, &open), argus_scene::Indirect::Cells(_)), "{plan:#?}");
     assert!(plan.light_effects().shadows && plan.light_effects().sky_visibility);
-    plan.indirect(&open).check_effects(plan.light_effects()).unwrap();
+    plan.indirect(&scene, &open).check_effects(plan.light_effects()).unwrap();
     // Neither what cannot be seen, nor what was not asked for.
     let asked = [
         EffectRequest { exposure: Some(1e-6), ..open },
@@ -366,11 +366,20 @@ fn lit_surfaces_that_face_one_another_are_lit_by_paths() {
     ];
     for request in asked {
         let plan = EffectPlan::of(&scene, &request, None);
-        assert_eq!(plan.indirect(&request), argus_scene::Indirect::Off, "{plan:#?}");
+        assert_eq!(plan.indirect(&scene, &request), argus_scene::Indirect::Off, "{plan:#?}");
     }
+    // A light of interiors comes from no surface.
+    let inside =
+        Lighting { lights: Vec::new(), sky: Sky { reach: Some(1.0), ..Sky::DAYLIGHT }, exposure: 1.0 };
+    let inside = roofed(inside, grey(0.4), grey(0.2));
+    let plan = EffectPlan::of(&inside, &open, None);
+    let of_sky = argus_scene::Indirect::Cells(argus_scene::CellSettings::of_sky());
+    assert!(!plan.is_on(EffectKind::Indirect) && plan.is_on(EffectKind::SkyVisibility), "{plan:#?}");
+    assert_eq!(plan.indirect(&inside, &open), of_sky);
+    assert_eq!(of_sky.effects_with(plan.light_effects()), plan.light_effects());
     let night = Lighting { lights: Vec::new(), sky: Sky::BLACK, exposure: 1.0 };
     let unlit = roofed(night, grey(0.4), grey(0.2));
-    assert_eq!(EffectPlan::of(&unlit, &open, None).indirect(&open), argus_scene::Indirect::Off);
+    assert_eq!(EffectPlan::of(&unlit, &open, None).indirect(&unlit, &open), argus_scene::Indirect::Off);
 }
 
 #[test]

@@ -37,10 +37,15 @@ struct Twins {
 ///
 /// # Errors
 /// What the program says.
-fn shown(file: &Path, [eye, target]: [&str; 2]) -> Result<RgbImage, String> {
+fn shown(file: &Path, camera: [&str; 2]) -> Result<RgbImage, String> {
+    shown_with(file, camera, &[])
+}
+
+/// The same with further flags.
+fn shown_with(file: &Path, [eye, target]: [&str; 2], flags: &[&str]) -> Result<RgbImage, String> {
     let out = file.with_extension("view.png");
     let view = ["view", "--scene", text(file), "--eye", eye, "--target", target, "--size", "160x120"];
-    let output = run(&[&view[..], &["--out", text(&out)]].concat());
+    let output = run(&[&view[..], flags, &["--out", text(&out)]].concat());
     match output.status.success() {
         true => Ok(image::open(out).unwrap().into_rgb8()),
         false => Err(stderr(&output).lines().last().unwrap_or_default().to_owned()),
@@ -391,8 +396,10 @@ fn a_view_without_a_service_equals_a_direct_view_of_one_in_full_light() {
         std::fs::create_dir(&folder).unwrap();
         let Twins { files, camera: [eye, target], .. } = kind(&folder);
         let file = &files[1];
-        let alone = shown(file, [eye, target]).unwrap();
-        let coordinator = Coordinator::start(text(file), &[]);
+        // A service has light cells, which a single view does not fill.
+        let by_rays = ["--indirect", "off"];
+        let alone = shown_with(file, [eye, target], &by_rays).unwrap();
+        let coordinator = Coordinator::start(text(file), &by_rays);
         let _worker = coordinator.worker(&[]);
         coordinator.wait_for_full_light();
         let out = folder.join("served.png");

@@ -22,7 +22,7 @@ const SLOTS_IN_LIST: usize = 24;
 pub(super) struct Surroundings<'a> {
     pub(super) about: &'a LightRaysAbout<'a>,
     pub(super) leaves: &'a Leaves,
-    /// Radiance that leaf sides reflect.
+    /// Radiance that leaf sides reflect; empty if they light nothing.
     pub(super) radiance: &'a [Vec3],
     pub(super) sky: &'a Sky,
     /// The eye about the centre of the leaves.
@@ -89,8 +89,12 @@ impl Surroundings<'_> {
         if !(point.is_lifted || direction.dot(point.side) > 0.0) {
             return;
         }
-        let hit = self.about.nearest(point.start, direction, f32::MAX);
         let reach = self.sky.reach.map_or(f32::MAX, |reach| reach as f32);
+        if self.radiance.is_empty() {
+            sums.seen += radiance * self.about.passed(point.start, direction, reach);
+            return;
+        }
+        let hit = self.about.nearest(point.start, direction, f32::MAX);
         if hit.is_none_or(|hit| hit.t > reach) {
             sums.seen += radiance;
         }

@@ -18,7 +18,7 @@ pub(in crate::light) struct CellInputs {
     /// Where instances are; `None` if nothing moves.
     pub(in crate::light) pose: Option<Arc<Pose>>,
     pub(in crate::light) lighting: Lighting,
-    /// Radiance that leaf sides reflect.
+    /// Radiance that leaf sides reflect; empty if they light nothing.
     pub(in crate::light) radiance: Arc<[Vec3]>,
 }
 

@@ -50,6 +50,8 @@ pub(super) fn add_tier(
     let slot = slot(key.at());
     let near = 0.5 * scene.lattice.spacing(key.level());
     let reach = scene.sky.reach.map_or(f32::MAX, |reach| reach as f32);
+    let reflects = !scene.radiance.is_empty();
+    let most = if reflects { f32::MAX } else { reach.max(near) };
     for ray in first..RAYS[tier] {
         let from = &shape.origins[origin(ray)];
         let direction = above(shape.side.normal, scene.sequence.disc(slot, ray));
@@ -57,9 +59,10 @@ pub(super) fn add_tier(
         if from.is_covered || direction.dot(from.side) <= 0.0 {
             continue;
         }
-        let hit = scene.about.nearest(from.start, direction, f32::MAX);
+        let hit = scene.about.nearest(from.start, direction, most);
         if let Some(blocks) = &scene.blocks {
-            record.add_ray(blocks, from.start, direction, hit.map(|hit| hit.t));
+            let met = hit.map(|hit| hit.t).or((most < f32::MAX).then_some(most));
+            record.add_ray(blocks, from.start, direction, met);
         }
         // The back of something close by: the origin is inside of a wall.
         if hit.is_some_and(|hit| !hit.front && hit.t < near) {
@@ -71,7 +74,7 @@ pub(super) fn add_tier(
         if hit.is_none_or(|hit| hit.t > reach) {
             sums.seen += radiance;
         }
-        let side = hit.and_then(|hit| match scene.blocks {
+        let side = hit.filter(|_| reflects).and_then(|hit| match scene.blocks {
             Some(_) => scene.leaves.hit_reading(from.start, direction, &hit, |read| record.add_read(read)),
             None => scene.leaves.hit(from.start, direction, &hit),
         });

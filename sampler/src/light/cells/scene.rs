@@ -27,7 +27,7 @@ pub(super) struct CellScene<'a> {
     /// The scene about that centre. Rays of cells start from surfaces, so they are the same for all eyes.
     pub(super) about: &'a LightRaysAbout<'a>,
     pub(super) sky: &'a Sky,
-    /// Radiance that leaf sides reflect.
+    /// Radiance that leaf sides reflect; empty if they light nothing.
     pub(super) radiance: &'a [Vec3],
     pub(super) sequence: &'a Sequence,
     /// Blocks by which what rays meet is recorded; `None` if nothing moves.

@@ -52,7 +52,8 @@ pub(super) struct LitLeaves {
 /// What depends on the pose.
 struct Posed {
     leaves: Arc<Leaves>,
-    links: Links,
+    /// `None` if surfaces light nothing.
+    links: Option<Links>,
     /// Finds the triangles of light cells, if they are filled from here.
     tree: Option<Arc<BoxTree>>,
     /// Where instances are, if light cells are filled from here and things move.
@@ -62,7 +63,7 @@ struct Posed {
 /// What depends on lights, too.
 struct Lit {
     lighting: Lighting,
-    /// Radiance that each leaf side reflects.
+    /// Radiance that each leaf side reflects; empty if surfaces light nothing.
     radiance: Arc<[Vec3]>,
     /// The leaves on a device, once it gathers from them.
     on_device: OnceLock<Arc<DeviceLeaves>>,
@@ -76,7 +77,8 @@ impl LitLeaves {
 
     /// Changes the settings. Marks what depends on them as out of date.
     pub(super) fn set_settings(&mut self, settings: PathSettings) {
-        if (settings.level, settings.rays) != (self.settings.level, self.settings.rays) {
+        let of_links = |settings: PathSettings| (settings.level, settings.rays, settings.bounces == 0);
+        if of_links(settings) != of_links(self.settings) {
             self.posed = None;
         }
         if self.posed.is_none() || settings.bounces != self.settings.bounces {
@@ -140,19 +142,22 @@ impl LitLeaves {
             self.report.build_ms = stage(&mut stages, "light leaves: build", begin);
             let begin = Instant::now();
             let about = tracing.rays.about(leaves.center());
-            let links = Links::trace(&leaves, surfaces, &about, rays);
+            let links = (self.settings.bounces > 0).then(|| Links::trace(&leaves, surfaces, &about, rays));
             self.report.links_ms = stage(&mut stages, "light leaves: links", begin);
             self.posed = Some(Posed { leaves: Arc::new(leaves), links, tree, pose });
         }
         if let (Some(posed), false) = (&self.posed, self.is_lit(&tracing.lighting)) {
             let begin = Instant::now();
-            let about = tracing.rays.about(posed.leaves.center());
-            let arriving = posed.direct_by_pi(surfaces, tracing, &about, rays);
-            self.report.direct_ms = stage(&mut stages, "light leaves: direct", begin);
-            let begin = Instant::now();
-            let all = posed.links.bounce(&posed.leaves, &arriving, self.settings.bounces - 1);
-            let radiance = posed.leaves.reflected(&posed.leaves.smoothed(&all));
-            self.report.gather_ms = stage(&mut stages, "light leaves: gather", begin);
+            let mut radiance = Vec::new();
+            if let Some(links) = &posed.links {
+                let about = tracing.rays.about(posed.leaves.center());
+                let arriving = posed.direct_by_pi(surfaces, tracing, links, &about);
+                self.report.direct_ms = stage(&mut stages, "light leaves: direct", begin);
+                let begin = Instant::now();
+                let all = links.bounce(&posed.leaves, &arriving, self.settings.bounces - 1);
+                radiance = posed.leaves.reflected(&posed.leaves.smoothed(&all));
+                self.report.gather_ms = stage(&mut stages, "light leaves: gather", begin);
+            }
             let lighting = tracing.lighting.clone();
             self.lit = Some(Lit { lighting, radiance: radiance.into(), on_device: OnceLock::new() });
         }
@@ -172,12 +177,14 @@ impl LitLeaves {
         })
     }
 
-    /// The leaves on a device; `None` before they are lit.
+    /// The leaves on a device; `None` before they are lit, or if they light nothing.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if they are larger than the device can bind.
     pub(super) fn on_device(&self, gpu: &Arc<Gpu>) -> Result<Option<Arc<DeviceLeaves>>, RenderError> {
-        let (Some(Posed { leaves, .. }), Some(lit)) = (&self.posed, &self.lit) else { return Ok(None) };
+        let (Some(Posed { leaves, links: Some(_), .. }), Some(lit)) = (&self.posed, &self.lit) else {
+            return Ok(None);
+        };
         if let Some(held) = lit.on_device.get() {
             return Ok(Some(Arc::clone(held)));
         }
@@ -187,7 +194,7 @@ impl LitLeaves {
 
     /// Rays of a gathering texel, with one of `divisor` of them.
     pub(super) fn gather_rays(&self, divisor: u32) -> u32 {
-        self.settings.gather.div_ceil(divisor.max(1))
+        if self.settings.bounces == 0 { 0 } else { self.settings.gather.div_ceil(divisor.max(1)) }
     }
 
     /// Whether light cells are filled from them.
@@ -196,7 +203,7 @@ impl LitLeaves {
     }
 
     /// Indirect irradiance / π at texels about an eye, each by one of `divisor` of its rays; `None` before the leaf sides are
-    /// lit.
+    /// lit, or if they light nothing.
     pub(super) fn irradiance_over_pi(
         &self,
         texels: &ShadingPoints,
@@ -204,7 +211,8 @@ impl LitLeaves {
         eye: DVec3,
         divisor: u32,
     ) -> Option<Vec<Vec3>> {
-        let (Posed { leaves, .. }, Lit { radiance, .. }) = (self.posed.as_ref()?, self.lit.as_ref()?);
+        let (Posed { leaves, links, .. }, Lit { radiance, .. }) = (self.posed.as_ref()?, self.lit.as_ref()?);
+        links.as_ref()?;
         let from_eye = (eye - leaves.center()).as_vec3();
         let gatherer = Gatherer { leaves, radiance, about, from_eye };
         Some(gatherer.irradiance_over_pi(texels, self.gather_rays(divisor) as usize))
@@ -217,9 +225,10 @@ impl Posed {
         &self,
         surfaces: &Surfaces,
         tracing: &LightTracing,
+        links: &Links,
         about: &LightRaysAbout<'_>,
-        rays: usize,
     ) -> Vec<Vec3> {
+        let rays = links.rays();
         let center = self.leaves.center();
         let mut found = Vec::with_capacity(self.leaves.sides.len());
         for first in (0..self.leaves.sides.len()).step_by(BATCH) {
@@ -243,7 +252,7 @@ impl Posed {
             let side = |at: usize| {
                 let side = batch.start + at;
                 let texels = &texels.all[at * rays..(at + 1) * rays];
-                lights[at] + self.links.sky(&self.leaves, side, texels, &tracing.lighting.sky) / rays as f32
+                lights[at] + links.sky(&self.leaves, side, texels, &tracing.lighting.sky) / rays as f32
             };
             found.extend((0..batch.len()).into_par_iter().map(side).collect::<Vec<Vec3>>());
         }

@@ -53,6 +53,11 @@ impl Links {
         links
     }
 
+    /// Rays of each leaf side.
+    pub(in crate::light) fn rays(&self) -> usize {
+        self.rays
+    }
+
     /// The unit direction of a ray of the leaf side with that number.
     fn direction(&self, number: u32, ray: usize, normal: Vec3) -> Vec3 {
         let disc = disc_point((self.squares[ray] + hash(number)).fract()).as_vec2();
