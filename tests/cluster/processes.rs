@@ -1,10 +1,10 @@
 //! A real cluster: a coordinator and workers, each a process, over the loopback interface.
 
 use std::process::{Child, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::support::wire::{Wire, small_view};
-use crate::support::{Coordinator, Process, SMALL, argus, run, stderr};
+use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus, json, run, stderr};
 use argus_proto::status::invalid_field;
 use argus_proto::v1;
 use argus_scene::{Frame, Output, PlanRequest, Search, View};
@@ -26,7 +26,10 @@ async fn not_beside_roles() -> RwLockReadGuard<'static, ()> {
 
 /// Starts an `argus load` in the background.
 fn load(url: &str, more: &[&str]) -> Child {
-    let mut command = argus(&["load", "--server", url, "--json", "--size", "96x72"]);
+    let mut command = argus(&["load", "--server", url, "--json"]);
+    if !more.contains(&"--size") {
+        command.args(["--size", "96x72"]);
+    }
     command.args(more).stdout(Stdio::piped());
     command.spawn().unwrap()
 }
@@ -130,6 +133,45 @@ async fn a_worker_killed_under_load_loses_no_view() {
         workers.push(coordinator.worker(&[]));
         coordinator.wait_for_workers(3);
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_killed_while_it_fills_light_cells_loses_nothing() {
+    let _alone = alone().await;
+    let flags = ["--indirect=cells", "--refining-share=0", "--exposure=0"];
+    let coordinator = Coordinator::start(SMALL, &flags);
+    let mut workers = coordinator.workers(2);
+    coordinator.wait_for_workers(2);
+    coordinator.wait_for_full_light();
+    let asked = ["--clients", "3", "--seconds", "6", "--rate", "2", "--direct", "--size", "320x240"];
+    let under_load = load(&coordinator.url, &asked);
+    // Cameras move, so that it fills for as long as they do.
+    let fills = |worker: &Value| worker["light_cells"]["filled"].as_u64() > Some(0);
+    let status = coordinator.wait_until("a worker that fills cells", |status| {
+        status["workers"].as_array().unwrap().iter().any(fills)
+    });
+    let victim = status["workers"].as_array().unwrap().iter().find(|worker| fills(worker)).unwrap();
+    let pid = victim["pid"].as_u64().unwrap() as u32;
+    workers.iter_mut().find(|worker| worker.pid() == pid).unwrap().kill();
+    all_answered(under_load);
+
+    // What the other one filled is what any worker fills.
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (out, record) = (file("view.png"), file("view.json"));
+    let began = Instant::now();
+    loop {
+        let view = ["view", "--server", &coordinator.url, "--direct", "--size", "160x120", "--json"];
+        json(&[&view[..], &["--out", &out, "--provenance", &record]].concat());
+        if std::fs::read_to_string(&record).unwrap().contains("cells") {
+            break;
+        }
+        assert!(began.elapsed() < PATIENCE, "no view is lit by cells");
+    }
+    let other = Coordinator::start(SMALL, &flags);
+    let _worker = other.worker(&[]);
+    let again = run(&["replay", &record, "--server", &other.url, "--out", &file("again.png")]);
+    assert_eq!(String::from_utf8_lossy(&again.stdout), "equal\n", "{}", stderr(&again));
 }
 
 /// The change that makes a valid view invalid.

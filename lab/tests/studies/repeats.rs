@@ -5,7 +5,7 @@ use crate::support::json;
 
 /// Frames of the study: `ARGUS_REPEATS`, or few.
 fn frames() -> String {
-    std::env::var("ARGUS_REPEATS").unwrap_or_else(|_| "30".to_owned())
+    std::env::var("ARGUS_REPEATS").unwrap_or_else(|_| "12".to_owned())
 }
 
 #[test]

@@ -52,7 +52,7 @@ fn direct_views_have_the_references_light_in_an_environment() {
     assert!(scene.lighting.lights.len() > small_scene::scene().lighting.lights.len(), "the map's sun");
     let scene: Arc<Scene> = Arc::new(scene);
     let camera = Camera::look_at(DVec3::new(2.6, 2.6, 4.2), DVec3::new(-0.2, 0.6, -0.3));
-    let size = [160, 120];
+    let size = [112, 84];
     let none = LightEffects::NONE;
     for (name, effects, most) in [
         ("none", none, 0.012),

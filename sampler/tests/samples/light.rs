@@ -51,7 +51,7 @@ pub(crate) const CAMERA: (DVec3, DVec3) = (DVec3::new(2.6, 2.6, 4.2), DVec3::new
 fn direct_views_have_the_references_light_whichever_effects_are_on() {
     let scene = Arc::new(scene_with_lights());
     let camera = Camera::look_at(CAMERA.0, CAMERA.1);
-    let size = [160, 120];
+    let size = [112, 84];
     let none = LightEffects::NONE;
     for (name, effects, most) in [
         ("hard-shadows", LightEffects { shadows: true, ..none }, 0.012),
@@ -75,7 +75,7 @@ fn direct_views_have_the_references_light_whichever_effects_are_on() {
 fn light_that_the_device_traces_is_that_of_the_cpu() {
     let scene = Arc::new(scene_with_lights());
     let camera = Camera::look_at(CAMERA.0, CAMERA.1);
-    let size = [160, 120];
+    let size = [96, 72];
     let none = LightEffects::NONE;
     let paths = Indirect::Paths(PathSettings { level: 5, ..PathSettings::default() });
     for (name, effects, indirect) in [
@@ -358,19 +358,20 @@ fn a_sampler_that_was_prepared_before_the_light_was_known_renders_the_same_bytes
     let opened = Arc::new(scene_with_lights());
     let camera = Camera::look_at(CAMERA.0, CAMERA.1);
     let job = view_job(camera, [96, 72], 1);
-    for choice in [LightChoice::FILE, LightChoice::SKY.with_own(-3), LightChoice::interior(1.0)] {
+    for (choice, effects) in [
+        (LightChoice::FILE, LightEffects { shadows: true, ..LightEffects::NONE }),
+        (LightChoice::SKY.with_own(-3), LightEffects::ALL),
+        (LightChoice::interior(1.0), LightEffects::ALL),
+        (LightChoice::interior(1.0), LightEffects::NONE),
+    ] {
         let scene = Arc::new((*opened).clone().in_light(choice));
-        for effects in
-            [LightEffects::ALL, LightEffects { shadows: true, ..LightEffects::NONE }, LightEffects::NONE]
-        {
-            let settings = SamplerSettings { effects, exposure: Some(1.5), ..SamplerSettings::default() };
-            let prepared = PreparedSampler::new(gpu(), &opened, crate::methods()).unwrap();
-            assert!(prepared.is_of(&gpu(), &scene));
-            assert_eq!(Arc::strong_count(&opened), 1, "who opened the scene may change it");
-            let found = direct(&mut prepared.in_light(scene.clone(), settings).unwrap(), &job);
-            let expected = direct(&mut sampler_with(&scene, settings), &job);
-            assert_eq!(found.images[Output::Color], expected.images[Output::Color], "{choice}, {effects}");
-        }
+        let settings = SamplerSettings { effects, exposure: Some(1.5), ..SamplerSettings::default() };
+        let prepared = PreparedSampler::new(gpu(), &opened, crate::methods()).unwrap();
+        assert!(prepared.is_of(&gpu(), &scene));
+        assert_eq!(Arc::strong_count(&opened), 1, "who opened the scene may change it");
+        let found = direct(&mut prepared.in_light(scene.clone(), settings).unwrap(), &job);
+        let expected = direct(&mut sampler_with(&scene, settings), &job);
+        assert_eq!(found.images[Output::Color], expected.images[Output::Color], "{choice}, {effects}");
     }
     let other = Scene { hash: SceneHash([7; 32]), ..(*opened).clone() };
     assert!(!PreparedSampler::new(gpu(), &opened, crate::methods()).unwrap().is_of(&gpu(), &other));
