@@ -104,7 +104,7 @@ impl SceneTable {
             scene.shared.remove_named(&hello.name);
         }
         let shared = self.scenes[chosen].shared.clone();
-        let joined = shared.join(hello)?;
+        let joined = shared.join(hello, held == Some(shared.service.scene.hash))?;
         Ok((shared, joined))
     }
 

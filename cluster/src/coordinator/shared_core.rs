@@ -107,6 +107,8 @@ struct WorkerStream {
     redirect_target: Option<RedirectTarget>,
     assignments: Sender<Result<v1::Assignment, Status>>,
     expelled: CancellationToken,
+    /// Whether it had this scene open when it joined.
+    had_it_open: bool,
     /// Since when it finishes its views, to go to another scene; `None`: it stays.
     moves_since: Option<Instant>,
 }

@@ -306,6 +306,9 @@ async fn carry_out(
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
     node.transforms.tell(&scene);
+    if node.served.scene().is_some_and(|before| before.hash != scene.hash) {
+        node.probes.forget();
+    }
     node.served.set_visibility_is_open(duty.visibility_is_open);
     let new_sampler = node.served.serve(&scene, duty.set, duty.limits);
     // Those that came meanwhile.

@@ -28,11 +28,15 @@ impl SharedCore {
         self.state.lock().streams.values().map(|stream| stream.hello.name.clone()).collect()
     }
 
-    /// Adds a worker that joined.
+    /// Adds a worker that joined. `has_it_open`: it has this scene open, so that its costs and samples are of this scene.
     ///
     /// # Errors
     /// [`Fault::Unavailable`] on standby.
-    pub(in crate::coordinator) fn join(&self, hello: Hello) -> Result<JoinedWorker, Fault> {
+    pub(in crate::coordinator) fn join(
+        &self,
+        hello: Hello,
+        has_it_open: bool,
+    ) -> Result<JoinedWorker, Fault> {
         let (assignments, receiver) = channel(MOST_ASSIGNMENTS + MOST_REVISIONS);
         let expelled = self.closing.child_token();
         let mut state = self.state.lock();
@@ -56,6 +60,7 @@ impl SharedCore {
             redirect_target,
             assignments,
             expelled: expelled.clone(),
+            had_it_open: has_it_open,
             moves_since: None,
         };
         state.streams.insert(worker, stream);
@@ -76,7 +81,11 @@ impl SharedCore {
     /// Processes a worker's report. Returns whether it has to leave now, since it goes to another scene and has finished its views.
     pub(in crate::coordinator) fn report(&self, worker: WorkerId, report: Report) -> bool {
         let mut state = self.state.lock();
-        let moves_since = state.streams.get(&worker).and_then(|stream| stream.moves_since);
+        let stream = state.streams.get(&worker);
+        let moves_since = stream.and_then(|stream| stream.moves_since);
+        // Until its first assignment here is in effect, a worker reports what it knows of another scene.
+        let is_of_this_scene = report.applied > 0 || stream.is_none_or(|stream| stream.had_it_open);
+        let report = if is_of_this_scene { report } else { report.of_process() };
         let leaving = report.leaving || moves_since.is_some();
         self.step_locked(&mut state, Event::Reported { worker, report: Report { leaving, ..report } });
         // What it does not finish in time, other workers do.
