@@ -34,7 +34,7 @@ const SPARE_FOR: Duration = Duration::from_secs(20);
 /// Least time between two moves that no waiting viewer asks for.
 const PAUSE: Duration = Duration::from_secs(10);
 
-/// How long a scene counts as looked at after its last view.
+/// How long a scene counts as looked at after its last view: viewers pause, and then want the next one soon.
 const VIEWED_FOR: Duration = Duration::from_secs(4);
 
 /// Shortest turn of a scene that has the only worker, while viewers of another scene wait.
@@ -84,7 +84,7 @@ pub struct SceneMove {
 struct Past {
     /// When it was last looked at.
     viewed: Option<Uptime>,
-    /// Since when it has had viewers and no worker.
+    /// Since when views have waited for its first worker.
     waits_since: Option<Uptime>,
     /// Since when one of its workers has answered views.
     answers_since: Option<Uptime>,
@@ -127,9 +127,9 @@ impl SceneBalance {
             if load.is_viewed {
                 past.viewed = Some(now);
             }
-            let is_viewed = past.viewed.is_some_and(|at| now.since(at) < VIEWED_FOR);
             let since = |holds: bool, before: Option<Uptime>| holds.then(|| before.unwrap_or(now));
-            past.waits_since = since(is_viewed && load.workers == 0, past.waits_since);
+            // Whoever waits has a view in flight. A viewer who has seen enough does not call the worker back.
+            past.waits_since = since(load.is_viewed && load.workers == 0, past.waits_since);
             past.answers_since = since(load.answers, past.answers_since);
         }
     }

@@ -98,6 +98,14 @@ fn one_worker_serves_two_scenes_in_turns_and_each_for_half_of_the_time() {
 }
 
 #[test]
+fn a_viewer_who_has_left_does_not_call_the_worker_back() {
+    let mut service = Service::new(2, &[0]);
+    service.run(&[Some(0.2), None], 10);
+    assert_eq!(service.run(&[None, Some(0.2)], 5), [SceneMove { from: 0, to: 1 }]);
+    assert_eq!(service.run(&[None, None], 120), []);
+}
+
+#[test]
 fn workers_follow_the_load_and_come_back_after_it() {
     let mut service = Service::new(2, &[0, 0, 1, 1]);
     assert_eq!(service.run(&[Some(0.1), Some(3.0)], 60), [SceneMove { from: 0, to: 1 }]);
