@@ -43,11 +43,18 @@ pub(super) struct SceneTable {
 
 struct State {
     balance: SceneBalance,
-    /// The scene that a worker goes to, by its name, and until when it is expected there.
-    on_the_way: HashMap<String, (usize, Instant)>,
+    /// Workers that go to another scene, by their names.
+    on_the_way: HashMap<String, OnTheWay>,
     /// Until when workers of an earlier leader return.
     returning_until: Instant,
     looked: Instant,
+}
+
+/// A worker's way from one scene to another.
+struct OnTheWay {
+    moves: SceneMove,
+    /// Until when it is expected to join.
+    until: Instant,
 }
 
 impl SceneTable {
@@ -114,10 +121,10 @@ impl SceneTable {
             return 0;
         }
         let (now, mut state) = (Instant::now(), self.state.lock());
-        if let Some((to, until)) = state.on_the_way.remove(name)
-            && now < until
+        if let Some(way) = state.on_the_way.remove(name)
+            && now < way.until
         {
-            return to;
+            return way.moves.to;
         }
         let has_open = |scene: &ServedScene| held == Some(scene.shared.service.scene.hash);
         let held = self.scenes.iter().position(has_open);
@@ -126,8 +133,14 @@ impl SceneTable {
 
     /// The loads of all scenes, with the workers that are on their way.
     fn loads(&self, state: &mut State, now: Instant) -> Vec<SceneLoad> {
-        state.on_the_way.retain(|_, (_, until)| now < *until);
-        let coming = |to: usize| state.on_the_way.values().filter(|(scene, _)| *scene == to).count();
+        state.on_the_way.retain(|name, way| {
+            // Its last views may take long.
+            if self.scenes[way.moves.from].shared.is_leaving(name) {
+                way.until = now + REJOIN_WITHIN;
+            }
+            now < way.until
+        });
+        let coming = |to: usize| state.on_the_way.values().filter(|way| way.moves.to == to).count();
         let load = |(at, scene): (usize, &ServedScene)| {
             let load = scene.shared.load();
             SceneLoad { workers: load.workers + coming(at), ..load }
@@ -147,11 +160,11 @@ impl SceneTable {
         state.looked = now;
         let loads = self.loads(&mut state, now);
         let uptime = Uptime(now.saturating_duration_since(self.began));
-        let Some(SceneMove { from, to }) = state.balance.step(&loads, uptime) else { return };
-        let (from, to_name) = (&self.scenes[from], &self.scenes[to].name);
+        let Some(moves) = state.balance.step(&loads, uptime) else { return };
+        let (from, to) = (&self.scenes[moves.from], &self.scenes[moves.to].name);
         let Some(worker) = from.shared.move_one_out() else { return };
-        info!(worker, from = from.name, to = to_name, "worker moves to another scene");
-        state.on_the_way.insert(worker, (to, now + REJOIN_WITHIN));
+        info!(worker, from = from.name, to, "worker moves to another scene");
+        state.on_the_way.insert(worker, OnTheWay { moves, until: now + REJOIN_WITHIN });
     }
 
     /// The status of a scene, with a row for each scene of the service.

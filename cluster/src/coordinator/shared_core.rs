@@ -54,8 +54,6 @@ pub(super) struct SharedCore {
     estimates: RecentEstimates,
     /// Cancelled on shutdown, when endless streams must end.
     pub(super) closing: CancellationToken,
-    /// How long views in work hold up a worker that moves to another scene.
-    grace: Duration,
     /// Makes the core of a new leadership.
     fresh: Box<dyn Fn() -> Core + Send + Sync>,
     state: Mutex<State>,
@@ -109,8 +107,8 @@ struct WorkerStream {
     expelled: CancellationToken,
     /// Whether it had this scene open when it joined.
     had_it_open: bool,
-    /// Since when it finishes its views, to go to another scene; `None`: it stays.
-    moves_since: Option<Instant>,
+    /// Whether it finishes its views, to go to another scene.
+    moves_out: bool,
 }
 
 /// Redirects to one worker.
@@ -179,7 +177,6 @@ impl SharedCore {
             planning: PlanningTime::default(),
             estimates: RecentEstimates::default(),
             closing,
-            grace: config.grace,
             fresh: Box::new(fresh),
             state: Mutex::new(state),
         }

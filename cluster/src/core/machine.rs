@@ -99,9 +99,19 @@ impl Core {
         self.views.len()
     }
 
+    /// The last report of a worker; `None` if it is unknown.
+    pub fn last_report(&self, worker: WorkerId) -> Option<&Report> {
+        self.workers.get(worker).map(Worker::report)
+    }
+
     /// Number of views that a worker has to answer.
     pub fn views_at(&self, worker: WorkerId) -> usize {
         self.workers.get(worker).map_or(0, Worker::queued)
+    }
+
+    /// Number of views that were answered so far.
+    pub fn views_answered(&self) -> u64 {
+        self.views.counts().answered
     }
 
     /// Processes that views ask for, each by its cheapest way within its error bound, at the last tick.

@@ -43,7 +43,7 @@ const LEAST_TURN: Duration = Duration::from_secs(3);
 /// Longest time that a worker may be on its way without having joined. Then it counts as lost.
 const ON_THE_WAY: Duration = Duration::from_secs(15);
 
-/// Longest time for which a move that has not ended holds up others.
+/// Longest time for which a move that has not ended, or a turn in which no view was answered, holds up other scenes.
 const LONGEST_MOVE: Duration = Duration::from_secs(120);
 
 /// What is asked of one scene, and who does it.
@@ -57,6 +57,8 @@ pub struct SceneLoad {
     pub asked: f64,
     /// Whether it has views in flight, or got some since the last step. Sessions whose cameras stand still ask for nothing.
     pub is_viewed: bool,
+    /// Views that it has answered so far.
+    pub answered: u64,
 }
 
 impl SceneLoad {
@@ -86,8 +88,8 @@ struct Past {
     viewed: Option<Uptime>,
     /// Since when views have waited for its first worker.
     waits_since: Option<Uptime>,
-    /// Since when one of its workers has answered views.
-    answers_since: Option<Uptime>,
+    /// Since when one of its workers has answered views, and how many views it had answered before.
+    answers_since: Option<(Uptime, u64)>,
 }
 
 /// Decides which worker moves when.
@@ -127,10 +129,10 @@ impl SceneBalance {
             if load.is_viewed {
                 past.viewed = Some(now);
             }
-            let since = |holds: bool, before: Option<Uptime>| holds.then(|| before.unwrap_or(now));
             // Whoever waits has a view in flight. A viewer who has seen enough does not call the worker back.
-            past.waits_since = since(load.is_viewed && load.workers == 0, past.waits_since);
-            past.answers_since = since(load.answers, past.answers_since);
+            let waits = load.is_viewed && load.workers == 0;
+            past.waits_since = waits.then(|| past.waits_since.unwrap_or(now));
+            past.answers_since = load.answers.then(|| past.answers_since.unwrap_or((now, load.answered)));
         }
     }
 
@@ -163,14 +165,15 @@ impl SceneBalance {
         };
         let unviewed = least_loaded(&mut others().filter(|from| !self.is_viewed(*from, now)));
         let with_several = || least_loaded(&mut others().filter(|from| loads[*from].workers > 1));
-        // Of those that have had their turn, the one whose turn is longest.
+        // Of those that have had their turn, the one whose turn is longest. A turn without an answer would be of no use.
         let turn = self.took.max(LEAST_TURN);
-        let since = |from: &usize| Some((self.scenes[*from].answers_since?, *from));
-        let had_its_turn = || {
-            let (began, from) = others().filter_map(|from| since(&from)).min()?;
-            (now.since(began) >= turn).then_some(from)
+        let began = |from: usize| {
+            let (began, before) = self.scenes[from].answers_since?;
+            let least = if loads[from].answered > before { turn } else { LONGEST_MOVE };
+            (now.since(began) >= least).then_some((began, from))
         };
-        let from = unviewed.or_else(with_several).or_else(had_its_turn)?;
+        let had_its_turn = others().filter_map(began).min().map(|(_, from)| from);
+        let from = unviewed.or_else(with_several).or(had_its_turn)?;
         Some(SceneMove { from, to })
     }
 

@@ -5,7 +5,6 @@ use std::sync::Arc;
 use argus_proto::{Fault, v1};
 use argus_scene::revisions::MOST_REVISIONS;
 use tokio::sync::mpsc::{Receiver, channel};
-use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tonic::Status;
 use tracing::info;
@@ -61,7 +60,7 @@ impl SharedCore {
             assignments,
             expelled: expelled.clone(),
             had_it_open: has_it_open,
-            moves_since: None,
+            moves_out: false,
         };
         state.streams.insert(worker, stream);
         self.step_locked(&mut state, Event::Joined { worker, hello });
@@ -82,26 +81,37 @@ impl SharedCore {
     pub(in crate::coordinator) fn report(&self, worker: WorkerId, report: Report) -> bool {
         let mut state = self.state.lock();
         let stream = state.streams.get(&worker);
-        let moves_since = stream.and_then(|stream| stream.moves_since);
+        let moves_out = stream.is_some_and(|stream| stream.moves_out);
         // Until its first assignment here is in effect, a worker reports what it knows of another scene.
         let is_of_this_scene = report.applied > 0 || stream.is_none_or(|stream| stream.had_it_open);
         let report = if is_of_this_scene { report } else { report.of_process() };
-        let leaving = report.leaving || moves_since.is_some();
+        let leaving = report.leaving || moves_out;
         self.step_locked(&mut state, Event::Reported { worker, report: Report { leaving, ..report } });
-        // What it does not finish in time, other workers do.
-        moves_since.is_some_and(|since| state.core.views_at(worker) == 0 || since.elapsed() >= self.grace)
+        // However long they take: in a scene without another worker they would begin anew at its next turn. All views end in time.
+        moves_out && state.core.views_at(worker) == 0
     }
 
     /// Lets one worker finish its views and leave: the one that is least busy, and of these the last that came. Returns its name.
     pub(in crate::coordinator) fn move_one_out(&self) -> Option<String> {
         let mut state = self.state.lock();
-        let stay = state.streams.iter().filter(|(_, stream)| stream.moves_since.is_none());
+        let stay = state.streams.iter().filter(|(_, stream)| !stream.moves_out);
         let busy = |id: WorkerId| (state.core.views_at(id), std::cmp::Reverse(id));
         let worker = stay.map(|(id, _)| *id).min_by_key(|id| busy(*id))?;
         state.moved += 1;
         let stream = state.streams.get_mut(&worker)?;
-        stream.moves_since = Some(Instant::now());
-        Some(stream.hello.name.clone())
+        stream.moves_out = true;
+        let name = stream.hello.name.clone();
+        // At once, and not with its next report, so that it gets no further view.
+        if let Some(report) = state.core.last_report(worker).cloned() {
+            let report = Report { leaving: true, ..report };
+            self.step_locked(&mut state, Event::Reported { worker, report });
+        }
+        Some(name)
+    }
+
+    /// Whether the worker with this name finishes its views here, to go to another scene.
+    pub(in crate::coordinator) fn is_leaving(&self, name: &str) -> bool {
+        self.state.lock().streams.values().any(|stream| stream.moves_out && stream.hello.name == name)
     }
 
     /// Removes a worker that has joined another scene while its stream here has not ended.
@@ -121,10 +131,11 @@ impl SharedCore {
         let [requested, before] = state.requested;
         state.requested[1] = requested;
         SceneLoad {
-            workers: state.streams.values().filter(|stream| stream.moves_since.is_none()).count(),
+            workers: state.streams.values().filter(|stream| !stream.moves_out).count(),
             answers: state.core.can_answer(),
             asked: state.core.asked(),
             is_viewed: requested != before || state.core.views_in_flight() > 0,
+            answered: state.core.views_answered(),
         }
     }
 

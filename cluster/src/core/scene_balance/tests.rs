@@ -32,7 +32,9 @@ impl Service {
             let answers = of_scene().any(|(_, since)| self.now >= *since);
             // What a scene without a worker asks for is not known.
             let known = asked.filter(|_| answers).unwrap_or(0.0);
-            SceneLoad { workers: of_scene().count(), answers, asked: known, is_viewed: asked.is_some() }
+            let answered = if answers && asked.is_some() { self.now.0.as_millis() as u64 } else { 0 };
+            let workers = of_scene().count();
+            SceneLoad { workers, answers, asked: known, is_viewed: asked.is_some(), answered }
         };
         asked.iter().enumerate().map(load).collect()
     }
@@ -98,6 +100,25 @@ fn one_worker_serves_two_scenes_in_turns_and_each_for_half_of_the_time() {
 }
 
 #[test]
+fn a_turn_lasts_until_a_view_was_answered() {
+    let at = |secs: u64| Uptime(Duration::from_secs(secs));
+    let mut balance = SceneBalance::new(2);
+    let mut step = |answered, now| {
+        let busy = SceneLoad { workers: 1, answers: true, asked: 1.0, is_viewed: true, answered };
+        let waits = SceneLoad { is_viewed: true, ..SceneLoad::default() };
+        balance.step(&[busy, waits], now)
+    };
+    assert_eq!(step(7, at(0)), None);
+    assert_eq!(step(7, at(60)), None, "its first view takes long");
+    assert_eq!(step(8, at(61)), Some(SceneMove { from: 0, to: 1 }));
+    let mut balance = SceneBalance::new(2);
+    let stuck = SceneLoad { workers: 1, answers: true, asked: 1.0, is_viewed: true, answered: 0 };
+    let waits = SceneLoad { is_viewed: true, ..SceneLoad::default() };
+    assert_eq!(balance.step(&[stuck, waits], at(0)), None);
+    assert!(balance.step(&[stuck, waits], at(121)).is_some(), "the other scene does not wait for ever");
+}
+
+#[test]
 fn a_viewer_who_has_left_does_not_call_the_worker_back() {
     let mut service = Service::new(2, &[0]);
     service.run(&[Some(0.2), None], 10);
@@ -156,7 +177,13 @@ fn a_worker_that_is_lost_on_its_way_holds_nothing_up() {
 
 #[test]
 fn newcomers_go_where_they_are_missing() {
-    let load = |workers, asked, is_viewed| SceneLoad { workers, answers: workers > 0, asked, is_viewed };
+    let load = |workers, asked, is_viewed| SceneLoad {
+        workers,
+        answers: workers > 0,
+        asked,
+        is_viewed,
+        ..SceneLoad::default()
+    };
     let place = |loads: &[SceneLoad]| scene_for_newcomer(loads, None, false);
     assert_eq!(place(&[load(0, 0.0, false), load(0, 0.0, false)]), 0, "of equals the first");
     assert_eq!(place(&[load(1, 0.0, false), load(0, 0.0, false)]), 1);
