@@ -7,13 +7,22 @@ use prost::Message;
 use prost_types::field_descriptor_proto::Type;
 
 /// The messages of a cluster's status. Serialised, they are the output of `argus status --json`.
-const STATUS: [&str; 7] =
-    ["StatusResponse", "WorkerStatus", "Counters", "Refinements", "Pressure", "Cost", "LightCells"];
+const STATUS: [&str; 8] = [
+    "StatusResponse",
+    "SceneStatus",
+    "WorkerStatus",
+    "Counters",
+    "Refinements",
+    "Pressure",
+    "Cost",
+    "LightCells",
+];
 
 /// Fields of a status whose JSON is not the field's value, and the attribute that says what it is.
-const OWN_JSON: [(&str, &str); 7] = [
+const OWN_JSON: [(&str, &str); 8] = [
     ("StatusResponse.protocol_version", "skip"),
     ("StatusResponse.scene", "serialize_with = \"crate::cluster_status::scene\""),
+    ("SceneStatus.scene", "serialize_with = \"crate::cluster_status::scene\""),
     ("StatusResponse.visibility", "serialize_with = \"crate::cluster_status::visibility\""),
     ("StatusResponse.light", "serialize_with = \"crate::cluster_status::light\""),
     ("StatusResponse.counters", "serialize_with = \"crate::cluster_status::or_default\""),

@@ -36,6 +36,9 @@ pub(crate) struct Server {
     /// File with this client's access token
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
+    /// Name of the scene, of a service with several (`argus status` lists them) [default: its first one]
+    #[arg(long, value_name = "NAME")]
+    scene_name: Option<String>,
 }
 
 impl Server {
@@ -57,7 +60,8 @@ impl Server {
         let flags = Flags::default()
             .with("client.server", "--server", self.server.as_ref())
             .with("client.ca", "--ca", settings::path(self.ca.as_ref()))
-            .with("client.token_file", "--token-file", settings::path(self.token_file.as_ref()));
+            .with("client.token_file", "--token-file", settings::path(self.token_file.as_ref()))
+            .with("client.scene", "--scene-name", self.scene_name.as_ref());
         Ok(sources.load(flags)?.settings.client)
     }
 }

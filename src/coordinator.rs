@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use argus_cluster::SceneSource;
-use argus_cluster::coordinator::{Config, Prepared, prepare, serve_prepared};
+use argus_cluster::coordinator::{Config, Prepared, SceneToServe, prepare, serve_prepared};
 use argus_cluster::core::quality::Model;
 use argus_cluster::leadership::{LazyRegistry, LocalRegistry, NatsRegistry, Registry};
 use argus_cluster::security::ReloadableSecurity;
@@ -18,6 +18,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::browse::{Page, Place};
 use crate::exit::bad_arguments;
+use crate::served_scenes::{self, NamedScene};
 use crate::settings::{self, Flags, Settings, Sources};
 use crate::wiring::OpenScene;
 use crate::{args, credentials, output, shutdown};
@@ -37,9 +38,10 @@ Example: a cluster over machines that trust their network; `argus certs` shows t
   host-c$ argus view --server http://host-a:7400 --out view.png")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
-    /// after it for mirroring balls
+    /// after it for mirroring balls. Given several times, the service has several scenes, and moves workers between them; each may be
+    /// NAME=S, else it has the name of its file
     #[arg(long, value_name = "S")]
-    scene: Option<String>,
+    scene: Vec<String>,
     #[command(flatten)]
     service: Service,
 }
@@ -56,7 +58,7 @@ pub(crate) struct Service {
     /// for `coordinator`]
     #[arg(long, value_name = "ADDR")]
     page: Option<String>,
-    /// Print one JSON object once clients can connect: url, page, pid, scene, workers, default_camera
+    /// Print one JSON object once clients can connect: url, page, pid, scene, scenes, workers, default_camera
     #[arg(long)]
     json: bool,
     /// Also stop when standard input ends
@@ -115,13 +117,20 @@ pub(crate) struct Ready {
     /// Address for clients on this machine.
     pub(crate) url: String,
     listener: TcpListener,
-    source: Arc<OpenScene>,
+    /// At least one.
+    scenes: Vec<ReadyScene>,
     config: Config,
-    prepared: Prepared,
     registry: Arc<dyn Registry>,
     page: Option<Page>,
     /// Cancelled when this process must stop.
     pub(crate) shutdown: CancellationToken,
+}
+
+/// A scene that is ready to be served.
+struct ReadyScene {
+    name: String,
+    source: Arc<OpenScene>,
+    prepared: Prepared,
 }
 
 /// The JSON announcement of a service.
@@ -132,18 +141,21 @@ struct Announcement<'a> {
     page: Option<&'a str>,
     pid: u32,
     scene: &'a str,
+    /// Names of all scenes.
+    scenes: Vec<&'a str>,
     workers: usize,
     /// The view of clients that name no camera.
     default_camera: Camera,
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
-    let settings = args.service.settings(args.scene.as_ref(), sources)?;
-    let Some(scene) = &settings.coordinator.scene_in_environment(None) else {
+    let settings = args.service.settings(&args.scene, sources)?;
+    let scenes = served_scenes::of(&settings.coordinator)?;
+    if scenes.is_empty() {
         return Err(bad_arguments("--scene S is required: a file, or `terrain`"));
-    };
+    }
     let listening = args.service.listen(&settings, Place::Off).await?;
-    let ready = args.service.open(listening, scene, &settings).await?;
+    let ready = args.service.open(listening, scenes, &settings).await?;
     args.service.announce(&ready, 0)?;
     if !args.service.json {
         println!("workers join with: argus worker --coordinator {}", ready.url);
@@ -152,10 +164,13 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
 }
 
 impl Service {
-    /// The settings, including these arguments and the scene.
-    pub(crate) fn settings(&self, scene: Option<&String>, sources: &Sources) -> anyhow::Result<Settings> {
+    /// The settings, including these arguments and the scenes. Scenes that are given replace all that other sources name.
+    pub(crate) fn settings(&self, scenes: &[String], sources: &Sources) -> anyhow::Result<Settings> {
+        let first = scenes.first();
+        let more = first.map(|_| serde_json::to_string(&scenes[1..])).transpose()?;
         let flags = Flags::default()
-            .with("coordinator.scene", "--scene", scene)
+            .with("coordinator.scene", "--scene", first)
+            .with("coordinator.more_scenes", "--scene", more)
             .with("coordinator.environment", "--environment", self.environment.file())
             .with("coordinator.listen", "--listen", self.listen.as_ref())
             .with("coordinator.samplers_composite", "--samplers-composite", self.samplers_composite)
@@ -187,27 +202,23 @@ impl Service {
         Ok(Listening { url, listener, security, page, shutdown })
     }
 
-    /// Opens the scene and prepares its light.
+    /// Opens the scenes and prepares their light.
     pub(crate) async fn open(
         &self,
         Listening { url, listener, security, page, shutdown }: Listening,
-        scene: &str,
+        scenes: Vec<NamedScene>,
         settings: &Settings,
     ) -> anyhow::Result<Ready> {
         let coordinator = &settings.coordinator;
-        let spec = scene.to_owned();
-        let sampling = &self.samples.sampling;
-        let (light, metering) = (sampling.light, sampling.effects.metering(sampling.indirect.settings()?));
-        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec, light, metering));
-        let source = tokio::select! {
-            source = opening => Arc::new(source.context("a task of this process failed")??),
-            () = shutdown.cancelled() => anyhow::bail!("stopped before the scene was open"),
-        };
-        source.report();
+        if scenes.len() > 1 && coordinator.model.is_some() {
+            return Err(bad_arguments(
+                "--model is calibrated for one scene: with several, leave it out; each takes what `argus-lab study views \
+                 bounds` kept for it on this machine",
+            ));
+        }
         let mut config = Config { security, ..coordinator.config(&settings.limits) };
         let args::Samples { rig, sampling, visibility, .. } = &self.samples;
         config.rig = config.sampling.rig_settings(rig.settings());
-        config.models = self.models(coordinator.model.as_deref(), source.scene(), &config)?;
         config.advertise = Some(coordinator.advertise.clone().unwrap_or_else(|| url.clone()));
         config.core.visibility = visibility.visibility();
         config.core.refresh_views = self.refresh_views;
@@ -217,19 +228,36 @@ impl Service {
         config.exposure = sampling.exposure;
         config.indirect = sampling.indirect.settings()?;
         config.core.samples_per_view = rig.samples.unwrap_or(config.core.samples_per_view);
-        let preparing = {
-            let (config, source) = (config.clone(), source.clone());
-            tokio::task::spawn_blocking(move || prepare(&config, source.as_ref()))
-        };
-        let prepared = tokio::select! {
-            prepared = preparing => prepared.context("a task of this process failed")??,
-            () = shutdown.cancelled() => anyhow::bail!("stopped before the scene's light was known"),
-        };
+        let mut ready = Vec::new();
+        for scene in scenes {
+            let scene = tokio::select! {
+                scene = self.open_scene(scene, &config) => scene?,
+                () = shutdown.cancelled() => anyhow::bail!("stopped before the scenes were open and their light known"),
+            };
+            config.models.extend(self.models(coordinator.model.as_deref(), scene.source.scene(), &config)?);
+            ready.push(scene);
+        }
         let registry = tokio::select! {
             registry = registry(settings) => registry?,
             () = shutdown.cancelled() => anyhow::bail!("stopped before the registry answered"),
         };
-        Ok(Ready { url, listener, source, config, prepared, registry, page, shutdown })
+        Ok(Ready { url, listener, scenes: ready, config, registry, page, shutdown })
+    }
+
+    /// Opens a scene and prepares its light.
+    async fn open_scene(&self, scene: NamedScene, config: &Config) -> anyhow::Result<ReadyScene> {
+        let NamedScene { name, spec } = scene;
+        let sampling = &self.samples.sampling;
+        let (light, metering) = (sampling.light, sampling.effects.metering(sampling.indirect.settings()?));
+        let opening = tokio::task::spawn_blocking(move || OpenScene::open(&spec, light, metering));
+        let source = Arc::new(opening.await.context("a task of this process failed")??);
+        source.report();
+        let preparing = {
+            let (config, source) = (config.clone(), source.clone());
+            tokio::task::spawn_blocking(move || prepare(&config, source.as_ref()))
+        };
+        let prepared = preparing.await.context("a task of this process failed")??;
+        Ok(ReadyScene { name, source, prepared })
     }
 
     /// The calibrated models of the scene and its rig.
@@ -257,15 +285,20 @@ impl Service {
 
     /// Prints the service's address.
     pub(crate) fn announce(&self, ready: &Ready, workers: usize) -> anyhow::Result<()> {
-        let (url, scene) = (ready.url.as_str(), ready.source.name());
-        let default_camera = ready.source.scene().default_camera();
+        let first = &ready.scenes[0].source;
+        let (url, scene) = (ready.url.as_str(), first.name());
+        let default_camera = first.scene().default_camera();
+        let scenes: Vec<&str> = ready.scenes.iter().map(|scene| scene.name.as_str()).collect();
         if self.json {
             let pid = std::process::id();
             let page = ready.page.as_ref().map(|page| page.url.as_str());
-            return output::json(&Announcement { url, page, pid, scene, workers, default_camera });
+            return output::json(&Announcement { url, page, pid, scene, scenes, workers, default_camera });
         }
         println!("serving {scene} at {url}");
-        println!("light {}", ready.source.light());
+        println!("light {}", first.light());
+        for ReadyScene { name, source, .. } in &ready.scenes[1..] {
+            println!("   and {} by --scene-name {name}, light {}", source.name(), source.light());
+        }
         if let Some(page) = &ready.page {
             println!("in a browser: {}", page.url);
         }
@@ -279,7 +312,9 @@ impl Service {
 impl Ready {
     /// Serves until the process must stop. Cancels `answers` once the service is ready for load.
     pub(crate) async fn serve(self, answers: CancellationToken) -> anyhow::Result<()> {
-        let Self { url, config, prepared, listener, source, registry, page, shutdown } = self;
+        let Self { url, config, listener, scenes, registry, page, shutdown } = self;
+        let to_serve = |ReadyScene { name, source, prepared }| SceneToServe { name, source, prepared };
+        let scenes = scenes.into_iter().map(to_serve).collect();
         let (security, closing) = (config.security.clone(), shutdown.child_token());
         let page = async {
             let Some(page) = page else { return };
@@ -289,8 +324,7 @@ impl Ready {
             }
         };
         let served = async {
-            let served =
-                serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await;
+            let served = serve_prepared(config, scenes, listener, registry, shutdown, answers).await;
             closing.cancel();
             served
         };

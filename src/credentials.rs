@@ -81,7 +81,7 @@ fn read_member(settings: &settings::Security, clients: bool) -> anyhow::Result<O
 /// # Errors
 /// Any error of [`of_member`].
 pub(crate) fn of_client(settings: &settings::Client) -> anyhow::Result<ConnectOptions> {
-    let settings::Client { ca, token_file, certificate, key, .. } = settings;
+    let settings::Client { ca, token_file, certificate, key, scene, .. } = settings;
     let token = |path: &PathBuf| {
         let text = secret(path, "client.token_file")?;
         let text = String::from_utf8(text).map_err(|_| malformed(path, "it is not UTF-8"))?;
@@ -99,7 +99,7 @@ pub(crate) fn of_client(settings: &settings::Client) -> anyhow::Result<ConnectOp
     };
     let ca = ca.as_ref().map(|path| pem(path, "client.ca", "CERTIFICATE")).transpose()?;
     let credentials = Credentials { ca, token: token_file.as_ref().map(token).transpose()?, identity };
-    Ok(ConnectOptions { credentials, ..ConnectOptions::default() })
+    Ok(ConnectOptions { credentials, scene: scene.clone(), ..ConnectOptions::default() })
 }
 
 /// The access of a coordinator to the registry at `url`: with TLS if it has a certificate. Plaintext beyond this machine

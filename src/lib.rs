@@ -25,6 +25,7 @@ mod replay;
 mod scene;
 mod selftest;
 mod serve;
+mod served_scenes;
 mod settings;
 pub mod sheet;
 pub mod shutdown;

@@ -5,6 +5,7 @@ use tokio_util::sync::CancellationToken;
 use crate::browse::Place;
 use crate::coordinator::Service;
 use crate::processes;
+use crate::served_scenes;
 use crate::settings::{self, Settings, Sources};
 
 /// Serves a scene from this machine: a coordinator and its worker processes.
@@ -16,12 +17,14 @@ Examples:
   argus serve                                   the built-in scene at http://127.0.0.1:7400
   argus serve --scene model.glb --workers 4
   argus serve --scene model.glb --environment sky.hdr
+  argus serve --scene hall.glb --scene town=model.glb     both; clients choose by --scene-name town
   argus serve --scene room.glb --rig cell --cell 0.5 --listen 127.0.0.1:7500")]
 pub(crate) struct Args {
     /// A file (.glb, .gltf, .obj, .ply), `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N`
-    /// after it for mirroring balls [default: terrain]
+    /// after it for mirroring balls [default: terrain]. Given several times, the service has several scenes, and moves workers between
+    /// them; each may be NAME=S, else it has the name of its file
     #[arg(long, value_name = "S")]
-    scene: Option<String>,
+    scene: Vec<String>,
     /// Number of worker processes [default: one a core, at least 2 and at most 4]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u16).range(1..=256))]
     workers: Option<u16>,
@@ -33,8 +36,10 @@ pub(crate) struct Args {
 }
 
 pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
-    let settings = args.service.settings(args.scene.as_ref(), sources)?;
-    let scene = &settings.coordinator.scene_in_environment(Some("terrain")).unwrap_or_default();
+    let mut settings = args.service.settings(&args.scene, sources)?;
+    settings.coordinator.scene.get_or_insert_with(|| "terrain".to_owned());
+    let scenes = served_scenes::of(&settings.coordinator)?;
+    let first = scenes.first().map(|scene| scene.spec.clone()).unwrap_or_default();
     let count = args.workers.map_or_else(processes::default_count, usize::from);
 
     let listening = args.service.listen(&settings, Place::Usual).await?;
@@ -51,11 +56,11 @@ pub(crate) async fn run(args: Args, sources: &Sources) -> anyhow::Result<()> {
     // The first worker opens and prepares the scene while this process meters its light, and answers the first view. The
     // remaining workers would compete for the same cores, so they start once it has measured what views cost.
     let answers = CancellationToken::new();
-    let start = processes::Start { count, settings: &of_workers, scene, answers: answers.clone() };
+    let start = processes::Start { count, settings: &of_workers, scene: &first, answers: answers.clone() };
     let kept = processes::keep(start, shutdown.clone());
     let served = async {
         let served = async {
-            let ready = args.service.open(listening, scene, &settings).await?;
+            let ready = args.service.open(listening, scenes, &settings).await?;
             args.service.announce(&ready, count)?;
             ready.serve(answers).await
         };

@@ -12,6 +12,8 @@ use crate::{args, effect_table, output};
 
 /// Shows the workers, their roles, and the balance between them.
 ///
+/// Of a service with several scenes, it shows all of them with their workers, and then the one that --scene-name names.
+///
 /// Per tick, S samples and V views are requested. A sample costs g, a view from samples costs c. Of P processes, K render
 /// samples: the whole number that makes a tick shortest. All of these are measured.
 #[derive(clap::Args)]
@@ -103,8 +105,35 @@ async fn watch(client: &Client, every: Duration) -> anyhow::Result<()> {
     }
 }
 
+/// Writes the scenes of a service with their workers.
+fn scenes(text: &mut String, status: &ClusterStatus) -> anyhow::Result<()> {
+    writeln!(
+        text,
+        "  {:<20} {:>7} {:>6} {:>8} {:>6}  file, workers",
+        "scene", "workers", "asked", "sessions", "views"
+    )?;
+    for scene in &status.scenes {
+        writeln!(
+            text,
+            "  {:<20} {:>7} {:>6.1} {:>8} {:>6}  {}, {}",
+            scene.name,
+            scene.workers.len(),
+            scene.asked,
+            scene.sessions_open,
+            scene.views_in_flight,
+            scene.scene_name(),
+            if scene.workers.is_empty() { "none".to_owned() } else { scene.workers.join(" ") }
+        )?;
+    }
+    writeln!(text)?;
+    Ok(())
+}
+
 fn table(status: &ClusterStatus) -> anyhow::Result<String> {
     let mut text = String::new();
+    if status.scenes.len() > 1 {
+        scenes(&mut text, status)?;
+    }
 
     let seen = Some(status.visibility_name()).filter(|name| !name.is_empty()).unwrap_or("to be measured");
     writeln!(

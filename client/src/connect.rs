@@ -18,7 +18,7 @@ use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 
 use crate::ClientError;
-use crate::credentials::{Bearer, Credentials};
+use crate::credentials::{Credentials, RequestMetadata};
 use crate::error::root_cause;
 
 /// Time limit for a connection to a worker, and again for its handshake. The server relays frames that cannot be
@@ -38,6 +38,8 @@ pub struct ConnectOptions {
     pub timeout: Duration,
     /// Credentials for `https://`.
     pub credentials: Credentials,
+    /// Name of the scene, of a service with several ([`Description::scenes`]); `None`: its first one.
+    pub scene: Option<String>,
     /// The machine's network, or a simulated one.
     pub network: Network,
 }
@@ -45,7 +47,7 @@ pub struct ConnectOptions {
 impl Default for ConnectOptions {
     fn default() -> Self {
         let (credentials, network) = (Credentials::default(), Network::default());
-        Self { connections: 1, timeout: Duration::from_secs(5), credentials, network }
+        Self { connections: 1, timeout: Duration::from_secs(5), credentials, scene: None, network }
     }
 }
 
@@ -70,7 +72,7 @@ struct Inner {
     servers: Vec<Vec<Channel>>,
     /// Index of the server in use.
     server: AtomicUsize,
-    bearer: Bearer,
+    metadata: RequestMetadata,
     turn: AtomicUsize,
     description: Description,
     options: ConnectOptions,
@@ -97,7 +99,7 @@ impl Client {
     /// Connects like [`Client::connect`], with options.
     ///
     /// # Errors
-    /// Any error of [`Client::connect`].
+    /// Any error of [`Client::connect`]; [`ClientError::Invalid`] of the field `scene` if the service has no scene of that name.
     pub async fn connect_with(url: &str, options: &ConnectOptions) -> Result<Self, ClientError> {
         let unreachable = |reason: String| ClientError::Unreachable { url: url.to_owned(), reason };
         let connecting = async {
@@ -105,12 +107,12 @@ impl Client {
             let peer = if urls.len() > 1 { Peer::OneOfSeveral } else { Peer::Only };
             let endpoints = urls.iter().map(|url| endpoint(url, options, peer));
             let endpoints = endpoints.collect::<Result<Vec<Endpoint>, _>>()?;
-            let bearer = Bearer(options.credentials.token.clone());
+            let metadata = metadata(&options.credentials, options.scene.as_deref())?;
             // The first server that answers gives the description. The rest are connected when needed.
             let mut first = None;
             for (at, (endpoint, url)) in endpoints.iter().zip(&urls).enumerate() {
                 let described =
-                    async { describe(&connected(endpoint, url, options).await?, &bearer, url).await };
+                    async { describe(&connected(endpoint, url, options).await?, &metadata, url).await };
                 // A silent server leaves time for the next one.
                 let share = options.timeout / urls.len() as u32;
                 let late = || unreachable(format!("nothing came within {} ms", share.as_millis()));
@@ -136,7 +138,7 @@ impl Client {
             Ok(Self(Arc::new(Inner {
                 servers,
                 server,
-                bearer,
+                metadata,
                 turn,
                 description,
                 options,
@@ -152,6 +154,33 @@ impl Client {
         }
     }
 
+    /// A client for another scene of the same server ([`Description::scenes`]), over the same connections.
+    ///
+    /// # Errors
+    /// [`ClientError::Invalid`] of the field `scene` if the server has no scene of that name; else the errors of [`Client::describe`].
+    pub async fn of_scene(&self, scene: &str) -> Result<Self, ClientError> {
+        let inner = &self.0;
+        let metadata = metadata(&inner.options.credentials, Some(scene))?;
+        let description = describe(&self.channel(), &metadata, "the server").await?;
+        Ok(Self(Arc::new(Inner {
+            servers: inner.servers.clone(),
+            server: AtomicUsize::new(self.server()),
+            metadata,
+            turn: AtomicUsize::new(0),
+            description,
+            options: ConnectOptions { scene: Some(scene.to_owned()), ..inner.options.clone() },
+            secured: inner.secured,
+            workers: Mutex::default(),
+            identity: RandomState::new().hash_one(std::process::id()),
+            views: AtomicU64::new(0),
+        })))
+    }
+
+    /// The name of this client's scene; `None`: the server's first one.
+    pub fn scene(&self) -> Option<&str> {
+        self.0.options.scene.as_deref()
+    }
+
     /// The server's description when this client connected.
     pub fn description(&self) -> &Description {
         &self.0.description
@@ -162,7 +191,7 @@ impl Client {
     /// # Errors
     /// [`ClientError::Server`] if it cannot be reached, [`ClientError::Version`] if another release replaced it.
     pub async fn describe(&self) -> Result<Description, ClientError> {
-        describe(&self.channel(), &self.0.bearer, "the server").await
+        describe(&self.channel(), &self.0.metadata, "the server").await
     }
 
     /// Requests the names of the scene's instances ([`Output::Instance`]) or materials ([`Output::Material`]), in the order of
@@ -193,14 +222,14 @@ impl Client {
     /// server cannot be
     /// reached or is not a coordinator.
     pub async fn status(&self) -> Result<v1::StatusResponse, ClientError> {
-        let mut cluster = ClusterClient::with_interceptor(self.channel(), self.0.bearer.clone());
+        let mut cluster = ClusterClient::with_interceptor(self.channel(), self.0.metadata.clone());
         let response = cluster.status(v1::StatusRequest {}).await?;
         Ok(response.into_inner())
     }
 
     /// The `Views` service, on the next connection in turn.
-    pub(crate) fn views(&self) -> ViewsClient<InterceptedService<Channel, Bearer>> {
-        ViewsClient::with_interceptor(self.channel(), self.0.bearer.clone())
+    pub(crate) fn views(&self) -> ViewsClient<InterceptedService<Channel, RequestMetadata>> {
+        ViewsClient::with_interceptor(self.channel(), self.0.metadata.clone())
     }
 
     /// The `Views` service of a worker to which the server redirected this client. It is sent a ticket but no token.
@@ -219,7 +248,7 @@ impl Client {
                 let credentials = Credentials { token: None, ..self.0.options.credentials.clone() };
                 let timeout = self.0.options.timeout.min(WORKER_TIMEOUT);
                 let network = self.0.options.network.clone();
-                let options = ConnectOptions { connections: 1, timeout, credentials, network };
+                let options = ConnectOptions { connections: 1, timeout, credentials, scene: None, network };
                 let channel = options.network.channel(&endpoint(address, &options, Peer::Worker)?);
                 if workers.len() >= MOST_WORKERS {
                     workers.clear();
@@ -257,6 +286,12 @@ impl Client {
         // If another request was first, there is nothing to do.
         let _ = self.0.server.compare_exchange(tried, next, order, order);
     }
+}
+
+/// The metadata of requests with these credentials, of this scene.
+fn metadata(credentials: &Credentials, scene: Option<&str>) -> Result<RequestMetadata, ClientError> {
+    let metadata = RequestMetadata::new(credentials.token.clone(), scene);
+    metadata.map_err(|at| ClientError::Invalid { field: at.field.to_owned(), reason: at.reason })
 }
 
 /// Whether an address uses TLS. The scheme's case does not matter.
@@ -317,11 +352,15 @@ fn unconnected(url: &str, reason: String) -> ClientError {
     }
 }
 
-async fn describe(channel: &Channel, bearer: &Bearer, url: &str) -> Result<Description, ClientError> {
+async fn describe(
+    channel: &Channel,
+    metadata: &RequestMetadata,
+    url: &str,
+) -> Result<Description, ClientError> {
     let not_argus = |reason: String| ClientError::NotArgus { url: url.to_owned(), reason };
     let request = v1::DescribeRequest { protocol_version: PROTOCOL_VERSION };
     let response =
-        match ViewsClient::with_interceptor(channel.clone(), bearer.clone()).describe(request).await {
+        match ViewsClient::with_interceptor(channel.clone(), metadata.clone()).describe(request).await {
             Ok(response) => response.into_inner(),
             Err(status) if status.code() == Code::Unimplemented => {
                 return Err(not_argus("it has no service argus.v1.Views".to_owned()));

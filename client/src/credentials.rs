@@ -3,6 +3,8 @@
 use std::fmt;
 use std::time::Duration;
 
+use argus_proto::{SCENE_METADATA, check_scene_name};
+use argus_scene::InvalidField;
 use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
 use tonic::transport::{Certificate, ClientTlsConfig, Identity};
@@ -70,14 +72,34 @@ impl Credentials {
     }
 }
 
-/// Adds the token, if any, to each request.
+/// Adds the client's token and the name of its scene, if it has any, to each request.
 #[derive(Debug, Clone)]
-pub(crate) struct Bearer(pub(crate) Option<Token>);
+pub(crate) struct RequestMetadata {
+    token: Option<Token>,
+    scene: Option<MetadataValue<Ascii>>,
+}
 
-impl Interceptor for Bearer {
+impl RequestMetadata {
+    /// The metadata of a client with this token, of this scene.
+    ///
+    /// # Errors
+    /// The field `scene`, if it is no name of a scene.
+    pub(crate) fn new(token: Option<Token>, scene: Option<&str>) -> Result<Self, InvalidField> {
+        let value = |name: &str| {
+            check_scene_name(name)?;
+            MetadataValue::try_from(name).map_err(|error| InvalidField::new("scene", error.to_string()))
+        };
+        Ok(Self { token, scene: scene.map(value).transpose()? })
+    }
+}
+
+impl Interceptor for RequestMetadata {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
-        if let Some(Token(header)) = &self.0 {
+        if let Some(Token(header)) = &self.token {
             request.metadata_mut().insert("authorization", header.clone());
+        }
+        if let Some(scene) = &self.scene {
+            request.metadata_mut().insert(SCENE_METADATA, scene.clone());
         }
         Ok(request)
     }

@@ -213,7 +213,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let set = set();
     let served = Served { set: &set, versions: &[set.version], visibility_is_open: false };
     vec![
-        ("WorkerReport", wire::hello(&hello()).encode_to_vec()),
+        ("WorkerReport", wire::hello(&hello(), None).encode_to_vec()),
         ("WorkerReport", wire::report(measured, Role::Both).encode_to_vec()),
         ("Assignment", wire::assignment(assignment, 1, &service(), &served, None).encode_to_vec()),
         ("StatusResponse", core().status().encode_to_vec()),

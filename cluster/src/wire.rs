@@ -5,7 +5,7 @@ use std::time::Duration;
 use argus_proto::convert::{WireEnum as _, light_level, scene_hash_bytes};
 use argus_proto::{PROTOCOL_VERSION, v1};
 use argus_scene::{
-    FaceMask, InvalidField, Limits, Plan, SampleId, SampleSetInfo, Transforms, Version, Visibility,
+    FaceMask, InvalidField, Limits, Plan, SampleId, SampleSetInfo, SceneHash, Transforms, Version, Visibility,
 };
 
 use crate::SceneRef;
@@ -49,7 +49,8 @@ pub(crate) fn hello_from(wire: v1::Hello, security: Option<&LoadedSecurity>) -> 
     })
 }
 
-pub(crate) fn hello(hello: &Hello) -> v1::WorkerReport {
+/// The first message of a worker. `held` is the scene that it has open.
+pub(crate) fn hello(hello: &Hello, held: Option<SceneHash>) -> v1::WorkerReport {
     let hello = v1::Hello {
         protocol_version: PROTOCOL_VERSION,
         worker_id: hello.name.clone(),
@@ -58,6 +59,7 @@ pub(crate) fn hello(hello: &Hello) -> v1::WorkerReport {
         public_address: hello.public_address.clone().unwrap_or_default(),
         device: hello.device.clone(),
         cores: hello.cores,
+        scene_hash: held.map(scene_hash_bytes).unwrap_or_default(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Hello(hello)) }
 }

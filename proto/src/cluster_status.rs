@@ -38,6 +38,13 @@ impl v1::StatusResponse {
     }
 }
 
+impl v1::SceneStatus {
+    /// The user's name of the scene's file or generator; empty if the message lacks it.
+    pub fn scene_name(&self) -> &str {
+        scene_name(&self.scene)
+    }
+}
+
 impl v1::WorkerStatus {
     /// `sampler`, `compositor`, `both`, `draining`, `idle`, or `unknown` to this release.
     pub fn role_name(&self) -> &'static str {

@@ -15,12 +15,14 @@ mod error;
 pub mod jpeg;
 pub mod network;
 pub mod relief;
+mod scene_name;
 pub mod status;
 pub mod trace;
 pub mod transport;
 
 pub use convert::Description;
 pub use error::WireError;
+pub use scene_name::{MAX_SCENE_NAME, SCENE_METADATA, check_scene_name, scene_name_like};
 pub use status::Fault;
 
 /// Messages, clients and servers generated from `proto/argus/v1/*.proto`, whose comments document them.

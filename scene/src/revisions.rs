@@ -45,6 +45,11 @@ impl Revisions {
         }
     }
 
+    /// Forgets all states, here and in all copies.
+    pub fn clear(&self) {
+        self.0.write().unwrap_or_else(PoisonError::into_inner).clear();
+    }
+
     /// The state of a revision; `None` if it is not known, or no longer. Revision 0 is always known.
     pub fn get(&self, revision: u64) -> Option<Arc<Transforms>> {
         if revision == 0 {

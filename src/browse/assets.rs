@@ -11,7 +11,7 @@ macro_rules! script {
 }
 
 /// Name, type and text of each file beside the page itself.
-const FILES: [(&str, &str, &str); 15] = [
+const FILES: [(&str, &str, &str); 16] = [
     ("page.css", "text/css", include_str!("page/page.css")),
     script!("address.js"),
     script!("bound.js"),
@@ -25,6 +25,7 @@ const FILES: [(&str, &str, &str); 15] = [
     script!("plain.js"),
     script!("relief.js"),
     script!("request.js"),
+    script!("scene.js"),
     script!("viewer.js"),
     script!("warp.js"),
 ];

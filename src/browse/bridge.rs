@@ -23,7 +23,7 @@ use self::flow::{Asked, Flow, Image};
 use super::messages::{self, Message as Said};
 use super::simulated_link::{Gone, Wire};
 use super::site::{Site, jpeg, usual_camera};
-use super::viewers;
+use super::viewers::{self, Seen};
 
 /// Longest message of a page in bytes. A camera takes about 200.
 pub(super) const MAX_MESSAGE_BYTES: usize = 4096;
@@ -85,7 +85,7 @@ struct Bridge {
     /// The viewer's number among all.
     viewer: u64,
     /// Where other viewers are, while this one is seen.
-    others: Option<watch::Receiver<BTreeMap<u64, Camera>>>,
+    others: Option<watch::Receiver<BTreeMap<u64, Seen>>>,
     /// No request is sent to the service before this time.
     paused_until: Instant,
 }
@@ -206,7 +206,8 @@ impl Bridge {
     }
 
     fn is_seen(&mut self, camera: Option<Camera>) {
-        self.site.viewers.is_at(self.viewer, camera);
+        let scene = self.client.description().scene_hash;
+        self.site.viewers.is_at(self.viewer, camera.map(|camera| (scene, camera)));
         match camera {
             None => self.others = None,
             Some(_) if self.others.is_none() => {
@@ -221,7 +222,8 @@ impl Bridge {
     /// The message about where other viewers are, if one of them moved.
     fn others_moved(&mut self) -> Option<Message> {
         let seen = self.others.as_mut().filter(|others| others.has_changed().unwrap_or(false))?;
-        let others = viewers::others(&seen.borrow_and_update(), self.viewer);
+        let others =
+            viewers::others(&seen.borrow_and_update(), self.viewer, self.client.description().scene_hash);
         Some(Message::Text(messages::viewers(&others).into()))
     }
 

@@ -49,10 +49,11 @@ use crate::{args, credentials, output, shutdown};
 /// where the viewer is, at the rate of the display. It asks for an image when a redraw may show something wrong, for smaller
 /// ones while the viewer moves, and for one of the full size once it rests. It shows how each image was rendered, what it
 /// cost, and how many arrive a second. A checkbox renders every image from the triangles, and so does ?direct in the address;
-/// a slider compares what is shown with that. The address holds the view: copy it to share the view. Up to 16 pages can be
+/// a slider compares what is shown with that. The address holds the view: copy it to share the view. Of a service with several
+/// scenes, ?scene=NAME in the address shows another than the first. Up to 16 pages can be
 /// open at a time; they show one another's viewers if asked to.
 ///
-/// For scripts: GET /frame?eye=X,Y,Z&target=X,Y,Z&size=WxH returns one JPEG, with its description as JSON in the header
+/// For scripts: GET /frame?eye=X,Y,Z&target=X,Y,Z&size=WxH (and &scene=NAME) returns one JPEG, with its description as JSON in the header
 /// argus-frame.
 #[derive(clap::Args)]
 #[command(after_help = "\

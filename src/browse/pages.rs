@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_client::{ClientError, LightCells, RenderOptions};
+use argus_client::{Client, ClientError, LightCells, RenderOptions};
 use argus_scene::LightLevel;
 use axum::Router;
 use axum::body::Bytes;
@@ -53,12 +53,30 @@ async fn of_this_machine(State(site): State<Arc<Site>>, request: Request, next: 
     next.run(request).await
 }
 
+/// The client of a request, for the scene that its query names; or the answer to a request that has none.
+async fn client_of(site: &Site, headers: &HeaderMap, query: Option<&str>) -> Result<Client, Response> {
+    let Some(client) = site.access.client(headers).await else { return Err(log_in_first()) };
+    let Some(scene) = query.and_then(query::scene) else { return Ok(client) };
+    client.of_scene(&scene).await.map_err(|error| match error {
+        ClientError::Invalid { .. } => reply(StatusCode::BAD_REQUEST, error),
+        error => reply(StatusCode::BAD_GATEWAY, error),
+    })
+}
+
 /// Opens a page's WebSocket.
-async fn session(State(site): State<Arc<Site>>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response {
+async fn session(
+    State(site): State<Arc<Site>>,
+    headers: HeaderMap,
+    RawQuery(asked): RawQuery,
+    upgrade: WebSocketUpgrade,
+) -> Response {
     if !guard::is_of_own_page(&headers) {
         return reply(StatusCode::FORBIDDEN, "only the page of this address may open a WebSocket here");
     }
-    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+    let client = match client_of(&site, &headers, asked.as_deref()).await {
+        Ok(client) => client,
+        Err(refused) => return refused,
+    };
     let place = site.pages.clone().try_acquire_owned();
     let open = site.open.token();
     upgrade.max_message_size(bridge::MAX_MESSAGE_BYTES).max_frame_size(bridge::MAX_MESSAGE_BYTES).on_upgrade(
@@ -97,8 +115,11 @@ fn log_in_first() -> Response {
     reply(StatusCode::UNAUTHORIZED, "log in with your token first")
 }
 
-async fn scene(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
-    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+async fn scene(State(site): State<Arc<Site>>, headers: HeaderMap, RawQuery(asked): RawQuery) -> Response {
+    let client = match client_of(&site, &headers, asked.as_deref()).await {
+        Ok(client) => client,
+        Err(refused) => return refused,
+    };
     let about = client.description();
     let cameras: Vec<_> =
         about.cameras.iter().map(|named| json!({ "name": named.name, "camera": named.camera })).collect();
@@ -110,6 +131,8 @@ async fn scene(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
         .collect();
     let scene = json!({
         "name": about.scene_name,
+        "scene": client.scene().or(about.scenes.first().map(String::as_str)),
+        "scenes": about.scenes,
         "triangles": about.triangles,
         "min": about.bounds.min,
         "max": about.bounds.max,
@@ -123,8 +146,11 @@ async fn scene(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
 }
 
 /// The light cells of all workers together, as in the cluster's status; `null` without any.
-async fn cells(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
-    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+async fn cells(State(site): State<Arc<Site>>, headers: HeaderMap, RawQuery(asked): RawQuery) -> Response {
+    let client = match client_of(&site, &headers, asked.as_deref()).await {
+        Ok(client) => client,
+        Err(refused) => return refused,
+    };
     let status = match client.status().await {
         Ok(status) => status,
         Err(error) => return reply(StatusCode::BAD_GATEWAY, error),
@@ -145,7 +171,10 @@ async fn cells(State(site): State<Arc<Site>>, headers: HeaderMap) -> Response {
 }
 
 async fn frame(State(site): State<Arc<Site>>, headers: HeaderMap, RawQuery(asked): RawQuery) -> Response {
-    let Some(client) = site.access.client(&headers).await else { return log_in_first() };
+    let client = match client_of(&site, &headers, asked.as_deref()).await {
+        Ok(client) => client,
+        Err(refused) => return refused,
+    };
     let view = query::view(&asked.unwrap_or_default(), usual_camera(&client), &site.plan).and_then(|view| {
         view.validate(&client.description().limits)?;
         Ok(view)

@@ -6,6 +6,13 @@ use percent_encoding::percent_decode_str;
 use super::messages::USUAL_SIZE;
 use crate::args;
 
+/// The name of the scene in a query string, if it has one.
+pub(super) fn scene(query: &str) -> Option<String> {
+    let mut words = query.split('&').filter_map(|word| word.split_once('='));
+    let (_, value) = words.find(|(name, _)| *name == "scene")?;
+    Some(percent_decode_str(value).decode_utf8_lossy().into_owned())
+}
+
 /// Parses a query string. Missing words are taken from `usual` and `plan`. The view is not checked against limits.
 ///
 /// # Errors
@@ -26,13 +33,15 @@ pub(super) fn view(query: &str, usual: Camera, plan: &PlanRequest) -> Result<Vie
                     value.parse().map_err(|_| InvalidField::new("fov_deg", "must be a number"))?
             }
             "size" => size = args::size(&value).map_err(at_fault("size"))?,
+            // Chosen before: see [`scene`].
+            "scene" => {}
             "direct" => plan = PlanRequest { direct: true, ..PlanRequest::default() },
             "deadline_ms" => {
                 let ms = value.parse().map_err(|_| InvalidField::new("deadline_ms", "must be a number"))?;
                 plan.deadline_ms = Some(ms);
             }
             _ => {
-                let known = "eye, target, up, fov_deg, size, direct and deadline_ms are";
+                let known = "eye, target, up, fov_deg, size, direct, deadline_ms and scene are";
                 return Err(InvalidField::new("query", format!("{name:?} is not known: {known}")));
             }
         }
@@ -58,6 +67,13 @@ mod tests {
         assert_eq!(([view.width, view.height], view.plan.direct), ([320, 200], true));
         let view = asked("").unwrap();
         assert_eq!(([view.width, view.height], view.plan.direct), (USUAL_SIZE, false));
+    }
+
+    #[test]
+    fn a_query_may_name_the_scene() {
+        assert_eq!(scene("eye=1,2,3&scene=hall-2").as_deref(), Some("hall-2"));
+        assert_eq!(scene("eye=1,2,3&direct&scenes=hall"), None);
+        assert!(asked("scene=hall&size=320x200").is_ok());
     }
 
     #[test]

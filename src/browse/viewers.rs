@@ -2,12 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use argus_scene::Camera;
+use argus_scene::{Camera, SceneHash};
 use serde_json::{Value, json};
 use tokio::sync::watch;
 
-/// The viewers who want to be seen, by a number of each. Whoever is seen sees the others.
-pub(super) struct Viewers(watch::Sender<BTreeMap<u64, Camera>>);
+/// A viewer who wants to be seen: in which scene, and where.
+pub(super) type Seen = (SceneHash, Camera);
+
+/// The viewers who want to be seen, by a number of each. Whoever is seen sees the others of the same scene.
+pub(super) struct Viewers(watch::Sender<BTreeMap<u64, Seen>>);
 
 impl Default for Viewers {
     fn default() -> Self {
@@ -24,24 +27,24 @@ impl Viewers {
     }
 
     /// Sets where a viewer is; `None`: it is no longer seen.
-    pub(super) fn is_at(&self, number: u64, camera: Option<Camera>) {
-        self.0.send_if_modified(|seen| match camera {
-            Some(camera) => seen.insert(number, camera) != Some(camera),
+    pub(super) fn is_at(&self, number: u64, place: Option<Seen>) {
+        self.0.send_if_modified(|seen| match place {
+            Some(place) => seen.insert(number, place) != Some(place),
             None => seen.remove(&number).is_some(),
         });
     }
 
     /// Follows where viewers are.
-    pub(super) fn follow(&self) -> watch::Receiver<BTreeMap<u64, Camera>> {
+    pub(super) fn follow(&self) -> watch::Receiver<BTreeMap<u64, Seen>> {
         self.0.subscribe()
     }
 }
 
-/// All viewers but one, for its page.
-pub(super) fn others(seen: &BTreeMap<u64, Camera>, number: u64) -> Value {
-    let others = seen.iter().filter(|(other, _)| **other != number);
+/// All viewers of a scene but one, for its page.
+pub(super) fn others(seen: &BTreeMap<u64, Seen>, number: u64, scene: SceneHash) -> Value {
+    let others = seen.iter().filter(|(other, (of, _))| **other != number && *of == scene);
     others
-        .map(|(other, camera)| {
+        .map(|(other, (_, camera))| {
             json!({
                 "name": format!("viewer {other}"),
                 "eye": camera.eye,
@@ -63,17 +66,19 @@ mod tests {
         let viewers = Viewers::default();
         let [one, two] = [(), ()].map(|()| viewers.enter());
         let mut follow = viewers.follow();
-        let camera = Camera::look_at(DVec3::ONE, DVec3::ZERO);
-        viewers.is_at(one, Some(camera));
+        let (scene, camera) = (SceneHash([1; 32]), Camera::look_at(DVec3::ONE, DVec3::ZERO));
+        let place = Some((scene, camera));
+        viewers.is_at(one, place);
         assert!(follow.has_changed().unwrap());
-        assert_eq!(others(&follow.borrow_and_update(), one), json!([]));
-        assert_eq!(others(&follow.borrow(), two)[0]["eye"], json!([1.0, 1.0, 1.0]));
+        assert_eq!(others(&follow.borrow_and_update(), one, scene), json!([]));
+        assert_eq!(others(&follow.borrow(), two, scene)[0]["eye"], json!([1.0, 1.0, 1.0]));
+        assert_eq!(others(&follow.borrow(), two, SceneHash([2; 32])), json!([]), "in another scene");
         // Standing still is no news, and neither is leaving twice.
-        viewers.is_at(one, Some(camera));
+        viewers.is_at(one, place);
         viewers.is_at(two, None);
         assert!(!follow.has_changed().unwrap());
         viewers.is_at(one, None);
         assert!(follow.has_changed().unwrap());
-        assert_eq!(others(&follow.borrow_and_update(), two), json!([]));
+        assert_eq!(others(&follow.borrow_and_update(), two, scene), json!([]));
     }
 }

@@ -44,7 +44,7 @@ pub(crate) async fn keep_member(
 /// Follows the files of a client's settings, until it is dropped: connects anew when they change, and hands the client
 /// to `replace`. What the service refuses changes nothing and is logged.
 pub(crate) async fn keep_client(settings: settings::Client, connections: usize, replace: impl Fn(Client)) {
-    let settings::Client { server, ca, token_file, certificate, key } = &settings;
+    let settings::Client { server, ca, token_file, certificate, key, .. } = &settings;
     let paths = [ca.as_ref(), token_file.as_ref(), certificate.as_ref(), key.as_ref()];
     let mut files = ChangedFiles::of(present(paths)).await;
     loop {

@@ -117,15 +117,6 @@ pub(crate) fn mib(mib: u64) -> u64 {
 }
 
 impl Coordinator {
-    /// The specification of the served scene in its environment. `default` is served if no scene is set.
-    pub(crate) fn scene_in_environment(&self, default: Option<&str>) -> Option<String> {
-        let scene = self.scene.as_deref().or(default)?;
-        Some(match &self.environment {
-            Some(file) => argus_scene::in_environment(scene, file),
-            None => scene.to_owned(),
-        })
-    }
-
     /// What samples are rendered from; `None` for an unknown name.
     pub(crate) fn sampling(&self) -> Option<Sampling> {
         let maps = MegaViews { map_side: self.map_side, levels: self.octree_levels, block: self.map_block };

@@ -44,12 +44,14 @@ pub(crate) struct Client {
     pub(crate) certificate: Option<PathBuf>,
     /// PEM file of the client certificate's private key.
     pub(crate) key: Option<PathBuf>,
+    /// Name of the scene, of a service with several; unset: its first one.
+    pub(crate) scene: Option<String>,
 }
 
 impl Default for Client {
     fn default() -> Self {
         let server = "http://127.0.0.1:7400".to_owned();
-        Self { server, ca: None, token_file: None, certificate: None, key: None }
+        Self { server, ca: None, token_file: None, certificate: None, key: None, scene: None }
     }
 }
 
@@ -60,6 +62,8 @@ pub(crate) struct Coordinator {
     /// A file, `terrain[:TRIANGLES]`, `mirrors[:BALLS]` or `rooms[:WALL_MM]`, and `+balls:N` after it for mirroring
     /// balls. Set here or by a flag, never by a request.
     pub(crate) scene: Option<String>,
+    /// Further scenes of the service, written the same way. Any of them may be `NAME=SCENE`.
+    pub(crate) more_scenes: Vec<String>,
     /// File of an environment map in place of the scene's sky.
     pub(crate) environment: Option<String>,
     /// Address to listen on. The default is local: other machines require TLS.
@@ -122,6 +126,7 @@ impl Default for Coordinator {
         let (maps, probes) = (MegaViews::default(), Reflections::default());
         Self {
             scene: None,
+            more_scenes: Vec::new(),
             environment: None,
             listen: "127.0.0.1:7400".to_owned(),
             samplers_composite: true,

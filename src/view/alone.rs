@@ -17,7 +17,7 @@ pub(super) struct AloneArgs {
         long,
         value_name = "S",
         conflicts_with_all = [
-            "server", "ca", "token_file", "timeout", "search", "steps", "samples", "holes", "preset", "max_error", "deadline_ms"
+            "server", "ca", "token_file", "scene_name", "timeout", "search", "steps", "samples", "holes", "preset", "max_error", "deadline_ms"
         ]
     )]
     pub(super) scene: Option<String>,

@@ -24,6 +24,7 @@ mod rolling_restart;
 mod scenes;
 mod security;
 mod session_history;
+mod several_scenes;
 #[path = "../support/mod.rs"]
 mod support;
 mod twins;

@@ -81,6 +81,19 @@ fn invalid_arguments_end_with_2_before_any_work() {
     fails_with(&["load", "--clients", "1", "--seconds", "nan"], 2, &["--seconds"]);
     fails_with(&["serve", "--workers", "0"], 2, &["--workers"]);
     fails_with(&["worker"], 2, &["--coordinator"]);
+    for (scenes, word) in [
+        (["--scene", "a=terrain", "--scene", "a=rooms"], "two scenes have this name"),
+        (["--scene", "my scene=terrain", "--scene", "rooms"], "letters"),
+    ] {
+        let listening = ["coordinator", "--listen", "127.0.0.1:0"];
+        fails_in_one_line(&[listening.as_slice(), &scenes].concat(), 2, &[word]);
+    }
+    let calibrated = ["coordinator", "--scene", "terrain", "--scene", "rooms", "--model", "x.json"];
+    fails_in_one_line(
+        &[&calibrated[..], &["--listen", "127.0.0.1:0"]].concat(),
+        2,
+        &["--model", "one scene"],
+    );
     fails_with(&["no-such-command"], 2, &["no-such-command"]);
     fails_in_one_line(&["study", "views", "warp", "--quick"], 2, &["argus-lab study views warp --quick"]);
     assert_eq!(run(&[]).status.code(), Some(2));

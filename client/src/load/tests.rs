@@ -25,6 +25,7 @@ fn description(eyes: &[DVec3]) -> Description {
         epoch_secs: 0.0,
         first_light: argus_scene::LightLevel::Full,
         light: String::new(),
+        scenes: Vec::new(),
     }
 }
 

@@ -200,6 +200,7 @@ fn description() -> Description {
         epoch_secs: 0.0,
         first_light: argus_scene::LightLevel::Full,
         light: String::new(),
+        scenes: Vec::new(),
     }
 }
 

@@ -41,9 +41,11 @@ pub(crate) struct Client {
 
 #[pymethods]
 impl Client {
-    /// Connects, within `timeout` seconds. Certificates and keys are PEM; `identity` is a certificate and its key.
+    /// Connects, within `timeout` seconds. Certificates and keys are PEM; `identity` is a certificate and its key. `scene` is the name of
+    /// one of the service's scenes, else the first one.
     #[new]
-    #[pyo3(signature = (url, *, encoding, timeout, ca, token, identity))]
+    #[pyo3(signature = (url, *, encoding, timeout, ca, token, identity, scene))]
+    #[allow(clippy::too_many_arguments, reason = "the package alone calls it, with all of them")]
     fn new(
         py: Python<'_>,
         url: &str,
@@ -52,6 +54,7 @@ impl Client {
         ca: Option<Vec<u8>>,
         token: Option<&str>,
         identity: Option<(Vec<u8>, Vec<u8>)>,
+        scene: Option<String>,
     ) -> PyResult<Self> {
         let encoding = match encoding {
             "raw" => Encoding::Raw,
@@ -62,7 +65,7 @@ impl Client {
         let identity = identity.map(|(certificate, key)| (certificate, Key(key)));
         let credentials = Credentials { ca, token, identity };
         let options =
-            ConnectOptions { timeout: secs(py, timeout)?, credentials, ..ConnectOptions::default() };
+            ConnectOptions { timeout: secs(py, timeout)?, credentials, scene, ..ConnectOptions::default() };
         let home = Home::here()?;
         let connected = home.wait(py, argus_client::Client::connect_with(url, &options))?;
         Ok(Self { client: connected.map_err(|error| exception(py, &error))?, encoding, home })

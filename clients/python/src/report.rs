@@ -61,6 +61,7 @@ pub(crate) fn of_service(description: &Description) -> String {
         "max_pixels": description.limits.max_pixels,
         "epoch_secs": description.epoch_secs,
         "light": description.light,
+        "scenes": description.scenes,
     })
     .to_string()
 }

@@ -50,6 +50,15 @@ def test_a_service_ends_with_its_renderer(room):
         argus_render.connect(url)
 
 
+def test_a_client_chooses_a_scene_by_its_name(room):
+    with argus_render.open(room, workers=1, arguments=["--scene", "hills=terrain:2000"]) as renderer:
+        assert renderer.describe().scenes == ("room", "hills")
+        assert renderer.describe().triangles == 12
+        assert argus_render.connect(renderer.url, scene="hills").describe().scene == "terrain:2000"
+        with pytest.raises(argus_render.InvalidField, match="room, hills"):
+            argus_render.connect(renderer.url, scene="valley")
+
+
 @pytest.mark.parametrize("then", ["", "raise SystemExit(3)", "import os; os._exit(4)", "os = None; time.sleep(600)"])
 def test_a_service_ends_however_its_owner_does(room, then):
     owner, service = own(room, then)

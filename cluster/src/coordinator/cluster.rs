@@ -4,6 +4,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use argus_proto::convert::scene_hash;
 use argus_proto::status::{check_version, invalid};
 use argus_proto::v1;
 use argus_proto::v1::cluster_server::Cluster;
@@ -13,8 +14,9 @@ use futures::{Stream, StreamExt};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status, Streaming};
 
+use super::scene_table::SceneTable;
 use super::shared_core::{JoinedWorker, SharedCore};
-use crate::core::{Event, WorkerId};
+use crate::core::WorkerId;
 use crate::wire;
 
 /// How long a new stream may take to send its hello.
@@ -22,7 +24,7 @@ const HELLO_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// The gRPC service.
 pub(super) struct ClusterService {
-    pub(super) shared: Arc<SharedCore>,
+    pub(super) scenes: Arc<SceneTable>,
 }
 
 #[tonic::async_trait]
@@ -41,9 +43,14 @@ impl Cluster for ClusterService {
             return Err(invalid(InvalidField::new("hello", "must be the first message")));
         };
         check_version(hello.protocol_version)?;
-        let hello = wire::hello_from(hello, self.shared.channels.security().as_deref()).map_err(invalid)?;
-        let JoinedWorker { worker, assignments, expelled } = self.shared.join(hello)?;
-        let shared = self.shared.clone();
+        let held = match hello.scene_hash.is_empty() {
+            true => None,
+            false => Some(scene_hash(&hello.scene_hash, "hello.scene_hash").map_err(invalid)?),
+        };
+        let security = self.scenes.first().shared.channels.security();
+        let hello = wire::hello_from(hello, security.as_deref()).map_err(invalid)?;
+        let (shared, JoinedWorker { worker, assignments, expelled }) = self.scenes.join(hello, held)?;
+        let closing = shared.closing.clone().cancelled_owned();
         tokio::spawn(async move {
             let _leave = LeaveOnDrop { shared: shared.clone(), worker };
             loop {
@@ -53,8 +60,10 @@ impl Cluster for ClusterService {
                 };
                 match report.ok().flatten().and_then(|report| report.body) {
                     Some(Body::Measurements(measurements)) => {
-                        let report = wire::report_from(measurements);
-                        shared.step(Event::Reported { worker, report });
+                        // A worker that leaves for another scene joins again when its stream has ended.
+                        if shared.report(worker, wire::report_from(measurements)) {
+                            break;
+                        }
                     }
                     // A second hello is ignored. An empty report ends the stream.
                     Some(Body::Hello(_)) => {}
@@ -62,16 +71,15 @@ impl Cluster for ClusterService {
                 }
             }
         });
-        let closing = self.shared.closing.clone().cancelled_owned();
         let assignments = ReceiverStream::new(assignments).take_until(closing);
         Ok(Response::new(Box::pin(assignments)))
     }
 
     async fn status(
         &self,
-        _request: Request<v1::StatusRequest>,
+        request: Request<v1::StatusRequest>,
     ) -> Result<Response<v1::StatusResponse>, Status> {
-        Ok(Response::new(self.shared.status()))
+        Ok(Response::new(self.scenes.status(self.scenes.of(request.metadata())?)))
     }
 }
 

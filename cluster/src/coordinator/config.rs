@@ -94,6 +94,9 @@ pub enum ServeError {
     /// No rig fits the scene.
     #[error("no sample camera can be placed: {0}")]
     Rig(#[from] InvalidField),
+    /// There is no scene, or one has a name that cannot be.
+    #[error("{0}")]
+    Scene(InvalidField),
     /// The sampling options are invalid.
     #[error("samples cannot be taken: {0}")]
     Sampling(InvalidField),

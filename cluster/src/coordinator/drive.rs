@@ -209,7 +209,7 @@ async fn open(
     request: &ViewRequest,
     order: &Order,
 ) -> Result<Streaming<v1::FrameChunk>, Status> {
-    let for_worker = request.for_worker(shared.term(), order);
+    let for_worker = request.for_worker(shared.term(), shared.service.scene.hash, order);
     let mut client = ViewsClient::new(shared.channels.to(&order.address)?);
     Ok(client.render(within(&request.span, for_worker)).await?.into_inner())
 }

@@ -1,5 +1,6 @@
 //! Metrics of frames, for `/metrics`.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::v1;
@@ -17,13 +18,16 @@ const BOUNDS: (f64, f64, u16) = (1e-3, 2.0, 17);
 
 type Labels = Vec<(String, String)>;
 
-/// Metrics of frames.
+/// Metrics of the frames of one scene. Clones, and those of other scenes, share the registry's page.
+#[derive(Clone)]
 pub(super) struct FrameMetrics {
-    seconds: Histogram,
+    /// The label of the scene; none where the service has one scene.
+    scene: Labels,
+    seconds: Family<Labels, Histogram, fn() -> Histogram>,
     stages: Family<Labels, Histogram, fn() -> Histogram>,
     pixels: Family<Labels, Counter>,
     ways: Family<Labels, Counter>,
-    last_tick: Mutex<Instant>,
+    last_tick: Arc<Mutex<Instant>>,
 }
 
 fn histogram() -> Histogram {
@@ -34,21 +38,32 @@ fn histogram() -> Histogram {
 impl Default for FrameMetrics {
     fn default() -> Self {
         Self {
-            seconds: histogram(),
+            scene: Labels::new(),
+            seconds: Family::new_with_constructor(histogram),
             stages: Family::new_with_constructor(histogram),
             pixels: Family::default(),
             ways: Family::default(),
-            last_tick: Mutex::new(Instant::now()),
+            last_tick: Arc::new(Mutex::new(Instant::now())),
         }
     }
 }
 
 impl FrameMetrics {
+    /// The metrics of one of several scenes.
+    pub(super) fn of_scene(&self, name: &str) -> Self {
+        Self { scene: vec![("scene".to_owned(), name.to_owned())], ..self.clone() }
+    }
+
+    /// The labels of a row: the scene's and another one.
+    fn labels(&self, name: &str, value: &str) -> Labels {
+        self.scene.iter().cloned().chain([(name.to_owned(), value.to_owned())]).collect()
+    }
+
     /// Records a frame that its client has, or has as soon as the last chunk arrives.
     pub(super) fn arrived(&self, header: &v1::FrameHeader) {
         let seconds = |ms: f64| ms.max(0.0) * 1e-3;
         if header.age_ms.is_finite() {
-            self.seconds.observe(seconds(header.age_ms));
+            self.seconds.get_or_create(&self.scene).observe(seconds(header.age_ms));
         }
         // A share that is not a number counts as 0.
         let pixels = u64::from(header.width) * u64::from(header.height);
@@ -56,22 +71,21 @@ impl FrameMetrics {
         let traced = header.served.map_or(0, |served| served.traced);
         let seen = pixels.saturating_sub(unseen).saturating_sub(traced);
         for (how, count) in [("sample", seen), ("traced", traced), ("guessed", unseen)] {
-            self.pixels.get_or_create(&vec![("served".to_owned(), how.to_owned())]).inc_by(count);
+            self.pixels.get_or_create(&self.labels("served", how)).inc_by(count);
         }
         for stage in header.stages.iter().filter(|stage| stage.ms.is_finite()) {
-            let label = vec![("stage".to_owned(), stage.name.clone())];
-            self.stages.get_or_create(&label).observe(seconds(stage.ms));
+            self.stages.get_or_create(&self.labels("stage", &stage.name)).observe(seconds(stage.ms));
         }
     }
 
     /// Counts a frame that a client fetched from a worker.
     pub(super) fn fetched(&self) {
-        self.ways.get_or_create(&vec![("way".to_owned(), "fetched".to_owned())]).inc();
+        self.ways.get_or_create(&self.labels("way", "fetched")).inc();
     }
 
     /// Counts a frame that this process relayed.
     pub(super) fn relayed(&self) {
-        self.ways.get_or_create(&vec![("way".to_owned(), "relayed".to_owned())]).inc();
+        self.ways.get_or_create(&self.labels("way", "relayed")).inc();
     }
 
     /// Records that the core got a tick.
@@ -88,7 +102,11 @@ impl FrameMetrics {
     pub(super) fn registry(&self) -> Registry {
         let mut registry = Registry::with_prefix(PREFIX);
         let help = "Time from a view's request to the first byte of its frame at the coordinator";
-        registry.register("view_seconds", help, self.seconds.clone());
+        match self.scene.is_empty() {
+            // Shown also before the first frame.
+            true => registry.register("view_seconds", help, self.seconds.get_or_create(&self.scene).clone()),
+            false => registry.register("view_seconds", help, self.seconds.clone()),
+        }
         registry.register("stage_seconds", "Time of each stage of a frame", self.stages.clone());
         registry.register(
             "frames",

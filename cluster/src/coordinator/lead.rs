@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 use tracing::{info, warn};
 
-use super::shared_core::SharedCore;
+use super::scene_table::SceneTable;
 use crate::leadership::{HeldLease, Registry};
 
 /// Attempts to acquire or renew a lease within its duration.
@@ -19,7 +19,7 @@ const MARGIN: u32 = 10;
 const RETRY: Duration = Duration::from_millis(250);
 
 /// Acquires the lease whenever it is free, and leads while it is held. Never returns.
-pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, address: &str) {
+pub(super) async fn lead(scenes: &SceneTable, registry: &Arc<dyn Registry>, address: &str) {
     // The registry knows the lease's duration once it was reached.
     let pause = || registry.lease().map_or(RETRY, |lease| lease / OFTEN);
     let mut is_logged = false;
@@ -29,18 +29,18 @@ pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, addr
             Ok(Some(held)) => {
                 is_logged = false;
                 let expected = registry.noted_workers().await.len();
-                shared.lead(held.term, until(registry.as_ref(), asked), expected);
-                *shared.lease.lock() = Some(held);
-                keep(shared, registry.as_ref(), held, address, pause()).await;
-                shared.step_down("another coordinator may lead");
-                give_up(shared, registry.as_ref()).await;
+                scenes.lead(held.term, until(registry.as_ref(), asked), expected);
+                *scenes.lease.lock() = Some(held);
+                keep(scenes, registry.as_ref(), held, address, pause()).await;
+                scenes.step_down("another coordinator may lead");
+                give_up(scenes, registry.as_ref()).await;
             }
             Ok(None) => {
                 let leader = registry.leader().await;
                 if !std::mem::replace(&mut is_logged, true) {
                     info!(leader = leader.as_deref().unwrap_or("unknown"), "coordinator is on standby");
                 }
-                shared.stand_by(leader);
+                scenes.stand_by(leader.as_deref());
             }
             Err(error) if !std::mem::replace(&mut is_logged, true) => {
                 warn!(%error, "no lease can be acquired")
@@ -52,8 +52,8 @@ pub(super) async fn lead(shared: &SharedCore, registry: &Arc<dyn Registry>, addr
 }
 
 /// Releases the lease, if it is held, so that another coordinator leads at once.
-pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
-    let held = shared.lease.lock().take();
+pub(super) async fn give_up(scenes: &SceneTable, registry: &dyn Registry) {
+    let held = scenes.lease.lock().take();
     if let Some(held) = held {
         registry.release(held).await;
     }
@@ -61,27 +61,27 @@ pub(super) async fn give_up(shared: &SharedCore, registry: &dyn Registry) {
 
 /// Renews the lease until it is lost, or until the core stepped down.
 async fn keep(
-    shared: &SharedCore,
+    scenes: &SceneTable,
     registry: &dyn Registry,
     mut held: HeldLease,
     address: &str,
     pause: Duration,
 ) {
     let mut noted = Vec::new();
-    while shared.leads() {
+    while scenes.leads() {
         tokio::time::sleep(pause).await;
         let asked = Instant::now();
         match registry.renew(held, address).await {
             Ok(Some(renewed)) => {
                 held = renewed;
-                *shared.lease.lock() = Some(held);
-                shared.lead_until(until(registry, asked));
+                *scenes.lease.lock() = Some(held);
+                scenes.lead_until(until(registry, asked));
             }
             Ok(None) => break,
             // The leadership lasts as long as the lease: every step of the core checks it.
             Err(error) => warn!(%error, "the lease was not renewed"),
         }
-        let mut workers = shared.workers();
+        let mut workers = scenes.workers();
         workers.sort();
         if workers != noted {
             registry.note_workers(&workers).await;

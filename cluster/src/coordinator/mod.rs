@@ -7,8 +7,9 @@
 //!
 //! `set_transforms` moves nodes: `movers` are their transforms, and `node_names` finds them.
 //!
-//! `shared_core` holds the core behind a lock. Workers join at `cluster` and fetch the scene from `scenes`. `lead`
-//! keeps the lease. `monitor`, `frame_metrics` and `client_metrics` serve metrics and probes.
+//! `shared_core` holds the core of a scene behind a lock. `scene_table` holds all scenes, chooses the one that a request names, and
+//! gives workers to them; `served_scene` is one scene with its description. Workers join at `cluster` and fetch the scene from
+//! `scenes`. `lead` keeps the lease. `monitor`, `frame_metrics` and `client_metrics` serve metrics and probes.
 
 mod batch;
 mod batch_plan;
@@ -31,7 +32,9 @@ mod prepare;
 mod recent_estimates;
 mod redirect;
 mod relayed;
+mod scene_table;
 mod scenes;
+mod served_scene;
 mod session;
 mod set_transforms;
 mod shared_core;
@@ -44,11 +47,10 @@ mod views;
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::FILE_DESCRIPTOR_SET;
 use argus_proto::v1::cluster_server::ClusterServer;
 use argus_proto::v1::scenes_server::ScenesServer;
 use argus_proto::v1::views_server::ViewsServer;
-use argus_scene::Rig;
+use argus_proto::{FILE_DESCRIPTOR_SET, scene_name_like};
 use tokio_util::sync::CancellationToken;
 use tonic::server::NamedService;
 use tonic::service::Routes;
@@ -58,8 +60,11 @@ pub use config::{Config, ServeError};
 #[cfg(feature = "fuzzing")]
 pub(crate) use inbox::check_inbox;
 pub use prepare::{Prepared, prepare};
+pub use served_scene::SceneToServe;
 
-use self::shared_core::SharedCore;
+use self::scene_table::SceneTable;
+use self::served_scene::{ServedScene, served_scenes};
+use crate::SceneSource;
 use crate::core::{Core, Event};
 use crate::incoming::incoming;
 use crate::leadership::Registry;
@@ -68,8 +73,6 @@ use crate::network::Accept;
 use crate::observe::{keep_health, with_pages};
 use crate::security::guard::Guarded;
 use crate::security::handshake::secured;
-use crate::wire::ServiceInfo;
-use crate::{SceneRef, SceneSource};
 
 /// Serves `Views`, `Cluster`, `Scenes`, health and reflection on `listener` until `shutdown` is cancelled. Then it
 /// refuses new requests, lets those in flight finish for [`Config::grace`], and returns.
@@ -90,47 +93,31 @@ pub async fn serve(
         tokio::task::spawn_blocking(move || prepare(&config, source.as_ref()))
     };
     let prepared = prepared.await.map_err(|error| ServeError::Listener(std::io::Error::other(error)))??;
-    let answers = CancellationToken::new();
-    serve_prepared(config, prepared, listener, source, registry, shutdown, answers).await
+    let scene = SceneToServe { name: scene_name_like(&source.scene().name), source, prepared };
+    serve_prepared(config, vec![scene], listener, registry, shutdown, CancellationToken::new()).await
 }
 
-/// Serves a scene that is prepared by this configuration, like [`serve`]. Cancels `answers` once it is ready for load:
-/// a worker can answer views, and knows what they cost.
+/// Serves scenes that are prepared by this configuration, like [`serve`]; the first one is that of requests that name none. Cancels
+/// `answers` once the first view can come: a worker of a scene can answer views, and knows what they cost.
 ///
 /// # Errors
-/// [`ServeError`].
+/// [`ServeError`]: [`ServeError::Scene`] without a scene, for a name that is not valid, and for one that two scenes have.
 pub async fn serve_prepared(
     config: Config,
-    prepared: Prepared,
+    scenes: Vec<SceneToServe>,
     listener: impl Accept,
-    source: Arc<dyn SceneSource>,
     registry: Arc<dyn Registry>,
     shutdown: CancellationToken,
     answers: CancellationToken,
 ) -> Result<(), ServeError> {
-    let scene = source.scene();
-    let Prepared { set, effect_plan } = prepared;
-    let (rig, effects, indirect, exposure) = (set.rig, set.effects, set.indirect, set.lighting.exposure);
-    let sight = {
-        let source = source.clone();
-        tokio::task::spawn_blocking(move || source.sight()).await.ok().flatten()
-    };
-    let set = Arc::new(set);
-    let service = ServiceInfo {
-        scene: SceneRef { name: scene.name.clone(), hash: scene.hash },
-        limits: config.core.limits,
-        report_interval: config.core.report_interval,
-    };
     let address = listener.local_addr()?;
-    info!(%address, scene = scene.name, %effects, %indirect, exposure, "coordinator serves");
-    let (core, models) = (config.core.clone(), config.models.clone());
-    // Tile cameras see everything from above. In an animated scene, occluders move.
-    let chooses = matches!(rig, Rig::Cell { .. }) && !scene.is_animated();
-    let chosen_by = sight.clone().filter(|_| chooses);
-    let fresh = move || {
-        Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(chosen_by.clone())
-    };
-    let shared = Arc::new(SharedCore::new(&config, fresh, source, sight, service));
+    let scenes = Arc::new(SceneTable::new(served_scenes(&config, scenes).await?));
+    for scene in scenes.all() {
+        let set = scene.shared.read(|core| core.set().clone());
+        let (effects, indirect, exposure) = (set.effects, set.indirect, set.lighting.exposure);
+        let file = &scene.shared.service.scene.name;
+        info!(%address, scene = file, name = scene.name, %effects, %indirect, exposure, "coordinator serves");
+    }
     let reached_at = config
         .advertise
         .clone()
@@ -140,51 +127,53 @@ pub async fn serve_prepared(
     // Workers can join and fetch the scene before any view can be answered.
     health.set_serving::<ClusterServer<cluster::ClusterService>>().await;
     health.set_serving::<ScenesServer<scenes::ScenesService>>().await;
-    let monitor = Arc::new(monitor::Monitor(shared.clone()));
+    let monitor = Arc::new(monitor::Monitor(scenes.clone()));
     let kept = keep_health(monitor.clone(), health, &[ViewsServer::<views::ViewsService>::NAME]).await;
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
         .build_v1()?;
 
+    let first = scenes.first().shared.clone();
     let draining = {
-        let (shared, shutdown, grace) = (shared.clone(), shutdown.clone(), config.grace);
+        let (scenes, closing, shutdown, grace) =
+            (scenes.clone(), first.closing.clone(), shutdown.clone(), config.grace);
         async move {
             shutdown.cancelled().await;
             info!("coordinator drains");
-            shared.step(Event::Drain);
+            scenes.step_all(&Event::Drain);
             let idle = async {
-                while shared.read(|core| core.views_in_flight()) > 0 {
+                while scenes.views_in_flight() > 0 {
                     tokio::time::sleep(Duration::from_millis(10)).await;
                 }
             };
             // What is not done within the grace period is cancelled. The client library then retries.
             let _ = tokio::time::timeout(grace, idle).await;
-            shared.closing.cancel();
+            closing.cancel();
         }
     };
-    let views = ViewsServer::new(views::ViewsService::new(shared.clone(), effect_plan));
+    let views = ViewsServer::new(views::ViewsService { scenes: scenes.clone() });
     let services = Routes::new(views.max_decoding_message_size(config.max_request_bytes))
-        .add_service(ClusterServer::new(cluster::ClusterService { shared: shared.clone() }))
-        .add_service(ScenesServer::new(scenes::ScenesService::new(shared.clone())))
+        .add_service(ClusterServer::new(cluster::ClusterService { scenes: scenes.clone() }))
+        .add_service(ScenesServer::new(scenes::ScenesService::new(scenes.clone())))
         .add_service(health_service.max_decoding_message_size(net::MOST_QUESTION_BYTES))
         .add_service(reflection.max_decoding_message_size(net::MOST_QUESTION_BYTES));
     let connections = secured(incoming(listener, config.max_connections), config.security.clone());
     let server = net::server(Guarded::Coordinator, config.security.as_ref())
-        .add_routes(with_pages(services, monitor, shared.frame_metrics.registry()))
+        .add_routes(with_pages(services, monitor, first.frame_metrics.registry()))
         .serve_with_incoming_shutdown(connections, draining);
     let cut_off = async {
-        shared.closing.cancelled().await;
+        first.closing.cancelled().await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     };
     let served = tokio::select! {
         served = server => served,
-        () = tick(&shared, &config, &answers) => Ok(()),
+        () = tick(&scenes, &config, &answers) => Ok(()),
         () = kept => Ok(()),
-        () = lead::lead(&shared, &registry, &reached_at) => Ok(()),
+        () = lead::lead(&scenes, &registry, &reached_at) => Ok(()),
         () = cut_off => Ok(()),
     };
-    lead::give_up(&shared, registry.as_ref()).await;
+    lead::give_up(&scenes, registry.as_ref()).await;
     served?;
     info!("coordinator stopped");
     Ok(())
@@ -200,22 +189,26 @@ pub(crate) fn learn(header: &argus_proto::v1::FrameHeader) -> (u64, f64) {
     (relayed::uncovered(header), relayed::rendering_ms(header))
 }
 
-/// Sends the core its ticks, ten times a tick and at least ten times a second. Cancels `answers` once it is ready for load.
-async fn tick(shared: &SharedCore, config: &Config, answers: &CancellationToken) {
+/// Sends the cores their ticks, ten times a tick and at least ten times a second. Cancels `answers` once one of them is ready for load.
+async fn tick(scenes: &SceneTable, config: &Config, answers: &CancellationToken) {
+    let moves = |scene: &ServedScene| scene.shared.read(|core| core.set().epoch_secs > 0.0);
     // An epoch begins at most a fifth of its duration late.
-    let finest =
-        if shared.read(|core| core.set().epoch_secs > 0.0) { config.core.epoch / 5 } else { Duration::MAX };
+    let finest = if scenes.all().iter().any(moves) { config.core.epoch / 5 } else { Duration::MAX };
     let period = (config.core.tick / 10).min(finest);
     let period = period.clamp(Duration::from_millis(5), Duration::from_millis(100));
     let mut interval = tokio::time::interval(period);
     interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     loop {
         interval.tick().await;
-        shared.step(Event::Tick);
-        if !answers.is_cancelled() && shared.read(Core::is_ready_for_load) {
-            answers.cancel();
+        for scene in scenes.all() {
+            let shared = &scene.shared;
+            shared.step(Event::Tick);
+            if !answers.is_cancelled() && shared.read(Core::is_ready_for_load) {
+                answers.cancel();
+            }
+            shared.frame_metrics.ticked();
+            shared.channels.close_unused();
         }
-        shared.frame_metrics.ticked();
-        shared.channels.close_unused();
+        scenes.balance();
     }
 }

@@ -4,29 +4,41 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_proto::v1::{LightCells, StatusResponse, WorkerStatus};
+use argus_proto::v1::{self, LightCells, StatusResponse, WorkerStatus};
 
-use super::shared_core::SharedCore;
-use crate::observe::{Exposition, Monitored};
+use super::scene_table::SceneTable;
+use super::served_scene::ServedScene;
+use crate::core::Core;
+use crate::observe::{Exposition, Monitored, SceneRow};
 
 /// A coordinator without a tick for this long is wedged. It ticks ten times a second.
 const WEDGED: Duration = Duration::from_secs(10);
 
 /// Metrics, readiness and liveness of a coordinator.
-pub(super) struct Monitor(pub(super) Arc<SharedCore>);
+pub(super) struct Monitor(pub(super) Arc<SceneTable>);
+
+/// What metrics are computed from: a scene's status, and its views in flight.
+struct SceneStatus {
+    status: StatusResponse,
+    in_flight: usize,
+    limits: [usize; 2],
+}
 
 impl Monitored for Monitor {
     fn ready(&self) -> Result<(), String> {
-        self.0.check_leading().map_err(|fault| fault.to_string())?;
-        self.0.read(|core| match (core.is_draining(), core.is_ready_for_load()) {
+        self.0.first().shared.check_leading().map_err(|fault| fault.to_string())?;
+        let state =
+            |scene: &ServedScene| scene.shared.read(|core| (core.is_draining(), core.is_ready_for_load()));
+        let states: Vec<(bool, bool)> = self.0.all().iter().map(state).collect();
+        match (states.iter().any(|(drains, _)| *drains), states.iter().any(|(_, is_ready)| *is_ready)) {
             (true, _) => Err("the coordinator is shutting down".to_owned()),
             (_, true) => Ok(()),
             (_, false) => Err("no worker is ready to render; start one with `argus worker`".to_owned()),
-        })
+        }
     }
 
     fn live(&self) -> Result<(), String> {
-        let silent = self.0.frame_metrics.silent();
+        let silent = self.0.first().shared.frame_metrics.silent();
         match silent < WEDGED {
             true => Ok(()),
             false => Err(format!("the coordinator has not moved for {} s", silent.as_secs())),
@@ -34,138 +46,225 @@ impl Monitored for Monitor {
     }
 
     fn expose(&self, to: &mut Exposition<'_>) -> fmt::Result {
-        if let Some(security) = self.0.channels.reloadable() {
+        let first = &self.0.first().shared;
+        if let Some(security) = first.channels.reloadable() {
             security.expose(to)?;
         }
-        let leads = f64::from(self.0.check_leading().is_ok());
+        let leads = f64::from(first.check_leading().is_ok());
         to.gauge("leading", "1 for the coordinator that leads, 0 for one that stands by", leads)?;
-        self.0.client_metrics.expose(to)?;
-        let (status, in_flight) = self.0.read(|core| (core.status(), core.views_in_flight()));
-        let (most_views, most_sessions) =
-            self.0.read(|core| (core.config().max_views, core.config().max_sessions));
+        first.client_metrics.expose(to)?;
+        let is_one = self.0.all().len() == 1;
+        let of_scene = |scene: &ServedScene| {
+            let read = |core: &Core| SceneStatus {
+                status: core.status(),
+                in_flight: core.views_in_flight(),
+                limits: [core.config().max_views, core.config().max_sessions],
+            };
+            // The only scene needs no label.
+            let name = (!is_one).then(|| scene.name.clone());
+            (name, scene.shared.read(read))
+        };
+        let scenes: Vec<(Option<String>, SceneStatus)> = self.0.all().iter().map(of_scene).collect();
+        let mut to = ByScene { to, scenes: &scenes };
         to.gauges(
             "limits",
             "The largest number of views in flight and of open sessions; further ones are rejected",
-            [([("what", "views")], most_views as f64), ([("what", "sessions")], most_sessions as f64)],
+            |scene| {
+                let [views, sessions] = scene.limits.map(|most| most as f64);
+                [([("what", "views")], views), ([("what", "sessions")], sessions)]
+            },
         )?;
-        cluster(to, &status, in_flight)?;
-        counters(to, &status)?;
-        workers(to, &status)
+        cluster(&mut to)?;
+        counters(&mut to)?;
+        workers(&mut to)
     }
 }
 
-fn cluster(to: &mut Exposition<'_>, status: &StatusResponse, in_flight: usize) -> fmt::Result {
-    let unready = status.workers.len().saturating_sub(status.processes as usize);
+/// Writes metrics that each scene has.
+struct ByScene<'a, 'e> {
+    to: &'a mut Exposition<'e>,
+    scenes: &'a [(Option<String>, SceneStatus)],
+}
+
+impl<'a> ByScene<'a, '_> {
+    /// Writes a gauge for each scene.
+    fn gauge(&mut self, name: &str, help: &str, value: impl Fn(&'a SceneStatus) -> f64) -> fmt::Result {
+        self.gauges(name, help, |scene| [([], value(scene))])
+    }
+
+    /// Writes a gauge for each set of labels of each scene.
+    fn gauges<const N: usize, R>(
+        &mut self,
+        name: &str,
+        help: &str,
+        rows: impl Fn(&'a SceneStatus) -> R,
+    ) -> fmt::Result
+    where
+        R: IntoIterator<Item = ([(&'a str, &'a str); N], f64)>,
+    {
+        let rows = rows_of(self.scenes, rows);
+        self.to.gauges_of_scenes(name, help, rows)
+    }
+
+    /// Writes a counter for each scene.
+    fn counter(&mut self, name: &str, help: &str, value: impl Fn(&'a SceneStatus) -> u64) -> fmt::Result {
+        self.counters(name, help, |scene| [([], value(scene) as f64)])
+    }
+
+    /// Writes a counter for each set of labels of each scene.
+    fn counters<const N: usize, R>(
+        &mut self,
+        name: &str,
+        help: &str,
+        rows: impl Fn(&'a SceneStatus) -> R,
+    ) -> fmt::Result
+    where
+        R: IntoIterator<Item = ([(&'a str, &'a str); N], f64)>,
+    {
+        let rows = rows_of(self.scenes, rows);
+        self.to.counters_of_scenes(name, help, rows)
+    }
+}
+
+/// The rows of all scenes, each with the name of its scene.
+fn rows_of<'a, const N: usize, R>(
+    scenes: &'a [(Option<String>, SceneStatus)],
+    rows: impl Fn(&'a SceneStatus) -> R,
+) -> impl Iterator<Item = SceneRow<'a, N>>
+where
+    R: IntoIterator<Item = ([(&'a str, &'a str); N], f64)>,
+{
+    scenes.iter().flat_map(move |(name, scene)| {
+        rows(scene).into_iter().map(move |(labels, value)| (name.as_deref(), labels, value))
+    })
+}
+
+fn cluster(to: &mut ByScene<'_, '_>) -> fmt::Result {
     to.gauges(
         "processes",
         "Workers by role; a worker with both roles counts twice, unready ones have none",
-        [
-            ([("role", "sampler")], f64::from(status.samplers)),
-            ([("role", "compositor")], f64::from(status.compositors)),
-            ([("role", "unready")], unready as f64),
-        ],
+        |SceneStatus { status, .. }| {
+            let unready = status.workers.len().saturating_sub(status.processes as usize);
+            [
+                ([("role", "sampler")], f64::from(status.samplers)),
+                ([("role", "compositor")], f64::from(status.compositors)),
+                ([("role", "unready")], unready as f64),
+            ]
+        },
     )?;
     let kinds = ["sample", "view", "direct", "ray"].map(|kind| [("kind", kind)]);
-    let per_tick =
-        [status.samples_per_tick, status.views_per_tick, status.direct_views_per_tick, status.rays_per_tick];
     to.gauges(
         "demand_per_tick",
         "S, V, D and R: samples, views, direct views and rays demanded per tick",
-        kinds.into_iter().zip(per_tick),
+        |SceneStatus { status, .. }| {
+            kinds.into_iter().zip([
+                status.samples_per_tick,
+                status.views_per_tick,
+                status.direct_views_per_tick,
+                status.rays_per_tick,
+            ])
+        },
     )?;
-    let ms = [status.sample_ms, status.view_ms, status.direct_ms, status.ray_ms];
-    let seconds = ms.map(|ms| ms * 1e-3);
     to.gauges(
         "cost_seconds",
         "g, c, g_direct and g_ray: measured cost of a sample, view, direct view and ray",
-        kinds.into_iter().zip(seconds),
+        |SceneStatus { status, .. }| {
+            let ms = [status.sample_ms, status.view_ms, status.direct_ms, status.ray_ms];
+            kinds.into_iter().zip(ms.map(|ms| ms * 1e-3))
+        },
     )?;
     to.gauges(
         "tick_seconds",
         "Time of a tick's work by the balance formula, and busy time of the busiest worker in a tick",
-        [
-            ([("which", "predicted")], status.tick_predicted_ms * 1e-3),
-            ([("which", "measured")], status.tick_measured_ms * 1e-3),
-        ],
+        |SceneStatus { status, .. }| {
+            [
+                ([("which", "predicted")], status.tick_predicted_ms * 1e-3),
+                ([("which", "measured")], status.tick_measured_ms * 1e-3),
+            ]
+        },
     )?;
-    to.gauge("views_in_flight", "Views waiting or in work", in_flight as f64)?;
-    to.gauge("sessions_open", "Open sessions", status.counts().sessions_open as f64)?;
-    let pressure = status.pressed();
+    to.gauge("views_in_flight", "Views waiting or in work", |scene| scene.in_flight as f64)?;
+    to.gauge("sessions_open", "Open sessions", |scene| scene.status.counts().sessions_open as f64)?;
     to.gauges(
         "pressure_processes",
         "What views ask for, each by its cheapest way within its error bound, and what they lack of it, in processes",
-        [([("what", "asked")], pressure.asked), ([("what", "lacking")], pressure.lacking)],
+        |SceneStatus { status, .. }| {
+            let pressure = status.pressed();
+            [([("what", "asked")], pressure.asked), ([("what", "lacking")], pressure.lacking)]
+        },
     )?;
-    let refinements = status.refined();
     to.gauges(
         "refinements",
         "Samples at refinements of the rig, where views have holes",
-        [
-            ([("state", "wanted")], f64::from(refinements.wanted)),
-            ([("state", "placed")], f64::from(refinements.placed)),
-            ([("state", "usable")], f64::from(refinements.usable)),
-        ],
+        |SceneStatus { status, .. }| {
+            let refinements = status.refined();
+            [
+                ([("state", "wanted")], f64::from(refinements.wanted)),
+                ([("state", "placed")], f64::from(refinements.placed)),
+                ([("state", "usable")], f64::from(refinements.usable)),
+            ]
+        },
     )
 }
 
-fn counters(to: &mut Exposition<'_>, status: &StatusResponse) -> fmt::Result {
-    let counters = status.counts();
-    to.counters(
-        "views",
-        "Views, by how they ended",
+fn counters(to: &mut ByScene<'_, '_>) -> fmt::Result {
+    to.counters("views", "Views, by how they ended", |SceneStatus { status, .. }| {
+        let counters = status.counts();
         [
             ([("outcome", "answered")], counters.views_answered as f64),
             ([("outcome", "failed")], counters.views_failed as f64),
             ([("outcome", "rejected")], counters.views_rejected as f64),
-        ],
-    )?;
-    to.counter("views_retried", "Attempts at a view by another worker", counters.views_retried)?;
-    to.counter(
-        "frames_refused",
-        "Frames rejected because their error exceeded the bound",
-        counters.frames_refused,
-    )?;
-    let superseded = counters.cameras_superseded;
-    to.counter(
+        ]
+    })?;
+    let mut counter = |name: &str, help: &str, count: fn(v1::Counters) -> u64| {
+        to.counter(name, help, |scene| count(scene.status.counts()))
+    };
+    counter("views_retried", "Attempts at a view by another worker", |counts| counts.views_retried)?;
+    counter("frames_refused", "Frames rejected because their error exceeded the bound", |counts| {
+        counts.frames_refused
+    })?;
+    counter(
         "cameras_superseded",
         "Session cameras superseded by a newer one before they were rendered",
-        superseded,
+        |counts| counts.cameras_superseded,
     )?;
-    to.counter("roles_changed", "Changes of role", counters.roles_changed)?;
-    to.counter("workers_joined", "Workers that joined", counters.workers_joined)?;
-    to.counter(
-        "workers_lost",
-        "Workers whose lease expired or whose stream ended unannounced",
-        counters.workers_lost,
-    )
+    counter("roles_changed", "Changes of role", |counts| counts.roles_changed)?;
+    counter("workers_joined", "Workers that joined", |counts| counts.workers_joined)?;
+    counter("workers_lost", "Workers whose lease expired or whose stream ended unannounced", |counts| {
+        counts.workers_lost
+    })
 }
 
-fn workers(to: &mut Exposition<'_>, status: &StatusResponse) -> fmt::Result {
-    let rows = |value: fn(&WorkerStatus) -> f64| {
-        status.workers.iter().map(move |worker| ([("worker", worker.id.as_str())], value(worker)))
+fn workers(to: &mut ByScene<'_, '_>) -> fmt::Result {
+    let mut of_workers = |name: &str, help: &str, value: fn(&WorkerStatus) -> f64| {
+        to.gauges(name, help, |SceneStatus { status, .. }| {
+            status.workers.iter().map(move |worker| ([("worker", worker.id.as_str())], value(worker)))
+        })
     };
-    let queued = |worker: &WorkerStatus| f64::from(worker.queued_samples + worker.queued_views);
-    to.gauges("worker_queue", "Samples and views that wait at a worker", rows(queued))?;
-    to.gauges(
-        "worker_samples_held",
-        "Samples that a worker holds",
-        rows(|worker| worker.samples_held as f64),
-    )?;
-    let bytes = rows(|worker| worker.frames_bytes as f64);
-    to.gauges(
+    of_workers("worker_queue", "Samples and views that wait at a worker", |worker| {
+        f64::from(worker.queued_samples + worker.queued_views)
+    })?;
+    of_workers("worker_samples_held", "Samples that a worker holds", |worker| worker.samples_held as f64)?;
+    of_workers(
         "worker_frames_bytes",
         "Bytes of a worker's recent frames, from which views are warped",
-        bytes,
+        |worker| worker.frames_bytes as f64,
     )?;
-    let cells = |value: fn(&LightCells) -> f64| {
-        let held = status.workers.iter().filter_map(|worker| Some((worker, worker.light_cells.as_ref()?)));
-        held.map(move |(worker, cells)| ([("worker", worker.id.as_str())], value(cells)))
+    // Values that are not finite are left out.
+    let cells = |worker: &WorkerStatus, value: fn(&LightCells) -> f64| {
+        worker.light_cells.as_ref().map_or(f64::NAN, value)
     };
     to.gauges(
         "worker_light_cell_bytes",
         "Bytes of a worker's light cells",
-        cells(|cells| cells.bytes as f64),
+        |SceneStatus { status, .. }| {
+            let bytes = move |worker| cells(worker, |cells| cells.bytes as f64);
+            status.workers.iter().map(move |worker| ([("worker", worker.id.as_str())], bytes(worker)))
+        },
     )?;
     let share = "Share of the pixels asking for light cells that cells lit at a worker, 0 to 1";
-    to.gauges("worker_light_cells_lit_share", share, cells(LightCells::lit_share))
+    to.gauges("worker_light_cells_lit_share", share, |SceneStatus { status, .. }| {
+        let share = move |worker| cells(worker, LightCells::lit_share);
+        status.workers.iter().map(move |worker| ([("worker", worker.id.as_str())], share(worker)))
+    })
 }

@@ -46,7 +46,8 @@ impl Redirects {
         if self.relayed_until.is_some_and(|until| Instant::now() < until) {
             return None;
         }
-        let for_worker = within(&request.span, request.for_worker(shared.term(), order));
+        let scene = shared.service.scene.hash;
+        let for_worker = within(&request.span, request.for_worker(shared.term(), scene, order));
         let (client, age) = (&request.client, request.arrived.elapsed());
         let issued = shared.redirect(order.worker, client, for_worker, age, self.serial + 1)?;
         self.serial += 1;

@@ -1,5 +1,6 @@
 //! The `Scenes` service: workers fetch the scene from it.
 
+use std::collections::BTreeMap;
 use std::pin::Pin;
 use std::sync::{Arc, Weak};
 
@@ -8,20 +9,21 @@ use argus_proto::convert::scene_hash;
 use argus_proto::status::invalid;
 use argus_proto::v1::scenes_server::Scenes;
 use argus_proto::{Fault, v1};
+use argus_scene::SceneHash;
 use bytes::Bytes;
 use futures::Stream;
 use tokio::sync::Mutex;
 use tonic::{Request, Response, Status};
 use tracing::info;
 
-use super::shared_core::SharedCore;
+use super::scene_table::SceneTable;
 use crate::SceneSource;
 
 /// The gRPC service.
 pub(super) struct ScenesService {
-    shared: Arc<SharedCore>,
-    /// The bundle while it is being sent. Concurrent fetches share it, and it is dropped after the last one.
-    bundle: Mutex<Weak<SceneFiles>>,
+    scenes: Arc<SceneTable>,
+    /// The bundle of each scene while it is being sent. Concurrent fetches share it, and it is dropped after the last one.
+    bundles: BTreeMap<SceneHash, Mutex<Weak<SceneFiles>>>,
 }
 
 /// The scene's files, the root file first.
@@ -32,17 +34,22 @@ struct SceneFiles {
 type Chunks = Box<dyn Iterator<Item = v1::SceneChunk> + Send>;
 
 impl ScenesService {
-    pub(super) fn new(shared: Arc<SharedCore>) -> Self {
-        Self { shared, bundle: Mutex::default() }
+    pub(super) fn new(scenes: Arc<SceneTable>) -> Self {
+        let hashes = scenes.all().iter().map(|scene| scene.shared.service.scene.hash);
+        let bundles = hashes.map(|hash| (hash, Mutex::default())).collect();
+        Self { scenes, bundles }
     }
 
-    async fn chunks(&self) -> Result<Chunks, Status> {
-        let source = self.shared.source.clone();
+    async fn chunks(
+        &self,
+        source: Arc<dyn SceneSource>,
+        bundle: &Mutex<Weak<SceneFiles>>,
+    ) -> Result<Chunks, Status> {
         let scene = source.scene().clone();
         if let Some(spec) = source.procedural() {
             return Ok(Box::new(std::iter::once(procedural_chunk(&scene.name, scene.hash, &spec))));
         }
-        let bundle = read_once(&self.bundle, move || read(source.as_ref())).await?;
+        let bundle = read_once(bundle, move || read(source.as_ref())).await?;
         let Some(root) = bundle.files.first().map(|(name, _)| name.clone()) else {
             return Err(Status::internal("the scene has no files"));
         };
@@ -61,12 +68,14 @@ impl Scenes for ScenesService {
 
     async fn fetch(&self, request: Request<v1::FetchRequest>) -> Result<Response<Self::FetchStream>, Status> {
         let wanted = scene_hash(&request.get_ref().scene_hash, "scene_hash").map_err(invalid)?;
-        let ours = self.shared.service.scene.hash;
-        if wanted != ours {
-            return Err(Fault::NotFound(format!("scene {wanted} is not served here, {ours} is")).into());
-        }
-        let chunks = self.chunks().await?;
-        info!(scene = self.shared.service.scene.name, "scene sent");
+        let (Some(scene), Some(bundle)) = (self.scenes.by_hash(wanted), self.bundles.get(&wanted)) else {
+            let ours: Vec<String> = self.bundles.keys().map(ToString::to_string).collect();
+            let verb = if ours.len() == 1 { "is" } else { "are" };
+            let reason = format!("scene {wanted} is not served here, {} {verb}", ours.join(", "));
+            return Err(Fault::NotFound(reason).into());
+        };
+        let chunks = self.chunks(scene.shared.source.clone(), bundle).await?;
+        info!(scene = scene.shared.service.scene.name, "scene sent");
         Ok(Response::new(Box::pin(futures::stream::iter(chunks.map(Ok)))))
     }
 }

@@ -5,16 +5,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
-use argus_scene::revisions::MOST_REVISIONS;
 use argus_scene::rig::{CoverageEstimate, VisibilityQuery};
 use argus_scene::{Prediction, Transforms, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
-use tokio::sync::mpsc::{Receiver, Sender, UnboundedReceiver, UnboundedSender, channel, unbounded_channel};
+use tokio::sync::mpsc::{Sender, UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tonic::{Request, Status};
 use tracing::{debug, info, warn};
+
+mod members;
+
+pub(super) use members::JoinedWorker;
 
 use super::client_metrics::ClientMetrics;
 use super::config::Config;
@@ -25,7 +28,6 @@ use super::recent_estimates::RecentEstimates;
 use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Uptime, ViewId, WorkerId};
-use crate::leadership::HeldLease;
 use crate::net::Channels;
 use crate::sealed::{Kind, SealKey};
 use crate::wire::{self, ServiceInfo};
@@ -34,7 +36,7 @@ use crate::wire::{self, ServiceInfo};
 /// a full queue does not read.
 const MOST_ASSIGNMENTS: usize = 64;
 
-/// The core and what else all services of a coordinator share.
+/// The core of a scene, and what else all services share of it.
 pub(super) struct SharedCore {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) service: ServiceInfo,
@@ -45,15 +47,13 @@ pub(super) struct SharedCore {
     pub(super) read_within: Duration,
     /// Metrics of frames.
     pub(super) frame_metrics: FrameMetrics,
-    pub(super) client_metrics: ClientMetrics,
+    pub(super) client_metrics: Arc<ClientMetrics>,
     /// Counts of the clients' redirect tickets.
     tickets: RedirectTickets,
     planning: PlanningTime,
     estimates: RecentEstimates,
     /// Cancelled on shutdown, when endless streams must end.
     pub(super) closing: CancellationToken,
-    /// The lease, while this coordinator holds it.
-    pub(super) lease: Mutex<Option<HeldLease>>,
     /// Makes the core of a new leadership.
     fresh: Box<dyn Fn() -> Core + Send + Sync>,
     state: Mutex<State>,
@@ -68,6 +68,18 @@ struct State {
     streams: HashMap<WorkerId, WorkerStream>,
     movers: Movers,
     views: HashMap<ViewId, UnboundedSender<CoreReply>>,
+    /// Views that were requested, and how many of them were when the load was last asked for.
+    requested: [u64; 2],
+    /// Workers that left for another scene.
+    moved: u64,
+}
+
+/// What the cores of all scenes of a coordinator share.
+#[derive(Clone)]
+pub(super) struct ProcessParts {
+    pub(super) client_metrics: Arc<ClientMetrics>,
+    pub(super) frame_metrics: FrameMetrics,
+    pub(super) closing: CancellationToken,
 }
 
 /// A leadership of this coordinator.
@@ -93,6 +105,10 @@ struct WorkerStream {
     redirect_target: Option<RedirectTarget>,
     assignments: Sender<Result<v1::Assignment, Status>>,
     expelled: CancellationToken,
+    /// Whether it had this scene open when it joined.
+    had_it_open: bool,
+    /// Whether it finishes its views, to go to another scene.
+    moves_out: bool,
 }
 
 /// Redirects to one worker.
@@ -109,13 +125,6 @@ struct RedirectTarget {
 /// Most redirects in flight to one worker. Its other places are for relayed frames, in case redirected clients are
 /// slow.
 const MOST_REDIRECTED: usize = 64;
-
-/// A worker that joined: its id, its assignments, and the token that ends its stream.
-pub(super) struct JoinedWorker {
-    pub(super) worker: WorkerId,
-    pub(super) assignments: Receiver<Result<v1::Assignment, Status>>,
-    pub(super) expelled: CancellationToken,
-}
 
 /// The core's reply about a view: an instruction, or the fault that ends the view.
 pub(super) type CoreReply = Result<Instruction, Fault>;
@@ -141,10 +150,20 @@ impl SharedCore {
         source: Arc<dyn SceneSource>,
         sight: Option<Arc<dyn VisibilityQuery>>,
         service: ServiceInfo,
+        parts: ProcessParts,
     ) -> Self {
-        let (streams, views) = (HashMap::new(), HashMap::new());
-        let (core, movers) = (fresh(), Movers::default());
-        let state = State { core, leading: None, leader: None, next_id: 1, streams, movers, views };
+        let ProcessParts { client_metrics, frame_metrics, closing } = parts;
+        let state = State {
+            core: fresh(),
+            leading: None,
+            leader: None,
+            next_id: 1,
+            streams: HashMap::new(),
+            movers: Movers::default(),
+            views: HashMap::new(),
+            requested: [0; 2],
+            moved: 0,
+        };
         Self {
             source,
             service,
@@ -152,13 +171,12 @@ impl SharedCore {
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone())
                 .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
-            frame_metrics: FrameMetrics::default(),
-            client_metrics: ClientMetrics::new(config.security.clone()),
+            frame_metrics,
+            client_metrics,
             tickets: RedirectTickets::default(),
             planning: PlanningTime::default(),
             estimates: RecentEstimates::default(),
-            closing: CancellationToken::new(),
-            lease: Mutex::new(None),
+            closing,
             fresh: Box::new(fresh),
             state: Mutex::new(state),
         }
@@ -299,41 +317,6 @@ impl SharedCore {
         }
     }
 
-    /// Names of the workers that have joined.
-    pub(super) fn workers(&self) -> Vec<String> {
-        self.state.lock().streams.values().map(|stream| stream.hello.name.clone()).collect()
-    }
-
-    /// Adds a worker that joined.
-    ///
-    /// # Errors
-    /// [`Fault::Unavailable`] on standby.
-    pub(super) fn join(&self, hello: Hello) -> Result<JoinedWorker, Fault> {
-        let (assignments, receiver) = channel(MOST_ASSIGNMENTS + MOST_REVISIONS);
-        let expelled = self.closing.child_token();
-        let mut state = self.state.lock();
-        if state.leading.is_none() {
-            return Err(stands_by(state.leader.as_deref()));
-        }
-        let worker = WorkerId(state.next_id);
-        state.next_id += 1;
-        info!(worker = hello.name, address = hello.address, device = hello.device, "worker joined");
-        // Without a key, no client is redirected there, and frames are relayed.
-        let key = hello.public_address.is_some().then(SealKey::drawn).flatten();
-        let new_target =
-            |key| RedirectTarget { key, serial: 0, in_flight: Arc::default(), alive: Arc::default() };
-        let redirect_target = key.map(new_target);
-        // Before its first order.
-        for transforms in state.movers.kept() {
-            let _ = assignments.try_send(Ok(wire::moved(&transforms, state.leading.map_or(0, |l| l.term))));
-        }
-        let stream =
-            WorkerStream { hello: hello.clone(), redirect_target, assignments, expelled: expelled.clone() };
-        state.streams.insert(worker, stream);
-        self.step_locked(&mut state, Event::Joined { worker, hello });
-        Ok(JoinedWorker { worker, assignments: receiver, expelled })
-    }
-
     /// Changes the nodes' transforms by a function, which sees the present ones, and serves the result. Workers learn it before
     /// any order for it. Returns the function's result with the number of samples that became stale, 0 if nothing changed.
     ///
@@ -360,16 +343,6 @@ impl SharedCore {
         Ok((result, stale))
     }
 
-    /// Removes a worker whose stream ended.
-    pub(super) fn leave(&self, worker: WorkerId) {
-        let mut state = self.state.lock();
-        if let Some(stream) = state.streams.remove(&worker) {
-            info!(worker = stream.hello.name, "worker left");
-            self.channels.forget(&stream.hello.address);
-        }
-        self.step_locked(&mut state, Event::Left { worker });
-    }
-
     /// Submits a view to the core. Replies come through the returned channel until [`SharedCore::end_view`].
     pub(super) fn begin_view(
         self: &Arc<Self>,
@@ -384,6 +357,7 @@ impl SharedCore {
         let mut state = self.state.lock();
         let view_id = ViewId(state.next_id);
         state.next_id += 1;
+        state.requested[0] += 1;
         match state.leading {
             None => drop(sender.send(Err(stands_by(state.leader.as_deref())))),
             Some(_) => {

@@ -2,8 +2,9 @@
 
 use std::time::Duration;
 
+use argus_proto::convert::scene_hash_bytes;
 use argus_proto::v1;
-use argus_scene::View;
+use argus_scene::{SceneHash, View};
 use tokio::time::Instant;
 use tracing::Span;
 
@@ -35,8 +36,8 @@ impl ViewRequest {
         self.arrived.elapsed().as_secs_f64() * 1e3
     }
 
-    /// The request that forwards an order to its worker. `term` is the coordinator's.
-    pub(super) fn for_worker(&self, term: u64, order: &Order) -> v1::RenderRequest {
+    /// The request that forwards an order to its worker. `term` is the coordinator's, `scene` the one that the view shows.
+    pub(super) fn for_worker(&self, term: u64, scene: SceneHash, order: &Order) -> v1::RenderRequest {
         let age = self.arrived.elapsed();
         let left = self.deadline.map_or(0, |deadline| {
             // 0 means no deadline.
@@ -63,6 +64,7 @@ impl ViewRequest {
                     max_excess: fallback.max_excess,
                 }),
                 keeps_frame: order.keeps_frame,
+                scene_hash: scene_hash_bytes(scene),
             }),
         }
     }

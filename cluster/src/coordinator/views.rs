@@ -8,8 +8,7 @@ use argus_proto::status::{check_version, invalid};
 use argus_proto::trace::{TARGET, continued};
 use argus_proto::v1::views_server::Views;
 use argus_proto::{Description, v1};
-use argus_scene::scene::NamedCamera;
-use argus_scene::{EffectPlan, InvalidField, PlanRequest, Search};
+use argus_scene::InvalidField;
 use futures::{Stream, StreamExt};
 use tokio::time::Instant;
 use tonic::{Request, Response, Status, Streaming};
@@ -19,10 +18,10 @@ use super::batch::{self, Batch};
 use super::checks::checked_request;
 use super::drive::{Answer, answer};
 use super::names;
-use super::node_names::NodeNames;
+use super::scene_table::SceneTable;
+use super::served_scene::ServedScene;
 use super::session;
 use super::set_transforms::set_transforms;
-use super::shared_core::SharedCore;
 use super::view_request::ViewRequest;
 use crate::core::Core;
 use crate::security::guard::Caller;
@@ -30,50 +29,10 @@ use crate::send_timeout::with_send_timeout;
 
 /// The gRPC service.
 pub(super) struct ViewsService {
-    pub(super) shared: Arc<SharedCore>,
-    /// The description before anything was measured.
-    description: Description,
-    nodes: NodeNames,
+    pub(super) scenes: Arc<SceneTable>,
 }
 
 type Streamed<T> = Pin<Box<dyn Stream<Item = Result<T, Status>> + Send>>;
-
-impl ViewsService {
-    pub(super) fn new(shared: Arc<SharedCore>, effect_plan: EffectPlan) -> Self {
-        let scene = shared.source.scene();
-        let (config, set) = shared.read(|core| (core.config().clone(), core.set().clone()));
-        let mut cameras: Vec<NamedCamera> =
-            scene.cameras.iter().filter(|named| named.camera.validate().is_ok()).cloned().collect();
-        if cameras.is_empty() {
-            cameras.push(NamedCamera { name: "default".to_owned(), camera: scene.default_camera() });
-        }
-        let search = Search::default();
-        let description = Description {
-            scene_name: scene.name.clone(),
-            scene_hash: scene.hash,
-            bounds: set.extent,
-            triangles: scene.triangles() as u64,
-            effects: scene.effects(),
-            effect_plan,
-            cameras,
-            limits: config.limits,
-            rig: set.rig,
-            epoch_secs: set.epoch_secs,
-            first_light: set.first_light(),
-            light: shared.source.light().unwrap_or_default(),
-            defaults: PlanRequest {
-                direct: false,
-                search: Some(search),
-                steps: Some(config.steps_of(search)),
-                supersampling: Some(1),
-                samples: Some(config.samples_per_view),
-                ..PlanRequest::default()
-            },
-        };
-        let nodes = NodeNames::new(scene);
-        Self { shared, description, nodes }
-    }
-}
 
 #[tonic::async_trait]
 impl Views for ViewsService {
@@ -90,13 +49,14 @@ impl Views for ViewsService {
             0 => {}
             theirs => check_version(theirs)?,
         }
-        let costs = self.shared.read(Core::effect_costs);
-        let effect_plan = self.description.effect_plan.clone().with_costs(&costs);
-        Ok(Response::new((&Description { effect_plan, ..self.description.clone() }).into()))
+        let ServedScene { shared, description, .. } = self.scenes.of(request.metadata())?;
+        let costs = shared.read(Core::effect_costs);
+        let effect_plan = description.effect_plan.clone().with_costs(&costs);
+        Ok(Response::new((&Description { effect_plan, ..description.clone() }).into()))
     }
 
     async fn names(&self, request: Request<v1::NamesRequest>) -> Result<Response<v1::NamesResponse>, Status> {
-        let scene = self.shared.source.scene();
+        let scene = self.scenes.of(request.metadata())?.shared.source.scene();
         Ok(Response::new(names::part(scene, request.into_inner()).map_err(invalid)?))
     }
 
@@ -105,7 +65,8 @@ impl Views for ViewsService {
         request: Request<v1::SetTransformsRequest>,
     ) -> Result<Response<v1::SetTransformsResponse>, Status> {
         let client = Caller::of(&request).name;
-        Ok(Response::new(set_transforms(&self.shared, &self.nodes, client, request.get_ref())?))
+        let ServedScene { shared, nodes, .. } = self.scenes.of(request.metadata())?;
+        Ok(Response::new(set_transforms(shared, nodes, client, request.get_ref())?))
     }
 
     async fn render(
@@ -115,9 +76,10 @@ impl Views for ViewsService {
         let arrived = Instant::now();
         let span = debug_span!(target: TARGET, "relay", view = request.get_ref().view_id);
         continued(&span, request.metadata());
+        let shared = &self.scenes.of(request.metadata())?.shared;
         let client = Caller::of(&request).name;
         let request = request.into_inner();
-        let view = checked_request(&self.shared, &request).map_err(invalid)?;
+        let view = checked_request(shared, &request).map_err(invalid)?;
         let view_request = ViewRequest {
             client,
             view,
@@ -129,13 +91,13 @@ impl Views for ViewsService {
             arrived,
             span,
         };
-        let frame = answer(self.shared.clone(), view_request, None).filter_map(async |answer| match answer {
+        let frame = answer(shared.clone(), view_request, None).filter_map(async |answer| match answer {
             Ok(Answer::Chunk(chunk)) => Some(Ok(chunk)),
             // Single views are never redirected.
             Ok(Answer::Redirect(_)) => None,
             Err(status) => Some(Err(status)),
         });
-        Ok(Response::new(Box::pin(with_send_timeout(frame, self.shared.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(frame, shared.read_within))))
     }
 
     async fn render_batch(
@@ -144,11 +106,12 @@ impl Views for ViewsService {
     ) -> Result<Response<Self::RenderBatchStream>, Status> {
         let span = debug_span!(target: TARGET, "batch", batch = request.get_ref().batch_id);
         continued(&span, request.metadata());
-        self.shared.check_leading()?;
+        let shared = &self.scenes.of(request.metadata())?.shared;
+        shared.check_leading()?;
         let client = Caller::of(&request).name;
-        let batch = Batch::checked(&self.shared, client, request.into_inner(), span).map_err(invalid)?;
-        let answers = batch::answers(self.shared.clone(), batch).map(Ok);
-        Ok(Response::new(Box::pin(with_send_timeout(answers, self.shared.read_within))))
+        let batch = Batch::checked(shared, client, request.into_inner(), span).map_err(invalid)?;
+        let answers = batch::answers(shared.clone(), batch).map(Ok);
+        Ok(Response::new(Box::pin(with_send_timeout(answers, shared.read_within))))
     }
 
     async fn redeem(
@@ -162,8 +125,9 @@ impl Views for ViewsService {
         &self,
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> Result<Response<Self::SessionStream>, Status> {
-        let open = session::Open::new(self.shared.clone(), Caller::of(&request).name)?;
+        let shared = &self.scenes.of(request.metadata())?.shared;
+        let open = session::Open::new(shared.clone(), Caller::of(&request).name)?;
         let answers = session::run(open, request.into_inner());
-        Ok(Response::new(Box::pin(with_send_timeout(answers, self.shared.read_within))))
+        Ok(Response::new(Box::pin(with_send_timeout(answers, shared.read_within))))
     }
 }

@@ -178,6 +178,14 @@ pub struct Report {
     pub backend_costs: Vec<(Visibility, f64)>,
 }
 
+impl Report {
+    /// What a report says of the process alone. Costs and samples are of the scene that the process has open.
+    pub fn of_process(self) -> Self {
+        let Self { applied, queued_samples, queued_views, leaving, piece_ms, .. } = self;
+        Self { applied, queued_samples, queued_views, leaving, piece_ms, ..Self::default() }
+    }
+}
+
 /// A session's last answered view, whose request left the way open.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LastView {

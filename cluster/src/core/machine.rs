@@ -99,6 +99,36 @@ impl Core {
         self.views.len()
     }
 
+    /// The last report of a worker; `None` if it is unknown.
+    pub fn last_report(&self, worker: WorkerId) -> Option<&Report> {
+        self.workers.get(worker).map(Worker::report)
+    }
+
+    /// Number of views that a worker has to answer.
+    pub fn views_at(&self, worker: WorkerId) -> usize {
+        self.workers.get(worker).map_or(0, Worker::queued)
+    }
+
+    /// Number of views that were answered so far.
+    pub fn views_answered(&self) -> u64 {
+        self.views.counts().answered
+    }
+
+    /// Processes that views ask for, each by its cheapest way within its error bound, at the last tick.
+    pub fn asked(&self) -> f64 {
+        self.views.pressure().asked
+    }
+
+    /// Number of workers that answer views.
+    pub fn answering(&self) -> usize {
+        self.workers.members().filter(|worker| worker.answers()).count()
+    }
+
+    /// Number of open sessions.
+    pub fn sessions_open(&self) -> usize {
+        self.views.sessions()
+    }
+
     /// Whether a new view could be answered now.
     pub fn can_answer(&self) -> bool {
         !self.views.is_draining() && self.workers.members().any(Worker::seems_well)

@@ -21,6 +21,8 @@
 //! What must go back is a returned value: prefetch lists, the number of samples to render, and the outputs of views.
 //! `machine` passes it on, and is the only module that changes more than one part.
 //!
+//! `scene_balance` decides which scene a worker belongs to. Each scene of a service has a machine of its own.
+//!
 //! All parts share `event` (inputs and outputs of the core), `config`, `time`, [`smooth`] and [`quality`] (models of
 //! errors and costs). `status` takes a snapshot of all parts.
 
@@ -29,6 +31,7 @@ mod event;
 mod machine;
 pub mod quality;
 mod samples;
+mod scene_balance;
 pub mod smooth;
 mod status;
 mod time;
@@ -41,6 +44,7 @@ pub use event::{
     Source, ViewId, WorkerId,
 };
 pub use machine::Core;
+pub use scene_balance::{SceneBalance, SceneLoad, SceneMove, scene_for_newcomer};
 pub use time::Uptime;
 pub use views::{EstimateRequest, explicit_plan, planner};
 pub use workers::{balance, hysteresis};

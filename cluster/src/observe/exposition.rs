@@ -13,13 +13,17 @@ pub(crate) struct Exposition<'a>(DescriptorEncoder<'a>);
 /// Labels of one row: names and values.
 type Labels<'l, const N: usize> = [(&'l str, &'l str); N];
 
+/// A row of one of several scenes: the scene's name, other labels, and the value. Without a name the row has no label `scene`.
+pub(crate) type SceneRow<'l, const N: usize> = (Option<&'l str>, Labels<'l, N>, f64);
+
 /// Labels, in the library's form.
 #[derive(Debug)]
-struct LabelSet<'l, const N: usize>(Labels<'l, N>);
+struct LabelSet<'l, const N: usize>(Option<&'l str>, Labels<'l, N>);
 
 impl<const N: usize> EncodeLabelSet for LabelSet<'_, N> {
     fn encode(&self, encoder: &mut LabelSetEncoder<'_>) -> fmt::Result {
-        for label in &self.0 {
+        let scene = self.0.map(|scene| ("scene", scene));
+        for label in scene.iter().chain(&self.1) {
             label.encode(encoder.encode_label())?;
         }
         Ok(())
@@ -43,7 +47,17 @@ impl<'a> Exposition<'a> {
         help: &str,
         rows: impl IntoIterator<Item = (Labels<'l, N>, f64)>,
     ) -> fmt::Result {
-        let rows = rows.into_iter().filter(|(_, value)| value.is_finite());
+        self.gauges_of_scenes(name, help, rows.into_iter().map(|(labels, value)| (None, labels, value)))
+    }
+
+    /// Writes a gauge like [`Self::gauges`], with rows of several scenes.
+    pub(crate) fn gauges_of_scenes<'l, const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        rows: impl Iterator<Item = SceneRow<'l, N>>,
+    ) -> fmt::Result {
+        let rows = rows.filter(|(_, _, value)| value.is_finite());
         self.family(name, help, MetricType::Gauge, rows, |mut encoder, value| encoder.encode_gauge(&value))
     }
 
@@ -59,7 +73,17 @@ impl<'a> Exposition<'a> {
         help: &str,
         rows: impl IntoIterator<Item = (Labels<'l, N>, f64)>,
     ) -> fmt::Result {
-        self.family(name, help, MetricType::Counter, rows.into_iter(), |mut encoder, value| {
+        self.counters_of_scenes(name, help, rows.into_iter().map(|(labels, value)| (None, labels, value)))
+    }
+
+    /// Writes a counter like [`Self::counters`], with rows of several scenes.
+    pub(crate) fn counters_of_scenes<'l, const N: usize>(
+        &mut self,
+        name: &str,
+        help: &str,
+        rows: impl Iterator<Item = SceneRow<'l, N>>,
+    ) -> fmt::Result {
+        self.family(name, help, MetricType::Counter, rows, |mut encoder, value| {
             encoder.encode_counter::<NoLabelSet, _, f64>(&value, None)
         })
     }
@@ -69,18 +93,16 @@ impl<'a> Exposition<'a> {
         name: &str,
         help: &str,
         kind: MetricType,
-        rows: impl Iterator<Item = (Labels<'l, N>, f64)>,
+        rows: impl Iterator<Item = SceneRow<'l, N>>,
         encode: impl Fn(MetricEncoder<'_>, f64) -> fmt::Result,
     ) -> fmt::Result {
         let mut encoder = self.0.encode_descriptor(name, help, None, kind)?;
-        for (labels, value) in rows {
-            match N {
-                0 => {
-                    // Without labels there is only one row.
-                    return encode(encoder, value);
-                }
-                _ => encode(encoder.encode_family(&LabelSet(labels))?, value)?,
+        for (scene, labels, value) in rows {
+            if N == 0 && scene.is_none() {
+                // Without labels there is only one row.
+                return encode(encoder, value);
             }
+            encode(encoder.encode_family(&LabelSet(scene, labels))?, value)?;
         }
         Ok(())
     }

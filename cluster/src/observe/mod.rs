@@ -13,7 +13,7 @@ use std::time::Duration;
 use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
 
-pub(crate) use exposition::Exposition;
+pub(crate) use exposition::{Exposition, SceneRow};
 pub(crate) use http::with_pages;
 
 /// The service name of liveness in the gRPC health service.

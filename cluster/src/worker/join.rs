@@ -96,7 +96,7 @@ pub(super) async fn stay(
             () = shutdown.cancelled() => return Ok(()),
         };
         node.status.lose_coordinator();
-        // A coordinator ends the stream when it shuts down, which is not an error.
+        // A coordinator ends the stream when it shuts down, and to move the worker to another scene. Neither is an error.
         let (orderly, reason) = match ended {
             Ok(()) => (true, "the coordinator ended the stream".to_owned()),
             Err(Ended::Fatal(error)) => return Err(error),
@@ -109,7 +109,7 @@ pub(super) async fn stay(
             return Err(RunError::Unreachable { url, reason });
         }
         match (joined_once, orderly) {
-            (true, true) => info!(url, "the coordinator shut down, joining again"),
+            (true, true) => info!(url, "the coordinator ended the stream, joining again"),
             (true, false) => warn!(url, reason, "the coordinator is lost, joining again"),
             (false, _) => {
                 static ABSENT: RateLimitedLog = RateLimitedLog::new();
@@ -145,8 +145,11 @@ async fn once(
     pause: &mut Duration,
 ) -> Result<(), Ended> {
     let (reports, outgoing) = mpsc::channel(4);
+    let held = node.served.scene().map(|scene| scene.hash);
+    // The coordinator sends the states that it keeps again. Those that are known may be of another scene.
+    node.transforms.forget();
     // The channel is empty, so this cannot fail.
-    let _ = reports.try_send(wire::hello(&node.hello));
+    let _ = reports.try_send(wire::hello(&node.hello, held));
     node.status.join_coordinator();
     let mut client = ClusterClient::new(channel.clone());
     // A process may accept the connection and never answer.
@@ -160,6 +163,8 @@ async fn once(
     let (interval, _) = watch::channel(FIRST_INTERVAL);
     let (duties, newest) = watch::channel(None);
     let listen = async {
+        // The transforms that come are those of this scene, also while another one is still open.
+        let mut assigned = None;
         loop {
             let message = assignments.message().await;
             let Some(assignment) = message.map_err(|status| Ended::Lost(status.message().to_owned()))? else {
@@ -169,7 +174,8 @@ async fn once(
             if let Some(transforms) = assignment.transforms {
                 let malformed = |at| Ended::Lost(format!("malformed transforms: {at}"));
                 let transforms = shared_transforms(transforms).map_err(malformed)?;
-                node.transforms.learn(transforms, node.served.scene().as_deref());
+                let scene = node.served.scene().filter(|scene| assigned == Some(scene.hash));
+                node.transforms.learn(transforms, scene.as_deref());
                 continue;
             }
             if assignment.report_interval_ms > 0 {
@@ -184,6 +190,7 @@ async fn once(
                 debug!(suspected = ?*node.suspected.borrow(), "suspected workers");
             }
             let duty = duty(assignment).map_err(|at| Ended::Lost(format!("a malformed assignment: {at}")))?;
+            assigned = Some(duty.scene.hash);
             duties.send_replace(Some(duty));
         }
     };
@@ -299,6 +306,9 @@ async fn carry_out(
 ) -> Result<(), Ended> {
     let scene = scene::obtain(node, opener, duty.scene, channel).await.map_err(Ended::Fatal)?;
     node.transforms.tell(&scene);
+    if node.served.scene().is_some_and(|before| before.hash != scene.hash) {
+        node.probes.forget();
+    }
     node.served.set_visibility_is_open(duty.visibility_is_open);
     let new_sampler = node.served.serve(&scene, duty.set, duty.limits);
     // Those that came meanwhile.

@@ -83,6 +83,16 @@ pub(super) enum Kind {
 pub(super) struct Meter(Mutex<Sums>);
 
 impl Meter {
+    /// Forgets costs, which were those of another scene. Sums since the start stay.
+    pub(super) fn forget_costs(&self) {
+        let mut sums = self.0.lock();
+        (sums.view_costs, sums.effects) = (ViewCosts::default(), EffectMeter::default());
+        let Sums { samples, direct, views, rays, parts, .. } = &mut *sums;
+        for work in [samples, direct, views, rays, parts] {
+            *work = Work { total: work.total, ..Work::default() };
+        }
+    }
+
     /// Records a batch of `count` results. `rendering` is the time in the role, `busy` the whole time with uploads.
     pub(super) fn add(&self, kind: Kind, count: usize, rendering: Duration, busy: Duration) {
         let mut sums = self.0.lock();
@@ -186,5 +196,19 @@ mod tests {
         meter.add_received(ms(7));
         meter.fill(&mut report);
         assert_eq!((report.samples_received, report.unpacking_ms), (2, 12.0));
+    }
+
+    #[test]
+    fn costs_of_another_scene_are_forgotten_and_sums_stay() {
+        let (meter, mut report) = (Meter::default(), Report::default());
+        let ms = Duration::from_millis;
+        meter.add(Kind::Sample, 2, ms(80), ms(80));
+        meter.set_cost(ViewKind::Direct, Some(Cost { fixed_ms: 1.0, ms_per_megapixel: 2.0 }));
+        meter.fill(&mut report);
+        assert!(report.sample_ms.is_some() && report.direct_cost.is_some());
+        meter.forget_costs();
+        meter.fill(&mut report);
+        assert_eq!((report.sample_ms, report.direct_cost), (None, None));
+        assert_eq!((report.samples_rendered, report.sampling_busy_ms), (2, 80.0));
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use argus_proto::convert::scene_hash;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
@@ -80,6 +81,11 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
         Plan::Direct { .. } => FaceMask::ALL,
         Plan::Warp(warp) => warp.faces.of(camera),
     };
+    // Before a version is looked up, whose number means something else in another scene.
+    let (served, _) = node.served.set()?;
+    if !order.scene_hash.is_empty() && scene_hash(&order.scene_hash, "order.scene_hash")? != served.scene {
+        return Err(Fault::Unavailable("this worker has gone to another scene".to_owned()));
+    }
     let (info, limits) = match ids.first() {
         Some(id) => node.served.set_in(Version { number: id.version, state })?,
         None => node.served.set_showing(state)?,

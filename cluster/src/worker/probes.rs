@@ -26,6 +26,11 @@ impl Probes {
         self.0.lock().probed
     }
 
+    /// Forgets all probes, which were of another scene.
+    pub(super) fn forget(&self) {
+        self.0.lock().probed = Probed::default();
+    }
+
     /// Begins a probe and returns its number. Returns `None` if one is in progress or the last one was recent.
     pub(super) fn begin(&self, now: Instant) -> Option<u64> {
         let mut state = self.0.lock();

@@ -161,6 +161,10 @@ impl Renderer {
                     return;
                 }
                 Work::Scene { scene, set } => {
+                    if self.scene.as_ref().is_some_and(|before| before.hash != scene.hash) {
+                        self.meter.forget_costs();
+                        self.is_measured = false;
+                    }
                     (self.scene, self.set) = (Some(scene), Some(set));
                     self.sampler = None;
                     self.retire_standby();

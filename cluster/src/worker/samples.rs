@@ -95,11 +95,12 @@ impl Samples for SamplesService {
 /// Checks a request. Returns the sample set in its version.
 fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
     let version = request.version.ok_or_else(|| InvalidField::new("version", "must be given"))?;
-    let (info, _) = node.served.set_in(version.try_into()?)?;
     let scene = scene_hash(&request.scene_hash, "scene_hash")?;
-    if scene != info.scene {
+    // Before the version is looked up, whose number means something else in another scene.
+    if scene != node.served.set()?.0.scene {
         return Err(Fault::NotFound(format!("this worker serves no samples of scene {scene}")));
     }
+    let (info, _) = node.served.set_in(version.try_into()?)?;
     let specification = specification_hash(&request.specification_hash, "specification_hash")?;
     check_specification(&info, specification)?;
     InvalidField::within("cameras", request.cameras.len(), 1..=MAX_CAMERAS)?;

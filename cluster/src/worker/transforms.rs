@@ -31,6 +31,11 @@ impl KnownTransforms {
         self.newest.send_replace(revision);
     }
 
+    /// Forgets all states. Scenes that were told keep theirs.
+    pub(super) fn forget(&self) {
+        self.states.clear();
+    }
+
     /// Tells a scene all known states.
     pub(super) fn tell(&self, scene: &Scene) {
         self.states.all().into_iter().for_each(|state| scene.revisions.add(state));

@@ -253,6 +253,7 @@ async fn the_view_of_a_silent_worker_is_answered_by_another_one() {
         address: address.clone(),
         device: common::roles::DEVICE.to_owned(),
         cores: 1,
+        scene_hash: Default::default(),
     };
     reports.send(WorkerReport { body: Some(Body::Hello(hello)) }).await.unwrap();
     let mut client = argus_proto::v1::cluster_client::ClusterClient::new(cluster.channel.clone());

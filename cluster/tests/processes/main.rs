@@ -13,6 +13,7 @@ mod memory;
 mod network;
 mod redirect;
 mod services;
+mod several_scenes;
 mod specification;
 mod transforms;
 mod views;

@@ -39,6 +39,8 @@ pub struct Description {
     pub first_light: LightLevel,
     /// The light that the scene is shown in and why, in one line; empty if nothing was chosen.
     pub light: String,
+    /// Names of all scenes of the service; the first is that of requests that name none.
+    pub scenes: Vec<String>,
 }
 
 impl From<&Description> for v1::DescribeResponse {
@@ -60,6 +62,7 @@ impl From<&Description> for v1::DescribeResponse {
             epoch_secs: description.epoch_secs,
             first_light: description.first_light.number(),
             light: description.light.clone(),
+            scenes: description.scenes.clone(),
         }
     }
 }
@@ -91,6 +94,7 @@ impl TryFrom<v1::DescribeResponse> for Description {
             epoch_secs: epoch_secs(wire.epoch_secs, "epoch_secs")?,
             first_light: light_level(wire.first_light, "first_light")?,
             light: wire.light,
+            scenes: wire.scenes,
         })
     }
 }

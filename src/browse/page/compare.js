@@ -1,5 +1,6 @@
 // A slider between what is shown and the same view rendered from the triangles.
 
+import { ofScene } from "./scene.js";
 import { pose, rounded, target } from "./viewer.js";
 
 export class Compare {
@@ -22,7 +23,7 @@ export class Compare {
     if (!wanted || this.shows === query || this.busy) return;
     this.busy = true;
     try {
-      const answer = await fetch(query);
+      const answer = await fetch(ofScene(query));
       if (!answer.ok) throw new Error(await answer.text());
       URL.revokeObjectURL(this.image.src);
       this.image.src = URL.createObjectURL(await answer.blob());

@@ -1,5 +1,7 @@
 // The figures below the view.
 
+import { ofScene } from "./scene.js";
+
 const at = id => document.getElementById(id);
 
 const LIGHT = {
@@ -42,7 +44,7 @@ export function figures(now, shown, link, { effects, lightRises, speed }) {
 
 // Light cells of the whole service, every few seconds, unless its status is not for this page's user.
 export async function showCells() {
-  const answer = await fetch("cells");
+  const answer = await fetch(ofScene("cells"));
   if (!answer.ok) return;
   const cells = await answer.json();
   setTimeout(() => showCells().catch(() => {}), 5000);

@@ -1,6 +1,7 @@
 // The WebSocket to the bridge; one HTTP request after another where none can be opened.
 
 import { decode, flat, inflate } from "./relief.js";
+import { ofScene } from "./scene.js";
 
 // Messages that are lost: told by `say`. A frame that arrived: `frame`. The connection is new, and knows no camera: `again`.
 export class Link {
@@ -24,7 +25,7 @@ export class Link {
   }
 
   connect() {
-    const address = new URL("session", location.href.split(/[?#]/)[0]);
+    const address = new URL(ofScene("session"), location.href.split(/[?#]/)[0]);
     address.protocol = address.protocol.replace("http", "ws");
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
@@ -90,7 +91,7 @@ export class Link {
     try {
       const soon = deadline_ms ? `&deadline_ms=${deadline_ms}` : "";
       const words = `eye=${eye}&target=${target}&fov_deg=${fov_deg}&size=${size.join("x")}${direct ? "&direct" : ""}${soon}`;
-      const answer = await fetch(`frame?${words}`, { signal: this.stop.signal });
+      const answer = await fetch(ofScene(`frame?${words}`), { signal: this.stop.signal });
       if (!answer.ok) throw new Error(await answer.text());
       const about = { ...JSON.parse(answer.headers.get("argus-frame")), camera_seq: number }, jpeg = await answer.blob();
       this.count(jpeg.size);

@@ -10,6 +10,7 @@ import { Others } from "./others.js";
 import { Pace } from "./pace.js";
 import { Plain } from "./plain.js";
 import { Requests } from "./request.js";
+import { offerScenes, ofScene } from "./scene.js";
 import { moves, note, pose, restedFor, stand, target, turn, viewer } from "./viewer.js";
 import { Warp } from "./warp.js";
 
@@ -115,6 +116,7 @@ function start(about) {
   Object.assign(scene, { animated: about.animated, lightRises: about.light_rises, effects: about.effects.filter(row => row.on).map(row => row.effect) });
   at("effects").title = about.effects.map(row => `${row.effect}: ${row.on ? "on" : "off"}, ${row.why}`).join("\n");
   viewer.speed = Math.hypot(...about.max.map((x, i) => x - about.min[i])) / 20;
+  offerScenes(at("scenes"), about.scenes, about.scene);
   about.cameras.forEach((named, i) => at("camera").add(new Option(named.name, i)));
   at("camera").addEventListener("change", () => { stand(about.cameras[at("camera").value].camera); canvas.focus(); });
   stand(about.cameras[0].camera);
@@ -141,7 +143,7 @@ globalThis.argus = { picture, viewer, shown, link, requests, screen, moves, rest
 
 // Starts, or asks for a token first.
 async function enter() {
-  const answer = await fetch("scene");
+  const answer = await fetch(ofScene("scene"));
   at("login").hidden = answer.status !== 401;
   if (answer.ok) {
     link.connect();

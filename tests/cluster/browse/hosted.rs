@@ -43,6 +43,21 @@ fn a_service_serves_its_page_itself_unless_told_not_to() {
     assert!(process.stop().success());
     assert!(TcpStream::connect(&address).is_err(), "the page ends with its service");
 
+    // A page shows the scene that its address names.
+    let (_both, page) = serve(&["--scene", "hills=terrain:3000"]);
+    let address = page.unwrap().replace("http://", "");
+    let get = |path: &str| get_from(&address, path, &address);
+    let scene = |path: &str| serde_json::from_slice::<Value>(&get(path).2).unwrap();
+    let (first, second) = (scene("/scene"), scene("/scene?scene=hills"));
+    assert_eq!((&first["name"], &first["scene"]), (&SMALL.into(), &"terrain".into()));
+    assert_eq!((&second["name"], &second["scene"]), (&"terrain:3000".into(), &"hills".into()));
+    assert_eq!(second["scenes"], serde_json::json!(["terrain", "hills"]));
+    let frames = ["/frame?size=64x48&direct", "/frame?size=64x48&direct&scene=hills"].map(get);
+    assert!(frames[0].0 == 200 && frames[1].0 == 200 && frames[0].2 != frames[1].2);
+    let (status, _, reason) = get("/scene?scene=valley");
+    let reason = String::from_utf8_lossy(&reason);
+    assert!(status == 400 && reason.contains("terrain, hills"), "{status} {reason}");
+
     let (_without, none) = serve(&["--page", "off"]);
     assert_eq!(none, None);
     let refused = run(&["serve", "--scene", SMALL, "--listen", "127.0.0.1:0", "--page", "0.0.0.0:0"]);

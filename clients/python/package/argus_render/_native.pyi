@@ -25,6 +25,7 @@ class Client:
         ca: bytes | None,
         token: str | None,
         identity: tuple[bytes, bytes] | None,
+        scene: str | None,
     ) -> Client: ...
     def describe(self) -> str: ...
     def render(

@@ -50,6 +50,8 @@ class Description:
     epoch_secs: float
     #: The light that the scene is shown in and why; empty if nothing was chosen.
     light: str
+    #: Names of all scenes of the service, as `connect` takes them; it shows the first one if it gets none.
+    scenes: tuple[str, ...]
 
     @classmethod
     def from_json(cls, text: str) -> Description:
@@ -57,7 +59,8 @@ class Description:
         fields: dict[str, Any] = json.loads(text)
         viewpoints = tuple(_viewpoint(**viewpoint) for viewpoint in fields.pop("viewpoints"))
         bounds, effects = np.array(fields.pop("bounds")), tuple(fields.pop("effects"))
-        return cls(bounds=bounds, effects=effects, viewpoints=viewpoints, **fields)
+        scenes = tuple(fields.pop("scenes"))
+        return cls(bounds=bounds, effects=effects, viewpoints=viewpoints, scenes=scenes, **fields)
 
 
 def _viewpoint(name: str, camera: dict[str, Any]) -> Viewpoint:

@@ -42,7 +42,10 @@ def open(scene: Paths, *, workers: int | None = None, arguments: Sequence[str] =
     """
     service = Service(os.fspath(scene), workers, arguments)
     try:
-        return Renderer(_native.Client(service.url, encoding="raw", timeout=30.0, ca=None, token=None, identity=None), service)
+        client = _native.Client(
+            service.url, encoding="raw", timeout=30.0, ca=None, token=None, identity=None, scene=None
+        )
+        return Renderer(client, service)
     except BaseException:
         service.stop()
         raise
@@ -56,13 +59,14 @@ def connect(
     identity: tuple[Paths, Paths] | None = None,
     encoding: Literal["raw", "zstd"] = "raw",
     timeout: float = 5.0,
+    scene: str | None = None,
 ) -> Renderer:
     """Connects to a service such as "http://127.0.0.1:7400", within `timeout` seconds.
 
     `url` may list several coordinators of one service, separated by commas. For https://, `ca` is the file of the authority
     that signed the service's certificate, `token_file` the file of this client's token, and `identity` the files of a
     certificate of this client and of its key, where the service wants one. `encoding` of images on the way: "zstd" takes time
-    and saves bytes.
+    and saves bytes. `scene` is the name of a scene, of a service with several (`Description.scenes`); the first one if not given.
     """
     if url.lower().startswith("https://") and ca is None:
         raise InvalidField("ca", "https:// needs the file of the authority that signed the service's certificate")
@@ -70,7 +74,7 @@ def connect(
     credentials = None if identity is None else (_read("identity[0]", identity[0]), _read("identity[1]", identity[1]))
     authority = None if ca is None else _read("ca", ca)
     client = _native.Client(
-        url, encoding=encoding, timeout=timeout, ca=authority, token=token, identity=credentials
+        url, encoding=encoding, timeout=timeout, ca=authority, token=token, identity=credentials, scene=scene
     )
     return Renderer(client, None, url)
 

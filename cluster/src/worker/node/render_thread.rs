@@ -75,7 +75,8 @@ impl RenderThread {
     /// Renders a view from samples that are in the store. Dropping the future cancels the view.
     ///
     /// # Errors
-    /// [`Fault::Overloaded`] if the queue is full; else the error of rendering.
+    /// [`Fault::Overloaded`] if the queue is full; [`Fault::Unavailable`] if another scene is served meanwhile; else the error of
+    /// rendering.
     pub(in crate::worker) async fn render_view(
         &self,
         job: ViewJob,
@@ -85,10 +86,12 @@ impl RenderThread {
     ) -> Result<Rendered, Fault> {
         let (reply, done) = oneshot::channel();
         let (waiting, claimed) = claim();
-        let task = ViewTask { job, info, samples, alone, queued: Instant::now(), claimed, reply };
+        let queued = Instant::now();
+        let task = ViewTask { job, info: info.clone(), samples, alone, queued, claimed, reply };
         self.queue.push_view(task).map_err(|_| self.overloaded("views"))?;
         let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
         drop(waiting);
+        self.served.check_scene(&info)?;
         Ok(rendered?)
     }
 
@@ -168,9 +171,10 @@ impl RenderThread {
     /// Traces pixels of a view. Retries once after a lost device. Dropping the future cancels it.
     ///
     /// # Errors
-    /// [`Fault::Overloaded`] if the queue is full; else the error of rendering.
+    /// [`Fault::Overloaded`] if the queue is full; [`Fault::Unavailable`] if another scene is served meanwhile; else the error of
+    /// rendering.
     pub(in crate::worker) async fn render_pixels(&self, job: &PixelJob) -> Result<Pixels, Fault> {
-        let mut again = true;
+        let (mut again, (set, _)) = (true, self.served.set()?);
         loop {
             let (reply, done) = oneshot::channel();
             let (waiting, claimed) = claim();
@@ -181,6 +185,7 @@ impl RenderThread {
             match rendered {
                 Err(RenderError::DeviceLost(_)) if again => again = false,
                 rendered => {
+                    self.served.check_scene(&set)?;
                     let pixels = rendered?;
                     let measured = pixels.stages.iter().map(|stage| (stage.name.as_str(), stage.ms));
                     trace::stages(&Span::current(), measured);

@@ -169,6 +169,17 @@ impl ServedSet {
         }
     }
 
+    /// Checks that a result of `info` shows the served scene. The render thread may have begun with another one meanwhile.
+    ///
+    /// # Errors
+    /// [`Fault::Unavailable`] if another scene is served.
+    pub(super) fn check_scene(&self, info: &SampleSetInfo) -> Result<(), Fault> {
+        match self.set()?.0.scene == info.scene {
+            true => Ok(()),
+            false => Err(Fault::Unavailable("another scene is served now".to_owned())),
+        }
+    }
+
     /// Sets whether the cluster has yet to choose the visibility backend of samples.
     pub(in crate::worker) fn set_visibility_is_open(&self, is_open: bool) {
         self.state.lock().visibility_is_open = is_open;

@@ -135,7 +135,7 @@ impl Drop for Hung {
 }
 
 impl<E: Send + 'static> Process<E> {
-    fn start<F, Run>(address: Option<SocketAddr>, run: Run) -> Self
+    pub fn start<F, Run>(address: Option<SocketAddr>, run: Run) -> Self
     where
         F: Future<Output = Result<(), E>> + Send + 'static,
         Run: FnOnce(TcpListener, CancellationToken) -> F,

@@ -80,6 +80,7 @@ pub(crate) fn description() -> impl Strategy<Value = Description> {
                     epoch_secs,
                     first_light,
                     light: format!("sky: {scene_name}"),
+                    scenes: vec![scene_name.clone(), format!("{scene_name}-2")],
                     scene_name,
                     scene_hash,
                     bounds,

@@ -296,6 +296,7 @@ pub(super) async fn join(
         public_address: format!("http://{}", address(worker, port)),
         device: "simulated".to_owned(),
         cores: 1,
+        scene_hash: Default::default(),
     };
     let hello = v1::worker_report::Body::Hello(hello);
     reports.send(v1::WorkerReport { body: Some(hello) }).await?;

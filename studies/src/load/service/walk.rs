@@ -222,6 +222,7 @@ mod tests {
             epoch_secs: 0.0,
             first_light: LightLevel::Full,
             light: String::new(),
+            scenes: Vec::new(),
         }
     }
 
