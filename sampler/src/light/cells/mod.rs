@@ -280,6 +280,9 @@ impl LightCells {
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
     fn best(&self, state: &mut State, question: Question<'_>) -> Option<(usize, Vec<Answer>)> {
+        // Where views follow one another without a pause, nobody else fills what the earlier ones lacked.
+        let (begin, time) = (Instant::now(), state.fills_waiting(existing(question.points)));
+        while begin.elapsed() < time && fill_some(state, question.scene) {}
         let corners = self.corners_of(state, question);
         for tier in (0..=tier_of(self.settings.rays)).rev() {
             if let Some(answers) = self.answers_soon(state, question, tier, &corners) {
@@ -391,13 +394,8 @@ impl LightCells {
         let (state, scene) = (&mut *guard, self.scene(parts));
         state.relight(parts.inputs, || sharing::content_of(&scene));
         while begin.elapsed() < time {
-            let (State { queue, store, asked, .. }, now) = (&mut *state, Instant::now());
-            let lacks = |key: CellKey| !store.is_whole(key, 0);
-            let corners = queue.take(CORNERS_AT_ONCE, lacks, |key| asked.awaits(key, now));
-            if !corners.is_empty() {
-                state.fill_corners(&scene, &corners, 0);
-                state.may_refine = true;
-            } else if !refines || !state.refine(&scene, tier_of(self.settings.rays)) {
+            let refined = |state: &mut State| refines && state.refine(&scene, tier_of(self.settings.rays));
+            if !fill_some(state, &scene) && !refined(state) {
                 let (awaits, may_refine) = (state.queue.len() > 0, state.may_refine);
                 drop(guard);
                 if awaits {
@@ -436,6 +434,20 @@ impl LightCells {
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock()
     }
+}
+
+/// Fills some of the corners that wait. Returns whether there were any.
+fn fill_some(state: &mut State, scene: &CellScene<'_>) -> bool {
+    let (State { queue, store, asked, .. }, now) = (&mut *state, Instant::now());
+    let lacks = |key: CellKey| !store.is_whole(key, 0);
+    let corners = queue.take(CORNERS_AT_ONCE, lacks, |key| asked.awaits(key, now));
+    if corners.is_empty() {
+        return false;
+    }
+    state.fill_corners(scene, &corners, 0);
+    state.may_refine = true;
+    state.store.keep_bound();
+    true
 }
 
 /// The light of all pixels: those that cells do not describe cast rays of their own.

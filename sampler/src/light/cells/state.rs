@@ -22,6 +22,8 @@ pub(super) const VIEW_FILLS_MS: f64 = 20.0;
 /// Share of the time of its rays that an open view may spend on filling. A lookup takes less than the rest, so that no view takes
 /// longer than by rays, and each leaves cells to the next.
 const VIEW_FILLS_SHARE: f64 = 0.5;
+/// Share of the time of its rays that an open view spends on cells that wait since earlier views: nobody else had the time.
+const WAITING_SHARE: f64 = 0.15;
 /// Milliseconds of a corner or refined cell, before any is measured.
 const FIRST_GUESS_MS: f64 = 0.05;
 
@@ -192,6 +194,11 @@ impl State {
         (VIEW_FILLS_SHARE * by_rays).max(VIEW_FILLS_MS)
     }
 
+    /// For how long an open view of so many texels fills cells that earlier views lacked.
+    pub(super) fn fills_waiting(&self, texels: f64) -> Duration {
+        Duration::from_secs_f64(self.ray_ms.map_or(0.0, |ms| WAITING_SHARE * ms * texels / 1e3))
+    }
+
     /// Learns the time of light by rays at so many texels, which cast one of `divisor`.
     pub(super) fn took_rays(&mut self, texels: f64, divisor: u32, took: Duration) {
         /// Share of the newest measurement.
@@ -229,11 +236,13 @@ mod tests {
         let cells = SharedCells::default();
         let mut state = cells.lock();
         assert_eq!(state.view_fills_ms(1e6), VIEW_FILLS_MS, "nothing is known of rays");
+        assert_eq!(state.fills_waiting(1e6), Duration::ZERO);
         state.took_rays(0.0, 1, Duration::from_secs(1));
         assert_eq!(state.view_fills_ms(1e6), VIEW_FILLS_MS, "nothing was lit");
         state.took_rays(1000.0, 4, Duration::from_millis(25));
         assert_eq!(state.view_fills_ms(2000.0), 100.0);
         assert_eq!(state.view_fills_ms(10.0), VIEW_FILLS_MS);
+        assert_eq!(state.fills_waiting(2000.0), Duration::from_millis(30));
         state.took_rays(1000.0, 1, Duration::from_millis(300));
         assert_eq!(state.view_fills_ms(2000.0), 150.0, "a quarter of what is new");
     }
