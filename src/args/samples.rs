@@ -181,8 +181,8 @@ pub(crate) struct IndirectLight {
     /// Number of virtual point lights; more of them are smoother and slower
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub(crate) vpls: Option<u32>,
-    /// Greatest number of reflections between a light and a visible surface: 1 to 4, with --indirect gather or cells 0 to 16
-    /// (0: cells of the sky alone)
+    /// Greatest number of reflections between a light and a visible surface: 1 to 4, with --indirect gather or cells 1 to 16;
+    /// cells with 0 keep what is seen of the sky alone
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=16))]
     pub(crate) bounces: Option<u32>,
     /// Shadow maps of virtual point lights: none, exact (a ray a texel), imperfect (splatted random points), megaviews (an

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::{GpuSampler, Indirect, LightSettings, LightTracer, PathSettings, SamplerSettings};
 use argus_scene::{
-    Camera, Light, LightEffects, Lighting, Material, Output, ProbeSource, Sampler as _, Scene, Sky,
-    SurfaceLight, ViewJob,
+    Camera, CellSettings, Light, LightEffects, Lighting, Material, Output, ProbeSource, Sampler as _, Scene,
+    Sky, SurfaceLight, ViewJob,
 };
 use glam::{DAffine3, DVec3, Vec3, Vec4};
 
@@ -98,6 +98,41 @@ fn cells_that_the_device_looks_up_give_the_light_of_those_that_the_cpu_looks_up(
             println!("{name}, {size:?}, {rays} rays: {:.2}% of pixels differ", share * 100.0);
             assert!(share <= 0.01, "{name}, {size:?}, {rays} rays: {:.2}% of pixels differ", share * 100.0);
         }
+    }
+}
+
+/// Of a light of interiors, cells keep the sky alone. What no cells describe casts rays of its own, which read leaves without light.
+#[test]
+fn a_light_of_interiors_from_cells_is_that_of_rays_on_the_device_and_on_the_cpu() {
+    let scene = open_room(0.6, Sky { reach: Some(1.0), ..even_sky(1.0) });
+    let of_sky = Indirect::Cells(CellSettings { rays: 64, ..CellSettings::of_sky() });
+    let [mut by_cpu, mut on_device] =
+        [LightTracer::Cpu, LightTracer::Device].map(|tracer| of(gpu(), &scene, of_sky, tracer));
+    let view = |light| job(view_of_room(DVec3::ZERO), [96, 72], light);
+    let [a, b] = [&mut by_cpu, &mut on_device].map(|sampler| color(sampler, &view(cells(64))));
+    let share = apart(&a, &b);
+    assert!(share <= 0.01, "{:.2}% of pixels differ", share * 100.0);
+    for (name, sampler) in [("CPU", &mut by_cpu), ("device", &mut on_device)] {
+        let [by_cells, by_rays] =
+            [cells(64), Some(SurfaceLight::Rays)].map(|light| color(sampler, &view(light)));
+        let far = by_cells.iter().zip(&by_rays).filter(|(a, b)| a.abs_diff(**b) > 12).count();
+        assert!(by_cells != by_rays, "{name}: a view by cells is not one by rays");
+        assert!(far * 50 < by_cells.len(), "{name}: {far} of {} bytes differ", by_cells.len());
+    }
+}
+
+/// Nobody fills cells between them, as in a service that is never idle.
+#[test]
+fn views_that_follow_one_another_without_a_pause_come_to_be_lit_by_cells() {
+    let scene = box_of_cornell(DVec3::ZERO);
+    for tracer in [LightTracer::Cpu, LightTracer::Device] {
+        let mut sampler = with_cells(&scene, tracer);
+        let view = job(view_of_room(DVec3::ZERO), [320, 240], None);
+        let is_lit = (0..200).position(|_| {
+            matches!(direct(&mut sampler, &view).provenance.plan.light(), Some(SurfaceLight::Cells { .. }))
+        });
+        println!("{tracer:?}: by cells from view {is_lit:?} on");
+        assert!(is_lit.is_some(), "{tracer:?}: {:?}", sampler.light_cells());
     }
 }
 

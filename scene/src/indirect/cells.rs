@@ -55,7 +55,8 @@ impl CellSettings {
     /// # Errors
     /// The field that is out of range.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        self.paths.validate()?;
+        // Without bounces, cells keep the sky alone.
+        PathSettings { bounces: self.paths.bounces.max(1), ..self.paths }.validate()?;
         InvalidField::within("indirect.pixels", self.pixels, 1..=64)?;
         if !Self::RAYS.contains(&self.rays) {
             let reason = format!("must be 16, 64 or 256, not {}", self.rays);

@@ -17,8 +17,8 @@ pub struct PathSettings {
     pub level: u32,
     /// Rays of a leaf side, 1 to 256. Time and memory are proportional; noise falls with the root.
     pub rays: u32,
-    /// Most reflections between a light and the visible surface, 0 to 16. One more costs little, because no ray is traced. With 0,
-    /// surfaces light nothing, and light cells keep what is seen of the sky alone.
+    /// Most reflections between a light and the visible surface, 1 to 16. One more costs little, because no ray is traced. Light
+    /// cells may have 0: surfaces light nothing, and cells keep what is seen of the sky alone.
     pub bounces: u32,
     /// Rays of each gathering texel, 1 to 256; a quarter of the texels gather. Paid by every sample and every direct view.
     pub gather: u32,
@@ -56,7 +56,7 @@ impl PathSettings {
     pub fn validate(&self) -> Result<(), InvalidField> {
         InvalidField::within("indirect.level", self.level, 1..=10)?;
         InvalidField::within("indirect.rays", self.rays, 1..=256)?;
-        InvalidField::within("indirect.bounces", self.bounces, 0..=16)?;
+        InvalidField::within("indirect.bounces", self.bounces, 1..=16)?;
         InvalidField::within("indirect.gather", self.gather, 1..=256).map(drop)
     }
 }

@@ -13,6 +13,8 @@ use super::sides::{self, Side};
 use super::state::State;
 use super::store::Store;
 
+/// Corners that are filled between two looks at the clock.
+const CORNERS_AT_ONCE: usize = 48;
 /// Cells that are refined between two looks at the clock.
 const REFINED_AT_ONCE: usize = 48;
 /// Cells that a search for cells to refine returns at most.
@@ -44,6 +46,26 @@ impl State {
         let found: Vec<Box<[u8]>> = unknown.par_iter().with_min_len(8).map(groups).collect();
         unknown.iter().zip(found).for_each(|(corner, groups)| self.store.set_groups(*corner, groups));
         self.took(begin, corners.len(), tier);
+    }
+
+    /// Fills some of the corners that wait, but for those that are awaited from other samplers. Returns whether there were any.
+    pub(super) fn fill_some(&mut self, scene: &CellScene<'_>) -> bool {
+        let (Self { queue, store, asked, .. }, now) = (&mut *self, Instant::now());
+        let lacks = |key: CellKey| !store.is_whole(key, 0);
+        let corners = queue.take(CORNERS_AT_ONCE, lacks, |key| asked.awaits(key, now));
+        if corners.is_empty() {
+            return false;
+        }
+        self.fill_corners(scene, &corners, 0);
+        self.may_refine = true;
+        self.store.keep_bound();
+        true
+    }
+
+    /// Fills what waits for the time that the present job has for it.
+    pub(super) fn fill_waiting(&mut self, scene: &CellScene<'_>) {
+        let (begin, time) = (Instant::now(), self.time_for_waiting());
+        while begin.elapsed() < time && self.fill_some(scene) {}
     }
 
     /// Refines some cells that were used lately. Returns whether there were any.

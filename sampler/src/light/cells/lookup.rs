@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::super::lattice::{CellKey, Lattice, MOST_LEVEL};
 use super::super::shading_points::{ShadingPoint, ShadingPoints};
-use super::corner_memory::{CornerMemory, Known};
+use super::corner_cache::{CornerCache, Known};
 use super::scene::RAYS;
 use super::sides::ORIGINS;
 use super::store::{Filled, Store};
@@ -129,7 +129,7 @@ impl Lookup<'_> {
                 return lacking;
             }
             let rows = &points.all[number * BLOCK * width..][..answers.len()];
-            let mut corners = CornerMemory::default();
+            let mut corners = CornerCache::default();
             for first in (0..width).step_by(BLOCK) {
                 corners.forget();
                 self.look_up_block(rows, answers, [first, width], &mut corners);
@@ -147,7 +147,7 @@ impl Lookup<'_> {
         rows: &[ShadingPoint],
         answers: &mut [Answer],
         columns: [usize; 2],
-        corners: &mut CornerMemory,
+        corners: &mut CornerCache,
     ) {
         #[cfg(target_arch = "x86_64")]
         {
@@ -159,7 +159,7 @@ impl Lookup<'_> {
                 rows: &[ShadingPoint],
                 answers: &mut [Answer],
                 columns: [usize; 2],
-                corners: &mut CornerMemory,
+                corners: &mut CornerCache,
             ) {
                 lookup.look_up_block_by::<Avx2>(rows, answers, columns, corners);
             }
@@ -177,7 +177,7 @@ impl Lookup<'_> {
         rows: &[ShadingPoint],
         answers: &mut [Answer],
         [first, width]: [usize; 2],
-        corners: &mut CornerMemory,
+        corners: &mut CornerCache,
     ) {
         for (points, answers) in rows.chunks(width).zip(answers.chunks_mut(width)) {
             let pixels = points.iter().zip(answers).skip(first).take(BLOCK);
@@ -198,7 +198,7 @@ impl Lookup<'_> {
     }
 
     #[inline(always)]
-    fn answer<L: Lanes>(&self, point: &ShadingPoint, corners: &mut CornerMemory) -> Answer {
+    fn answer<L: Lanes>(&self, point: &ShadingPoint, corners: &mut CornerCache) -> Answer {
         if !point.exists {
             return Answer::Nothing;
         }
@@ -221,7 +221,7 @@ impl Lookup<'_> {
 
     /// The answer of the first of a few finer levels whose cells describe a pixel.
     #[inline(always)]
-    fn finer<L: Lanes>(&self, point: &ShadingPoint, level: u32, corners: &mut CornerMemory) -> Answer {
+    fn finer<L: Lanes>(&self, point: &ShadingPoint, level: u32, corners: &mut CornerCache) -> Answer {
         for level in level..(level + FINER).min(MOST_LEVEL + 1) {
             match self.mixed::<L>(point, level, corners) {
                 Mixed::Light(light) => return Answer::Light(light_of(light)),
@@ -272,7 +272,7 @@ impl Lookup<'_> {
     }
 
     #[inline(always)]
-    fn mixed<L: Lanes>(&self, point: &ShadingPoint, level: u32, corners: &mut CornerMemory) -> Mixed {
+    fn mixed<L: Lanes>(&self, point: &ShadingPoint, level: u32, corners: &mut CornerCache) -> Mixed {
         let Some((key, place)) = self.corner(point, level) else { return Mixed::Alone };
         let known = corners.of(key).unwrap_or_else(|| self.gather(key, corners));
         let Known::Sides { first, count, rule } = known else { return Mixed::Missing };
@@ -282,13 +282,13 @@ impl Lookup<'_> {
 
     /// Collects the sides of a corner's cells.
     #[inline(never)]
-    fn gather(&self, key: CellKey, corners: &mut CornerMemory) -> Known {
+    fn gather(&self, key: CellKey, corners: &mut CornerCache) -> Known {
         let known = self.near(key, corners);
         corners.keep(key, known)
     }
 
     /// The sides of a corner's cells, with the rule by which they count; `None` if the corner lacks some.
-    fn near(&self, key: CellKey, corners: &mut CornerMemory) -> Option<Rule> {
+    fn near(&self, key: CellKey, corners: &mut CornerCache) -> Option<Rule> {
         let store = self.store;
         // All of a corner is of one pose.
         let is_older = self.shows_older && !store.is_whole(key, self.tier);

@@ -31,7 +31,7 @@ mod alone;
 mod blocks;
 mod changes;
 mod corner;
-mod corner_memory;
+mod corner_cache;
 mod filling;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzzing;
@@ -89,8 +89,6 @@ const LACKS_MORE: f64 = 1.2;
 const MOST_LACKING: usize = 4;
 /// Pause while all cells that lack are awaited from other samplers.
 const PAUSE: Duration = Duration::from_millis(1);
-/// Corners that are filled between two looks at the clock.
-const CORNERS_AT_ONCE: usize = 48;
 
 /// The scene's parts, as a caller has them.
 #[derive(Clone, Copy)]
@@ -156,9 +154,7 @@ impl LightCells {
 
     /// Begins a job. `lags`: it shows light of an earlier pose.
     pub(crate) fn begin(&self, asked: CellUse, lags: bool) {
-        let mut state = self.state();
-        state.job = Job { lags, ..Job::new(asked) };
-        state.store.begin_job();
+        self.state().begin(Job { lags, ..Job::new(asked) });
     }
 
     /// What the job is lit by so far; rays before any of it is.
@@ -280,9 +276,7 @@ impl LightCells {
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.
     fn best(&self, state: &mut State, question: Question<'_>) -> Option<(usize, Vec<Answer>)> {
-        // Where views follow one another without a pause, nobody else fills what the earlier ones lacked.
-        let (begin, time) = (Instant::now(), state.fills_waiting(existing(question.points)));
-        while begin.elapsed() < time && fill_some(state, question.scene) {}
+        state.fill_waiting(question.scene);
         let corners = self.corners_of(state, question);
         for tier in (0..=tier_of(self.settings.rays)).rev() {
             if let Some(answers) = self.answers_soon(state, question, tier, &corners) {
@@ -395,7 +389,7 @@ impl LightCells {
         state.relight(parts.inputs, || sharing::content_of(&scene));
         while begin.elapsed() < time {
             let refined = |state: &mut State| refines && state.refine(&scene, tier_of(self.settings.rays));
-            if !fill_some(state, &scene) && !refined(state) {
+            if !state.fill_some(&scene) && !refined(state) {
                 let (awaits, may_refine) = (state.queue.len() > 0, state.may_refine);
                 drop(guard);
                 if awaits {
@@ -434,20 +428,6 @@ impl LightCells {
     fn state(&self) -> MutexGuard<'_, State> {
         self.state.lock()
     }
-}
-
-/// Fills some of the corners that wait. Returns whether there were any.
-fn fill_some(state: &mut State, scene: &CellScene<'_>) -> bool {
-    let (State { queue, store, asked, .. }, now) = (&mut *state, Instant::now());
-    let lacks = |key: CellKey| !store.is_whole(key, 0);
-    let corners = queue.take(CORNERS_AT_ONCE, lacks, |key| asked.awaits(key, now));
-    if corners.is_empty() {
-        return false;
-    }
-    state.fill_corners(scene, &corners, 0);
-    state.may_refine = true;
-    state.store.keep_bound();
-    true
 }
 
 /// The light of all pixels: those that cells do not describe cast rays of their own.

@@ -91,6 +91,9 @@ impl LightCells {
             false => state.job.wanted(tier_of(self.settings.rays)),
         };
         let Some(wanted) = wanted else { return Ok(None) };
+        if matches!(wanted, Wanted::Best(_)) {
+            state.fill_waiting(&scene);
+        }
         let mut mirror = self.mirror.lock().unwrap_or_else(PoisonError::into_inner);
         let (buffers, pages) = mirror.synchronise(gpu, &state.store)?;
         let places = scene.lattice.about(eye.position - scene.leaves.center());

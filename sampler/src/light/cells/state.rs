@@ -22,8 +22,10 @@ pub(super) const VIEW_FILLS_MS: f64 = 20.0;
 /// Share of the time of its rays that an open view may spend on filling. A lookup takes less than the rest, so that no view takes
 /// longer than by rays, and each leaves cells to the next.
 const VIEW_FILLS_SHARE: f64 = 0.5;
-/// Share of the time of its rays that an open view spends on cells that wait since earlier views: nobody else had the time.
+/// Share of its time that a sampler spends on cells that wait, where views follow one another without a pause: nobody else fills them.
 const WAITING_SHARE: f64 = 0.15;
+/// Longest time that a view spends on them.
+const MOST_ON_WAITING: Duration = Duration::from_millis(50);
 /// Milliseconds of a corner or refined cell, before any is measured.
 const FIRST_GUESS_MS: f64 = 0.05;
 
@@ -70,6 +72,9 @@ pub(super) struct State {
     pub(super) content: Option<Option<CellContent>>,
     pub(super) asked: Asked,
     pub(super) job: Job,
+    /// When the present job began, and the time between the one before it and this one that is not spent on what waits.
+    began: Instant,
+    unspent: Duration,
     /// Milliseconds of a corner of the first tier and of a cell's refinement to each further one.
     pub(super) costs: [f64; TIERS],
     /// Milliseconds of a texel's light by rays; `None` until it is measured.
@@ -136,6 +141,8 @@ impl Default for SharedCells {
             content: None,
             asked: Asked::default(),
             job: Job::new(CellUse::Rays),
+            began: Instant::now(),
+            unspent: Duration::ZERO,
             costs: [FIRST_GUESS_MS; TIERS],
             ray_ms: None,
             filled: 0,
@@ -194,9 +201,18 @@ impl State {
         (VIEW_FILLS_SHARE * by_rays).max(VIEW_FILLS_MS)
     }
 
-    /// For how long an open view of so many texels fills cells that earlier views lacked.
-    pub(super) fn fills_waiting(&self, texels: f64) -> Duration {
-        Duration::from_secs_f64(self.ray_ms.map_or(0.0, |ms| WAITING_SHARE * ms * texels / 1e3))
+    /// Begins another job.
+    pub(super) fn begin(&mut self, job: Job) {
+        let now = Instant::now();
+        self.unspent = now.saturating_duration_since(self.began);
+        (self.job, self.began) = (job, now);
+        self.store.begin_job();
+    }
+
+    /// For how long the present job fills cells that earlier views lacked: once, and a share of the time since the job before it. If
+    /// that was long, somebody else filled them.
+    pub(super) fn time_for_waiting(&mut self) -> Duration {
+        std::mem::take(&mut self.unspent).mul_f64(WAITING_SHARE).min(MOST_ON_WAITING)
     }
 
     /// Learns the time of light by rays at so many texels, which cast one of `divisor`.
@@ -232,17 +248,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_job_fills_what_waits_once_and_for_a_share_of_the_time_since_the_last() {
+        let cells = SharedCells::default();
+        let mut state = cells.lock();
+        std::thread::sleep(Duration::from_millis(20));
+        state.begin(Job::new(CellUse::Open));
+        assert!(state.time_for_waiting() >= Duration::from_millis(3));
+        assert_eq!(state.time_for_waiting(), Duration::ZERO);
+        state.unspent = Duration::from_secs(100);
+        assert_eq!(state.time_for_waiting(), MOST_ON_WAITING);
+    }
+
+    #[test]
     fn a_view_fills_for_half_of_what_its_rays_take_or_for_a_slice() {
         let cells = SharedCells::default();
         let mut state = cells.lock();
         assert_eq!(state.view_fills_ms(1e6), VIEW_FILLS_MS, "nothing is known of rays");
-        assert_eq!(state.fills_waiting(1e6), Duration::ZERO);
         state.took_rays(0.0, 1, Duration::from_secs(1));
         assert_eq!(state.view_fills_ms(1e6), VIEW_FILLS_MS, "nothing was lit");
         state.took_rays(1000.0, 4, Duration::from_millis(25));
         assert_eq!(state.view_fills_ms(2000.0), 100.0);
         assert_eq!(state.view_fills_ms(10.0), VIEW_FILLS_MS);
-        assert_eq!(state.fills_waiting(2000.0), Duration::from_millis(30));
         state.took_rays(1000.0, 1, Duration::from_millis(300));
         assert_eq!(state.view_fills_ms(2000.0), 150.0, "a quarter of what is new");
     }

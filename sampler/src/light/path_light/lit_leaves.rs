@@ -123,6 +123,11 @@ impl LitLeaves {
         tracing: &LightTracing,
     ) -> Result<Vec<Stage>, RenderError> {
         let mut stages = Vec::new();
+        if self.settings.bounces == 0 && !self.fills_cells {
+            // Nobody asks for them.
+            self.lit = Some(Lit::by(&tracing.lighting, Vec::new()));
+            return Ok(stages);
+        }
         let rays = self.settings.rays as usize;
         if self.posed.is_none() {
             self.lit = None;
@@ -158,8 +163,7 @@ impl LitLeaves {
                 radiance = posed.leaves.reflected(&posed.leaves.smoothed(&all));
                 self.report.gather_ms = stage(&mut stages, "light leaves: gather", begin);
             }
-            let lighting = tracing.lighting.clone();
-            self.lit = Some(Lit { lighting, radiance: radiance.into(), on_device: OnceLock::new() });
+            self.lit = Some(Lit::by(&tracing.lighting, radiance));
         }
         Ok(stages)
     }
@@ -177,14 +181,12 @@ impl LitLeaves {
         })
     }
 
-    /// The leaves on a device; `None` before they are lit, or if they light nothing.
+    /// The leaves on a device; `None` before they are lit.
     ///
     /// # Errors
     /// [`RenderError::OutOfMemory`] if they are larger than the device can bind.
     pub(super) fn on_device(&self, gpu: &Arc<Gpu>) -> Result<Option<Arc<DeviceLeaves>>, RenderError> {
-        let (Some(Posed { leaves, links: Some(_), .. }), Some(lit)) = (&self.posed, &self.lit) else {
-            return Ok(None);
-        };
+        let (Some(Posed { leaves, .. }), Some(lit)) = (&self.posed, &self.lit) else { return Ok(None) };
         if let Some(held) = lit.on_device.get() {
             return Ok(Some(Arc::clone(held)));
         }
@@ -216,6 +218,12 @@ impl LitLeaves {
         let from_eye = (eye - leaves.center()).as_vec3();
         let gatherer = Gatherer { leaves, radiance, about, from_eye };
         Some(gatherer.irradiance_over_pi(texels, self.gather_rays(divisor) as usize))
+    }
+}
+
+impl Lit {
+    fn by(lighting: &Lighting, radiance: Vec<Vec3>) -> Self {
+        Self { lighting: lighting.clone(), radiance: radiance.into(), on_device: OnceLock::new() }
     }
 }
 

@@ -12,11 +12,12 @@ use crate::resident::octahedral;
 const NO_LEAF: u32 = u32::MAX;
 
 impl Leaves {
-    /// All leaves, with the radiance that each side reflects.
+    /// All leaves, with the radiance that each side reflects; without any, sides are black.
     pub(in crate::light) fn packed(&self, radiance: &[Vec3]) -> PackedLeaves {
         let front = |triangle: u32| octahedral(self.front(triangle).unwrap_or(Vec3::Y));
-        let sides = self.sides.iter().zip(radiance).flat_map(|(side, radiance)| {
+        let sides = self.sides.iter().enumerate().flat_map(|(index, side)| {
             let front = f32::from(u8::from(side.is_front));
+            let radiance = radiance.get(index).copied().unwrap_or_default();
             [side.normal.extend(front).to_array(), radiance.extend(0.0).to_array()]
         });
         let (low, cell, growth, [inner, outer]) = self.grid.parameters();

@@ -11,12 +11,12 @@ const PLACES: usize = 8192;
 pub(super) enum Known {
     /// Some of its cells are not filled.
     Missing,
-    /// Its range of [`CornerMemory::octets`], and how its sides count.
+    /// Its range of [`CornerCache::octets`], and how its sides count.
     Sides { first: u32, count: u32, rule: Rule },
 }
 
 /// Corners by open addressing, and their sides.
-pub(super) struct CornerMemory {
+pub(super) struct CornerCache {
     known: Vec<(CellKey, Known)>,
     /// 1 + an index of `known`; 0 for none.
     places: Box<[u16; PLACES]>,
@@ -26,13 +26,13 @@ pub(super) struct CornerMemory {
     filled: usize,
 }
 
-impl Default for CornerMemory {
+impl Default for CornerCache {
     fn default() -> Self {
         Self { known: Vec::new(), places: Box::new([0; PLACES]), octets: Vec::new(), first: 0, filled: 0 }
     }
 }
 
-impl CornerMemory {
+impl CornerCache {
     /// Forgets all corners.
     pub(super) fn forget(&mut self) {
         self.known.clear();
