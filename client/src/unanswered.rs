@@ -84,23 +84,14 @@ impl Unanswered {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Outputs, PlanRequest};
+    use argus_scene::PlanRequest;
     use glam::DVec3;
 
     use super::*;
 
     fn view() -> View {
         let camera = argus_scene::Camera::look_at(DVec3::ONE, DVec3::ZERO);
-        View {
-            camera,
-            width: 8,
-            height: 6,
-            outputs: Outputs::COLOR,
-            plan: PlanRequest::default(),
-            pin: None,
-            flow_to: None,
-            rays: None,
-        }
+        View::new(camera, [8, 6], PlanRequest::default())
     }
 
     #[test]

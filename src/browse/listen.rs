@@ -2,19 +2,17 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 use std::time::Duration;
 
 use argus_cluster::security::ReloadableSecurity;
 use axum::serve::Listener;
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{Semaphore, mpsc};
 use tokio::time::timeout;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
+use tokio_util::either::Either;
 
 /// Time for a browser to shake hands.
 const HANDSHAKE: Duration = Duration::from_secs(10);
@@ -67,15 +65,19 @@ impl Listener for PageListener {
         let (stream, from) = match self {
             Self::Plain(tcp) => {
                 let (stream, from) = Listener::accept(tcp).await;
-                (PageStream::Plain(stream), from)
+                (Either::Left(stream), from)
             }
             Self::Secure { ready, .. } => match ready.recv().await {
-                Some((stream, from)) => (PageStream::Secure(Box::new(stream)), from),
+                Some((stream, from)) => (Either::Right(Box::new(stream)), from),
                 None => std::future::pending().await,
             },
         };
         // Send each image at once, without waiting for the acknowledgement of the previous one.
-        if let Err(error) = stream.tcp().set_nodelay(true) {
+        let tcp = match &stream {
+            Either::Left(tcp) => tcp,
+            Either::Right(tls) => tls.get_ref().0,
+        };
+        if let Err(error) = tcp.set_nodelay(true) {
             tracing::debug!(%error, "a connection keeps its delay");
         }
         (stream, from)
@@ -90,50 +92,4 @@ impl Listener for PageListener {
 }
 
 /// A connection of a page.
-pub(super) enum PageStream {
-    Plain(TcpStream),
-    Secure(Box<TlsStream<TcpStream>>),
-}
-
-impl PageStream {
-    fn tcp(&self) -> &TcpStream {
-        match self {
-            Self::Plain(stream) => stream,
-            Self::Secure(stream) => stream.get_ref().0,
-        }
-    }
-}
-
-/// Calls a method of the stream that it is.
-macro_rules! of_stream {
-    ($self:ident, $method:ident ( $($argument:expr),* )) => {
-        match $self.get_mut() {
-            Self::Plain(stream) => Pin::new(stream).$method($($argument),*),
-            Self::Secure(stream) => Pin::new(stream).$method($($argument),*),
-        }
-    };
-}
-
-impl AsyncRead for PageStream {
-    fn poll_read(
-        self: Pin<&mut Self>,
-        cx: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        of_stream!(self, poll_read(cx, buffer))
-    }
-}
-
-impl AsyncWrite for PageStream {
-    fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
-        of_stream!(self, poll_write(cx, bytes))
-    }
-
-    fn poll_flush(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        of_stream!(self, poll_flush(cx))
-    }
-
-    fn poll_shutdown(self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
-        of_stream!(self, poll_shutdown(cx))
-    }
-}
+type PageStream = Either<TcpStream, Box<TlsStream<TcpStream>>>;

@@ -12,9 +12,7 @@ use argus_cluster::{RoleFactory, SceneFile, SceneOpener, SceneRef, SceneSource, 
 use argus_compositor::GpuCompositor;
 use argus_gpu::{Gpu, GpuOptions};
 use argus_sampler::GpuSampler;
-use argus_scene::{
-    Compositor, Holes, Output, Outputs, PlanRequest, RenderError, SampleSetInfo, Sampler, Scene, View,
-};
+use argus_scene::{Compositor, Holes, Output, PlanRequest, RenderError, SampleSetInfo, Sampler, Scene, View};
 use tokio::net::TcpListener;
 use tokio::task::JoinSet;
 use tokio_util::sync::CancellationToken;
@@ -125,16 +123,7 @@ async fn views_in_flight_survive_the_loss_of_the_device_with_the_same_image() {
         PlanRequest { direct: true, ..PlanRequest::default() },
     ];
     let views: Vec<View> = (0..plans.len() * 2)
-        .map(|i| View {
-            camera: cameras[i / plans.len() % cameras.len()],
-            width: 160,
-            height: 120,
-            outputs: Outputs::COLOR,
-            plan: plans[i % plans.len()],
-            pin: None,
-            flow_to: None,
-            rays: None,
-        })
+        .map(|i| View::new(cameras[i / plans.len() % cameras.len()], [160, 120], plans[i % plans.len()]))
         .collect();
     let patient = RenderOptions { deadline: PATIENCE, ..RenderOptions::default() };
     let mut whole = Vec::new();

@@ -10,7 +10,7 @@ use crate::support::{Coordinator, run, stderr};
 use argus_client::{Client, RenderOptions, SessionEvent, SessionOptions};
 use argus_scene::metrics::compare;
 use argus_scene::reference::Tracer;
-use argus_scene::{Camera, Frame, Output, Outputs, Plan, Provenance, SceneState, View};
+use argus_scene::{Camera, Frame, Output, Plan, Provenance, SceneState, View};
 use glam::DVec3;
 use image::RgbImage;
 use serde_json::{Value, json};
@@ -111,16 +111,7 @@ pub(crate) fn camera() -> Camera {
 }
 
 pub(crate) fn view() -> View {
-    View {
-        camera: camera(),
-        width: SIZE[0],
-        height: SIZE[1],
-        outputs: Outputs::COLOR,
-        plan: argus_scene::PlanRequest::from_samples(),
-        pin: None,
-        flow_to: None,
-        rays: None,
-    }
+    View::new(camera(), SIZE, argus_scene::PlanRequest::from_samples())
 }
 
 pub(crate) fn image(frame: &Frame) -> RgbImage {

@@ -4,7 +4,7 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::support::wire::{Wire, small_view};
-use crate::support::{Coordinator, PATIENCE, Process, SMALL, argus, json, run, stderr};
+use crate::support::{Coordinator, PATIENCE, Process, SMALL, all_answered, argus, json, run, stderr};
 use argus_proto::status::invalid_field;
 use argus_proto::v1;
 use argus_scene::{Frame, Output, PlanRequest, Search, View};
@@ -32,18 +32,6 @@ fn load(url: &str, more: &[&str]) -> Child {
     }
     command.args(more).stdout(Stdio::piped());
     command.spawn().unwrap()
-}
-
-/// Checks a load's report: every sent view is answered.
-fn all_answered(load: Child) {
-    let output = load.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "argus load failed: {text}");
-    let report: Value = serde_json::from_str(&text).unwrap();
-    assert!(report["sent"].as_u64().unwrap() > 0, "{report:#}");
-    assert_eq!(report["answered"], report["sent"], "{report:#}");
-    assert_eq!(report["failed"], 0, "{report:#}");
-    assert_eq!(report["rejected"], 0, "{report:#}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -24,16 +24,8 @@ async fn views_show_reflections_and_two_workers_give_the_bytes_of_one() {
     cluster.wait_for_workers(2);
     let mut of_many = Wire::connect(&cluster.url).await;
     let camera = of_many.describe().await.cameras[0].camera;
-    let view = View {
-        camera,
-        width: 160,
-        height: 120,
-        outputs: Outputs::COLOR,
-        plan: PlanRequest { supersampling: Some(2), ..PlanRequest::from_samples() },
-        pin: None,
-        flow_to: None,
-        rays: None,
-    };
+    let view =
+        View::new(camera, [160, 120], PlanRequest { supersampling: Some(2), ..PlanRequest::from_samples() });
     let (frame, _) = of_many.render((&view).into()).await.unwrap();
     let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
     let of_probes = warp.samples.iter().filter(|id| id.is_reflection_probe()).count();

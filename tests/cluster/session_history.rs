@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::support::{Coordinator, SMALL};
 use argus_client::{Client, ClientError, Session, SessionEvent, SessionOptions};
-use argus_scene::{Camera, Frame, Output, Outputs, PlanRequest, Search, View, metrics};
+use argus_scene::{Camera, Frame, Output, PlanRequest, Search, View, metrics};
 use image::RgbImage;
 
 async fn next(session: &mut Session, view: &View) -> Result<Frame, ClientError> {
@@ -20,16 +20,7 @@ async fn next(session: &mut Session, view: &View) -> Result<Frame, ClientError> 
 fn turned(camera: &Camera, steps: u32) -> View {
     let axis = camera.target - camera.eye;
     let turn = glam::DQuat::from_axis_angle(camera.up.normalize(), f64::from(steps) * 0.01);
-    View {
-        camera: Camera { target: camera.eye + turn * axis, ..*camera },
-        width: 160,
-        height: 120,
-        outputs: Outputs::COLOR,
-        plan: PlanRequest::default(),
-        pin: None,
-        flow_to: None,
-        rays: None,
-    }
+    View::new(Camera { target: camera.eye + turn * axis, ..*camera }, [160, 120], PlanRequest::default())
 }
 
 fn image_of(frame: &Frame) -> RgbImage {

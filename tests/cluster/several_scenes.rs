@@ -4,10 +4,10 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use argus_client::{Client, ConnectOptions, RenderOptions};
-use argus_scene::{Outputs, PlanRequest, View};
+use argus_scene::{PlanRequest, View};
 use serde_json::Value;
 
-use crate::support::{Coordinator, PATIENCE, SMALL, argus, run, stderr};
+use crate::support::{Coordinator, PATIENCE, SMALL, all_answered, argus, run, stderr};
 
 /// The second scene of these tests.
 const HILLS: &str = "hills=terrain:3000";
@@ -35,16 +35,7 @@ async fn client(coordinator: &Coordinator, scene: Option<&str>) -> Client {
 fn view_of(client: &Client) -> View {
     let camera = client.description().cameras[0].camera;
     let plan = PlanRequest { direct: true, ..PlanRequest::default() };
-    View {
-        camera,
-        width: 80,
-        height: 60,
-        outputs: Outputs::COLOR,
-        plan,
-        pin: None,
-        flow_to: None,
-        rays: None,
-    }
+    View::new(camera, [80, 60], plan)
 }
 
 fn patient() -> RenderOptions {
@@ -56,16 +47,6 @@ fn load(coordinator: &Coordinator, scene: &str, more: &[&str]) -> Child {
     let usual = ["load", "--server", &coordinator.url, "--scene-name", scene, "--json", "--timeout", "60"];
     let mut command = argus(&[&usual, more].concat());
     command.stdout(Stdio::piped()).spawn().unwrap()
-}
-
-/// Checks that every view of a load was answered.
-fn all_answered(load: Child) {
-    let output = load.wait_with_output().unwrap();
-    let text = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "argus load failed: {text}");
-    let report: Value = serde_json::from_str(&text).unwrap();
-    assert!(report["sent"].as_u64().unwrap() > 0, "{report:#}");
-    assert_eq!(report["answered"], report["sent"], "{report:#}");
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -83,6 +83,16 @@ pub(crate) fn succeed(command: &mut Command) -> String {
     printed
 }
 
+/// Checks the report of an `argus load --json`: every view that it sent was answered.
+pub(crate) fn all_answered(load: Child) {
+    let output = load.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "argus load failed: {text}");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    assert!(report["sent"].as_u64().unwrap() > 0, "{report:#}");
+    assert_eq!(report["answered"], report["sent"], "{report:#}");
+}
+
 /// A child process that ends when dropped.
 pub(crate) struct Process(Child);
 

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use argus_proto::Description;
-use argus_scene::{Outputs, PlanRequest, View};
+use argus_scene::{PlanRequest, View};
 use futures::StreamExt;
 use serde::{Deserialize, Serialize};
 
@@ -84,15 +84,6 @@ pub async fn burst(
 
 /// The first view of each of `count` clients' paths. Equal scenes give equal lists.
 pub fn path_views(description: &Description, count: u32, size: [u32; 2], plan: PlanRequest) -> Vec<View> {
-    let view = |index| View {
-        camera: CameraPath::new(description, index).camera(0.0),
-        width: size[0],
-        height: size[1],
-        outputs: Outputs::COLOR,
-        plan,
-        pin: None,
-        flow_to: None,
-        rays: None,
-    };
+    let view = |index| View::new(CameraPath::new(description, index).camera(0.0), size, plan);
     (0..count).map(view).collect()
 }

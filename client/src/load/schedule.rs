@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::v1::Encoding;
-use argus_scene::{Camera, Frame, Outputs, PlanRequest, View};
+use argus_scene::{Camera, Frame, PlanRequest, View};
 use serde::{Deserialize, Serialize};
 use tokio::time::Instant;
 
@@ -120,15 +120,6 @@ impl Schedule {
     }
 
     pub(super) fn view(&self, secs: f64) -> View {
-        View {
-            camera: (self.cameras)(self.client, secs),
-            width: self.size[0],
-            height: self.size[1],
-            outputs: Outputs::COLOR,
-            plan: self.plan,
-            pin: None,
-            flow_to: None,
-            rays: None,
-        }
+        View::new((self.cameras)(self.client, secs), self.size, self.plan)
     }
 }

@@ -41,7 +41,7 @@ impl PlanningTimer<'_> {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera, Outputs, PlanRequest};
+    use argus_scene::{Camera, PlanRequest};
     use glam::DVec3;
 
     use super::*;
@@ -50,16 +50,7 @@ mod tests {
     fn only_views_that_leave_the_way_open_are_counted() {
         let planning = PlanningTime::default();
         let camera = Camera::look_at(DVec3::ZERO, DVec3::X);
-        let view = |plan| View {
-            camera,
-            width: 8,
-            height: 8,
-            outputs: Outputs::COLOR,
-            plan,
-            pin: None,
-            flow_to: None,
-            rays: None,
-        };
+        let view = |plan| View::new(camera, [8, 8], plan);
         planning.begin(&view(PlanRequest { direct: true, ..PlanRequest::default() })).end();
         assert_eq!(planning.so_far(), (0, 0.0));
         planning.begin(&view(PlanRequest::default())).end();

@@ -4,7 +4,7 @@
 //! So few things move a worker:
 //!
 //! 1. *A scene has viewers and no worker.* It gets one at once, from a scene without viewers, or from one that has several. If all
-//!    others have viewers and one worker each, there are fewer workers than scenes that are looked at: then they take turns. A turn
+//!    others have viewers and one worker each, there are fewer workers than scenes with viewers: then they take turns. A turn
 //!    is as long as a move took, so that at least half of a worker's time is spent on views.
 //! 2. *A scene has more to do than its workers carry*, for some seconds, and another would be left with far less.
 //! 3. *A scene without viewers has no worker*, and another has one to spare, for a longer time: so its first viewer does not wait.
@@ -22,13 +22,13 @@ const FULL: f64 = 0.7;
 /// Greatest load per worker of a scene that has given a worker away, as a part of what the other one had.
 const LEFT: f64 = 0.5;
 
-/// Greatest load per worker of a scene that lends a worker to one that nobody looks at.
+/// Greatest load per worker of a scene that gives a worker to one without viewers.
 const LIGHT: f64 = 0.3;
 
 /// How long a scene must have too much to do until a worker moves to it.
 const FULL_FOR: Duration = Duration::from_secs(3);
 
-/// How long workers must have been to spare until one moves to a scene that nobody looks at.
+/// How long a scene must have had a worker to spare until it moves to a scene without viewers.
 const SPARE_FOR: Duration = Duration::from_secs(20);
 
 /// Least time between two moves that no waiting viewer asks for.

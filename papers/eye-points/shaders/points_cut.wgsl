@@ -4,7 +4,7 @@
 // An invocation is a triangle, then a part of a triangle that is seen from one side. A round quarters those that are too large
 // for one density. Parts are always in the order of triangles, sides and quarters, so that pieces have the CPU's order.
 
-import package::eye_points::shared::eye_points::{BOTH_SIDES, PointFacet, PointPiece, WHOLE_CELL};
+import package::eye_points::shared::eye_points::{BACK, BOTH_SIDES, PointFacet, PointPiece, WHOLE_CELL};
 import package::eye_points::shared::density::{CutStep, PointReflector, density_for, distance_from};
 import package::shared::linear::linear_index;
 
@@ -28,8 +28,6 @@ var<immediate> step: CutStep;
 // The part of each piece.
 @group(0) @binding(12) var<storage, read_write> kept_parts: array<vec4u>;
 
-// Of a part's first word: it is the back of its triangle.
-const BACK: u32 = 0x80000000u;
 // Of a part's second word: two bits for each quartering, the first lowest; their number; and flags.
 const QUARTERS_SHIFT: u32 = 12u;
 const DONE: u32 = 0x10000u;
@@ -51,11 +49,20 @@ const MARGIN: f32 = 1.0 / 1024.0;
 // Rounding of a place in the plane, a share of the triangle's longest edge.
 const ROUNDING: f32 = 2.4e-7;
 
+// Edges of a triangle from its first corner.
+fn edge_ab(f: PointFacet) -> vec3f {
+    return (f.b - f.a) + (f.b_low - f.a_low);
+}
+
+fn edge_ac(f: PointFacet) -> vec3f {
+    return (f.c - f.a) + (f.c_low - f.a_low);
+}
+
 // Bits of the reflectors of a word that see a triangle's front, and its back.
 fn seen_sides(facet: u32, word: u32) -> vec2u {
     let f = facets[facet];
-    let ab = (f.b - f.a) + (f.b_low - f.a_low);
-    let ac = (f.c - f.a) + (f.c_low - f.a_low);
+    let ab = edge_ab(f);
+    let ac = edge_ac(f);
     let end = min(32u * word + 32u, min(step.reflectors, arrayLength(&reflectors)));
     var bits = vec2u(0u);
     for (var number = 32u * word; number < end; number++) {
@@ -153,6 +160,24 @@ fn corners_of(quarters: u32) -> Corners {
     return p;
 }
 
+// A part in the plane of its triangle: its first corner from the triangle's, and its other two from there.
+struct PartShape {
+    first: vec3f,
+    to_second: vec3f,
+    to_third: vec3f,
+}
+
+fn shape_of(f: PointFacet, quarters: u32) -> PartShape {
+    let ab = edge_ab(f);
+    let ac = edge_ac(f);
+    let corners = corners_of(quarters);
+    let second = corners.b - corners.a;
+    let third = corners.c - corners.a;
+    return PartShape(
+        ab * corners.a.x + ac * corners.a.y, ab * second.x + ac * second.y, ab * third.x + ac * third.y,
+    );
+}
+
 // Decides about each part: its density if it is a piece, or that it is quartered. Counts what the part becomes.
 @compute @workgroup_size(64)
 fn judge(
@@ -170,12 +195,10 @@ fn judge(
         return;
     }
     let f = facets[part.x & ~BACK];
-    let ab = (f.b - f.a) + (f.b_low - f.a_low);
-    let ac = (f.c - f.a) + (f.c_low - f.a_low);
-    let corners = corners_of(part.y);
-    let first = ab * corners.a.x + ac * corners.a.y;
-    let to_second = ab * (corners.b.x - corners.a.x) + ac * (corners.b.y - corners.a.y);
-    let to_third = ab * (corners.c.x - corners.a.x) + ac * (corners.c.y - corners.a.y);
+    let shape = shape_of(f, part.y);
+    let first = shape.first;
+    let to_second = shape.to_second;
+    let to_third = shape.to_third;
     var density = 0.0;
     var nearest = 3e38;
     let words = min(step.words, arrayLength(&visible));
@@ -266,12 +289,10 @@ fn make_pieces(
         return;
     }
     let f = facets[part.x & ~BACK];
-    let ab = (f.b - f.a) + (f.b_low - f.a_low);
-    let ac = (f.c - f.a) + (f.c_low - f.a_low);
-    let corners = corners_of(part.y);
-    let first = ab * corners.a.x + ac * corners.a.y;
-    let to_second = ab * (corners.b.x - corners.a.x) + ac * (corners.b.y - corners.a.y);
-    let to_third = ab * (corners.c.x - corners.a.x) + ac * (corners.c.y - corners.a.y);
+    let shape = shape_of(f, part.y);
+    let first = shape.first;
+    let to_second = shape.to_second;
+    let to_third = shape.to_third;
     let right = normalize(to_second);
     let up = normalize(cross(f.normal, right));
     let along = vec2f(length(to_second), dot(to_third, right));
@@ -298,7 +319,7 @@ fn make_pieces(
     piece.right = right;
     piece.up = up;
     piece.seen = part.w;
-    piece.slack = MARGIN + ROUNDING * max(length(ab), length(ac)) * density;
+    piece.slack = MARGIN + ROUNDING * max(length(edge_ab(f)), length(edge_ac(f))) * density;
     pieces[first_part[at]] = piece;
     kept_parts[first_part[at]] = part;
 }

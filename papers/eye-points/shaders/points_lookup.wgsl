@@ -3,7 +3,7 @@
 //
 // An invocation is a ray, a word of 32 points, a requested point, or a pixel.
 
-import package::eye_points::shared::eye_points::{ABSENT, PointMap};
+import package::eye_points::shared::eye_points::{ABSENT, BACK, PointMap};
 import package::shared::cube_faces::{face_of, from_face, in_face};
 import package::shared::linear::linear_index;
 
@@ -85,7 +85,6 @@ var<immediate> step: LookupStep;
 // Mean radiance of each pixel's rays.
 @group(0) @binding(18) var<storage, read_write> arriving: array<vec4f>;
 
-const BACK: u32 = 0x80000000u;
 // A ray is met by a plane at most at this many times the texel's range.
 const FARTHEST: f32 = 8.0;
 // Most impostor steps.

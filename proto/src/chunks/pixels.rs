@@ -3,8 +3,8 @@
 //! Pixels that no sample saw form clusters, so runs per row name them in a few bytes each.
 
 use argus_scene::{
-    InvalidField, Limits, Outputs, PixelJob, Pixels, PlanRequest, SceneHash, SceneState, SpecificationHash,
-    Stage, View,
+    InvalidField, Limits, PixelJob, Pixels, PlanRequest, SceneHash, SceneState, SpecificationHash, Stage,
+    View,
 };
 use bytes::{Bytes, BytesMut};
 
@@ -81,16 +81,11 @@ pub fn trace_job(
         let reason = format!("must be a square number, not {}", wire.samples_per_pixel);
         return Err(InvalidField::new("samples_per_pixel", reason));
     }
-    let view = View {
-        camera: required(wire.camera, "camera")?.try_into()?,
-        width: wire.width,
-        height: wire.height,
-        outputs: Outputs::COLOR,
-        plan: PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() },
-        pin: None,
-        flow_to: None,
-        rays: None,
-    };
+    let view = View::new(
+        required(wire.camera, "camera")?.try_into()?,
+        [wire.width, wire.height],
+        PlanRequest { direct: true, supersampling: Some(side), ..PlanRequest::default() },
+    );
     view.validate(limits)?;
     let pixels = taken(&wire.runs, u64::from(wire.width) * u64::from(wire.height))?;
     let View { camera, width, height, .. } = view;

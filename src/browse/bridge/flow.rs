@@ -170,7 +170,7 @@ fn is_soon(view: &View) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Camera as Pose, Outputs, PlanRequest};
+    use argus_scene::{Camera as Pose, PlanRequest};
     use glam::DVec3;
     use proptest::prelude::*;
 
@@ -178,16 +178,7 @@ mod tests {
 
     fn view() -> View {
         let camera = Pose::look_at(DVec3::ONE, DVec3::ZERO);
-        View {
-            camera,
-            width: 8,
-            height: 6,
-            outputs: Outputs::COLOR,
-            plan: PlanRequest::default(),
-            pin: None,
-            flow_to: None,
-            rays: None,
-        }
+        View::new(camera, [8, 6], PlanRequest::default())
     }
 
     /// A flow and a simulated service with one view in work and one that waits, as in a session.

@@ -69,9 +69,9 @@ fn nothing_moves_while_each_scene_has_what_it_needs() {
 }
 
 #[test]
-fn viewers_without_a_worker_get_one_that_nobody_needs_at_once() {
+fn viewers_without_a_worker_get_an_idle_one_at_once() {
     let mut service = Service::new(3, &[0, 0, 2]);
-    // Scene 0 could give one away, and nobody looks at scene 2.
+    // Scene 0 has two workers, and scene 2 has no viewers.
     assert_eq!(service.run(&[Some(0.9), Some(0.1), None], 2), [SceneMove { from: 2, to: 1 }]);
     let mut service = Service::new(3, &[0, 0, 2]);
     assert_eq!(service.run(&[Some(0.9), Some(0.1), Some(0.1)], 2), [SceneMove { from: 0, to: 1 }]);
@@ -134,7 +134,7 @@ fn workers_follow_the_load_and_come_back_after_it() {
     assert_eq!(service.run(&[Some(3.0), Some(0.1)], 60).len(), 2);
     assert_eq!(service.counts(), [3, 1]);
     service.run(&[None, Some(4.0)], 60);
-    assert_eq!(service.counts(), [0, 4], "nobody looks at the other");
+    assert_eq!(service.counts(), [0, 4], "the other has no viewers");
     // Its next viewer should not have to wait for a move.
     service.run(&[None, Some(0.2)], 60);
     assert_eq!(service.counts(), [1, 3]);

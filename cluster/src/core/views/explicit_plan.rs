@@ -168,8 +168,7 @@ fn check_plan(plan: &Plan, set: &SampleSetInfo) -> Result<(), InvalidField> {
 #[cfg(test)]
 mod tests {
     use argus_scene::{
-        Camera, Indirect, MegaViews, Outputs, PointSettings, Sampling, SceneHash, Search, Specification,
-        Visibility,
+        Camera, Indirect, MegaViews, PointSettings, Sampling, SceneHash, Search, Specification, Visibility,
     };
     use glam::DVec3;
 
@@ -177,16 +176,7 @@ mod tests {
     use crate::core::tests::set_info;
 
     fn view() -> View {
-        View {
-            camera: Camera::look_at(DVec3::new(3.0, 4.0, 5.0), DVec3::ZERO),
-            width: 200,
-            height: 150,
-            outputs: Outputs::COLOR,
-            plan: PlanRequest::default(),
-            pin: None,
-            flow_to: None,
-            rays: None,
-        }
+        View::new(Camera::look_at(DVec3::new(3.0, 4.0, 5.0), DVec3::ZERO), [200, 150], PlanRequest::default())
     }
 
     /// A view whose request names a search.

@@ -22,9 +22,7 @@ use argus_proto::v1::views_client::ViewsClient;
 use argus_proto::v1::{self};
 use argus_scene::animation::{Node, Parts, Rest};
 use argus_scene::scene::RigKind;
-use argus_scene::{
-    Camera, Frame, Instance, Limits, Mesh, Outputs, PlanRequest, Provenance, Scene, SceneHash, View,
-};
+use argus_scene::{Camera, Frame, Instance, Limits, Mesh, PlanRequest, Provenance, Scene, SceneHash, View};
 use glam::{DAffine3, DVec3, Vec3};
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -372,16 +370,7 @@ pub async fn answer_to(
 pub fn view(i: usize) -> View {
     let angle = i as f64 * 0.37;
     let eye = DVec3::new(20.0 * angle.cos(), 15.0, 20.0 * angle.sin());
-    View {
-        camera: Camera::look_at(eye, DVec3::ZERO),
-        width: 32,
-        height: 24,
-        outputs: Outputs::COLOR,
-        plan: PlanRequest::from_samples(),
-        pin: None,
-        flow_to: None,
-        rays: None,
-    }
+    View::new(Camera::look_at(eye, DVec3::ZERO), [32, 24], PlanRequest::from_samples())
 }
 
 pub fn direct(i: usize) -> View {

@@ -54,6 +54,9 @@ const BOTH_SIDES: u32 = 1u;
 // Parts of it are cut out.
 const CUTOUT: u32 = 2u;
 
+// Of the word that names a part's triangle: the part is its back.
+const BACK: u32 = 0x80000000u;
+
 // A map of six faces around a point.
 struct PointMap {
     // Its middle, metres.

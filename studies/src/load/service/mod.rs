@@ -27,7 +27,7 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use argus_client::RenderOptions;
 use argus_local::{LocalCluster, settle};
-use argus_scene::{Outputs, View};
+use argus_scene::View;
 use indicatif::ProgressBar;
 
 pub use self::mode::Mode;
@@ -94,16 +94,7 @@ async fn fill_caches(argus: &Path, options: &Options, modes: &[Mode]) -> Result<
     let ([width, height], description) = (options.size, client.description());
     for mode in modes {
         let (camera, plan) = (options.walk.camera(description, 0, 0.0), mode.plan());
-        let view = View {
-            camera,
-            width,
-            height,
-            outputs: Outputs::COLOR,
-            plan,
-            pin: None,
-            flow_to: None,
-            rays: None,
-        };
+        let view = View::new(camera, [width, height], plan);
         let patience = RenderOptions { deadline: FIRST_DEADLINE, ..RenderOptions::default() };
         // A failed view leaves the caches as they are, which the figures will show.
         drop(client.render(&view, &patience).await);

@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result};
 use argus_client::load::burst;
 use argus_client::{Client, RenderOptions};
 use argus_local::{LocalCluster, settle};
-use argus_scene::{Outputs, View};
+use argus_scene::View;
 use indicatif::ProgressBar;
 
 use super::mode::{Mode, Phase};
@@ -78,16 +78,7 @@ async fn peak(client: &Client, options: &Options, mode: Mode) -> Result<f64> {
         let view = |k: u32| {
             let secs = options.seconds * f64::from(k) / f64::from(count);
             let camera = walk.camera(client.description(), k % clients, secs);
-            View {
-                camera,
-                width,
-                height,
-                outputs: Outputs::COLOR,
-                plan: mode.plan(),
-                pin: None,
-                flow_to: None,
-                rays: None,
-            }
+            View::new(camera, [width, height], mode.plan())
         };
         let views = (0..count).map(view).collect();
         let outcome = burst(client, views, IN_FLIGHT * options.workers, &patience, |_, _| ()).await;

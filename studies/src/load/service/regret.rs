@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use argus_client::{Client, RenderOptions};
-use argus_scene::{Camera, Frame, Outputs, View};
+use argus_scene::{Camera, Frame, View};
 
 use super::mode::Mode;
 use super::options::Options;
@@ -91,16 +91,7 @@ fn poses(client: &Client, options: &Options) -> Vec<Camera> {
 
 async fn render(client: &Client, options: &Options, camera: Camera, mode: Mode) -> Option<Frame> {
     let [width, height] = options.size;
-    let view = View {
-        camera,
-        width,
-        height,
-        outputs: Outputs::COLOR,
-        plan: mode.plan(),
-        pin: None,
-        flow_to: None,
-        rays: None,
-    };
+    let view = View::new(camera, [width, height], mode.plan());
     let patience = RenderOptions { deadline: DEADLINE, ..RenderOptions::default() };
     client.render(&view, &patience).await.ok().map(|answer| answer.frame)
 }

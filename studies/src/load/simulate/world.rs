@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use argus_cluster::core::{Action, Config, Core, Event, Failure, Uptime, ViewId, WorkerId};
 use argus_cluster::worker::policy::threads_beside;
 use argus_proto::Fault;
-use argus_scene::{Camera, Outputs, PlanRequest, SampleSetInfo, View};
+use argus_scene::{Camera, PlanRequest, SampleSetInfo, View};
 use rand::rngs::SmallRng;
 use rand::{Rng, SeedableRng};
 
@@ -247,16 +247,7 @@ impl World {
             true => PlanRequest { direct, ..PlanRequest::default() },
             false => PlanRequest::from_samples(),
         };
-        let view = Box::new(View {
-            camera,
-            width: 200,
-            height: 150,
-            outputs: Outputs::COLOR,
-            plan,
-            pin: None,
-            flow_to: None,
-            rays: None,
-        });
+        let view = Box::new(View::new(camera, [200, 150], plan));
         let latency = self.latency();
         let requested = Event::Requested {
             view_id,

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use argus_client::load::CameraPath;
 use argus_client::{Client, ClientError, RenderOptions, SessionEvent, SessionOptions};
-use argus_scene::{Frame, Output, Outputs, PlanRequest, Stage, View};
+use argus_scene::{Frame, Output, PlanRequest, Stage, View};
 use parking_lot::Mutex;
 use tokio::time::{sleep, sleep_until, timeout};
 use tokio_util::sync::CancellationToken;
@@ -104,14 +104,7 @@ pub(super) async fn run(
                     stats.gap(waits);
                     return stats.lose("a session's newest camera was not answered".to_owned());
                 }
-                let view = View {
-                    camera: path.camera(secs),
-                    width: load.size[0],
-                    height: load.size[1],
-                    outputs: Outputs::COLOR,
-                    plan: PlanRequest::default(),
-                    pin: None, flow_to: None, rays: None,
-                };
+                let view = View::new(path.camera(secs), load.size, PlanRequest::default());
                 open.insert(session.send(&view), (due, view));
                 waits.get_or_insert(due);
                 next += 1;
