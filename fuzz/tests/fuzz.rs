@@ -14,8 +14,9 @@ use argus_fuzz::{Edit, cells, chunks, edited, files, images, messages, sessions}
 use bolero::check;
 use prost::Message;
 
-/// Largest block of memory for an input of a megabyte.
-const LARGEST_BLOCK: usize = 64 << 20;
+/// Largest block of memory: the 64 MiB that an image may take whatever its length, and 1100 times its length, for
+/// inputs of up to 8 KiB.
+const LARGEST_BLOCK: usize = (64 << 20) + 1100 * (8 << 10);
 /// Longest time for an input, on a busy machine.
 const LONGEST: Duration = Duration::from_secs(10);
 /// Inputs of a target in a test run, unless BOLERO_RANDOM_ITERATIONS or BOLERO_RANDOM_TEST_TIME_MS says otherwise.

@@ -269,20 +269,8 @@ fn middle(scene: &Scene, placements: &[Placement]) -> DVec3 {
 
 /// For each node, whether an animation or a client moves it or one of its ancestors.
 fn moving_nodes(scene: &Scene) -> Vec<bool> {
-    let mut moving = vec![false; scene.nodes.len()];
-    for &mover in scene.by_request.iter().flat_map(|moved| &moved.movers) {
-        if let Some(node) = moving.get_mut(mover as usize) {
-            *node = true;
-        }
-    }
-    for channel in scene.animations.iter().flat_map(|a| &a.channels) {
-        if let Some(node) = moving.get_mut(channel.node as usize) {
-            *node = true;
-        }
-    }
-    for (index, node) in scene.nodes.iter().enumerate() {
-        let parent = node.parent.and_then(|p| moving.get(p as usize).copied());
-        moving[index] |= parent.unwrap_or(false);
-    }
-    moving
+    let by_clients = scene.by_request.iter().flat_map(|moved| moved.movers.iter().copied());
+    let driven =
+        scene.animations.iter().flat_map(|animation| &animation.channels).map(|channel| channel.node);
+    scene.hanging_from(by_clients.chain(driven))
 }

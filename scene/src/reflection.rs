@@ -108,6 +108,9 @@ impl fmt::Display for Reflections {
 }
 
 impl Reflections {
+    /// The smallest side that a probe's finest level may have, texels.
+    pub const LEAST_SIDE: u32 = 16;
+
     /// The usual settings, from each source.
     pub const USUAL: [Self; 3] = {
         let usual = Self { side: 64, most: 256, source: ProbeSource::OCTREE };
@@ -119,7 +122,7 @@ impl Reflections {
     /// # Errors
     /// `reflections` and the setting's name.
     pub fn validate(&self) -> Result<(), InvalidField> {
-        if !(self.side.is_power_of_two() && (16..=256).contains(&self.side)) {
+        if !(self.side.is_power_of_two() && (Self::LEAST_SIDE..=256).contains(&self.side)) {
             let reason = format!("must be 16, 32, 64, 128 or 256 texels, not {}", self.side);
             return Err(InvalidField::new("reflections.side", reason));
         }

@@ -61,7 +61,7 @@ impl Scene {
     }
 
     /// The scene at time zero with the transforms of a revision. `movers` are further nodes that clients may move. `None` if
-    /// the revision is not known here.
+    /// the revision is not known here. Meshes have the shapes of the file: [`Self::posed`] makes those that joints give them.
     pub fn with_transforms(self: &Arc<Self>, revision: u64, movers: &BTreeSet<u32>) -> Option<Arc<Self>> {
         let base = self.by_request.as_ref().map_or(self, |moved| &moved.base);
         let transforms = base.revisions.get(revision)?;
@@ -114,13 +114,7 @@ impl Scene {
 
     /// Places what hangs from movers, at time zero.
     fn place_moved(&mut self, movers: &BTreeSet<u32>) {
-        let mut moved = vec![false; self.nodes.len()];
-        for &mover in movers {
-            if let Some(moved) = moved.get_mut(mover as usize) {
-                *moved = true;
-            }
-        }
-        self.inherit(&mut moved);
+        let moved = self.hanging_from(movers.iter().copied());
         let world_from_node = self.world_from_nodes(&self.drivers(), 0.0);
         let instances = self.instances.iter().map(|instance| match instance.node {
             Some(node) if moved.get(node as usize).is_some_and(|moved| *moved) => {
@@ -161,26 +155,6 @@ impl Scene {
             at = node.parent;
         }
         Some(world_from_parent)
-    }
-
-    /// Nodes that clients cannot move, since what hangs from them changes the shapes of meshes: joints of skins, nodes that
-    /// flatten their meshes, and the nodes above them.
-    pub fn immovable_nodes(&self) -> Vec<bool> {
-        let mut fixed = vec![false; self.nodes.len()];
-        let mut fix = |node: u32| {
-            let mut at = Some(node);
-            while let Some(node) = at.filter(|node| !fixed.get(*node as usize).copied().unwrap_or(true)) {
-                fixed[node as usize] = true;
-                at = self.nodes[node as usize].parent;
-            }
-        };
-        for deformation in self.meshes.iter().filter_map(|mesh| mesh.deformation.as_ref()) {
-            if deformation.flattens {
-                fix(deformation.node);
-            }
-            deformation.skin.iter().flat_map(|skin| &*skin.joints).for_each(|joint| fix(joint.node));
-        }
-        fixed
     }
 }
 

@@ -212,9 +212,9 @@ pub(crate) struct IndirectLight {
     /// Side, in sub-samples, of the blocks that share one or two of those images, 1 to 16
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16))]
     pub(crate) point_block: Option<u32>,
-    /// Cells on a side of the scene for --indirect gather, as a power of two, 1 to 10 [default: 7]. Light leaks by about a
+    /// Cells on a side of the scene for --indirect gather, as a power of two, 1 to 9 [default: 7]. Light leaks by about a
     /// cell along walls. One level more takes about four times the time and memory whenever the scene moves
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=9))]
     pub(crate) path_level: Option<u32>,
     /// Rays of each cell's surfaces for --indirect gather, 1 to 256 [default: 4]. Four times as many halve the noise and take
     /// four times the time whenever the scene moves
@@ -228,7 +228,7 @@ pub(crate) struct IndirectLight {
     /// time to fill, and blurs light over twice the distance
     #[arg(long, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(crate) cell_pixels: Option<u32>,
-    /// Rays of each side of a light cell at best: 16, 64 or 256 [default: 64]. Views begin with 16; cells in use are refined while
+    /// Rays of each side of a light cell at best: 16, 64 or 256 [default: 256]. Views begin with 16; cells in use are refined while
     /// nothing else is to do. Four times as many halve the noise
     #[arg(long, value_name = "N")]
     pub(crate) cell_rays: Option<u32>,
@@ -238,14 +238,22 @@ impl IndirectLight {
     /// Converts the flags to the sample set's settings.
     ///
     /// # Errors
-    /// `--particles` together with `--indirect points`, `gather` or `cells`, which cannot gather their light; or a setting out of the
-    /// method's range.
+    /// `--particles` together with `--indirect points`, `gather` or `cells`, which cannot gather their light; a setting without its
+    /// method, or out of its range.
     pub(crate) fn settings(&self) -> anyhow::Result<Option<Indirect>> {
         // Particles are gathered like virtual point lights, with which paths do not go.
         let off = self.indirect == "off" || self.indirect == "auto" && self.particles.is_some();
-        match (self.indirect.as_str(), self.particles) {
-            ("off", None) => return Ok(Some(Indirect::Off)),
-            ("auto", None) => return Ok(None),
+        let method = match (self.indirect.as_str(), self.particles) {
+            ("off" | "auto", Some(_)) => "vpl",
+            ("paths", _) => "gather",
+            (method, _) => method,
+        };
+        if let Some((flag, methods)) = self.not_of(method) {
+            anyhow::bail!("{flag}: --indirect {method} does not take it; use --indirect {methods}");
+        }
+        match method {
+            "off" => return Ok(Some(Indirect::Off)),
+            "auto" => return Ok(None),
             _ => {}
         }
         let settings = match self.indirect.as_str() {
@@ -272,6 +280,30 @@ impl IndirectLight {
             .into());
         }
         Ok(Some(settings))
+    }
+
+    /// The first setting that is given and that a method does not take, with the methods that do.
+    fn not_of(&self, method: &str) -> Option<(&'static str, &'static str)> {
+        let settings = [
+            ("--bounces", self.bounces.is_some(), "cells, gather, vpl or points"),
+            ("--cell-pixels", self.cell_pixels.is_some(), "cells"),
+            ("--cell-rays", self.cell_rays.is_some(), "cells"),
+            ("--path-level", self.path_level.is_some(), "cells or gather"),
+            ("--path-rays", self.path_rays.is_some(), "cells or gather"),
+            ("--path-gather", self.path_gather.is_some(), "cells or gather"),
+            ("--vpls", self.vpls.is_some(), "vpl"),
+            ("--vpl-maps", self.vpl_maps.is_some(), "vpl"),
+            ("--vpl-map-side", self.vpl_map_side.is_some(), "vpl"),
+            ("--vpl-groups", self.vpl_groups.is_some(), "vpl"),
+            ("--gather", self.gather.is_some(), "vpl"),
+            ("--point-levels", self.point_levels.is_some(), "points"),
+            ("--point-map-side", self.point_map_side.is_some(), "points"),
+            ("--point-block", self.point_block.is_some(), "points"),
+        ];
+        let takes = |methods: &str| methods.split([',', ' ']).any(|one| one == method);
+        let (flag, _, methods) =
+            settings.into_iter().find(|(_, is_given, methods)| *is_given && !takes(methods))?;
+        Some((flag, methods))
     }
 
     fn points(&self) -> Indirect {
@@ -377,4 +409,43 @@ fn sub_samples() -> impl TypedValueParser<Value = u32> {
         "16" => 16,
         _ => 4,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Command {
+        #[command(flatten)]
+        light: IndirectLight,
+    }
+
+    fn settings(flags: &str) -> anyhow::Result<Option<Indirect>> {
+        Command::try_parse_from(["argus"].into_iter().chain(flags.split_whitespace()))?.light.settings()
+    }
+
+    #[test]
+    fn a_setting_without_its_method_is_refused_by_name() {
+        for flags in [
+            "--cell-rays 256",
+            "--bounces 8",
+            "--indirect off --vpls 64",
+            "--indirect gather --cell-pixels 2",
+        ] {
+            let flag = flags.split_whitespace().rev().nth(1).unwrap();
+            let error = settings(flags).unwrap_err().to_string();
+            assert!(error.starts_with(flag) && error.contains("use --indirect "), "{flags}: {error}");
+        }
+        assert_eq!(settings("").unwrap(), None);
+        assert_eq!(settings("--indirect off").unwrap(), Some(Indirect::Off));
+        settings("--indirect paths --path-level 6").unwrap();
+        let Some(Indirect::Cells(cells)) = settings("--indirect cells --cell-rays 256 --bounces 8").unwrap()
+        else {
+            panic!("no cells")
+        };
+        assert_eq!((cells.rays, cells.paths.bounces), (256, 8));
+    }
 }

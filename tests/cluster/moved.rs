@@ -75,6 +75,27 @@ async fn a_hundred_moved_nodes_are_seen_in_the_next_frame_and_soon() {
     assert!(middle < 10.0 * BAR_MS, "{later:?}");
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_joint_that_a_client_moves_takes_its_skin_along() {
+    let folder = tempfile::tempdir().unwrap();
+    let coordinator = start(folder.path(), Mover::Joint, &[]);
+    let _worker = coordinator.worker(&[]);
+    coordinator.wait_for_workers(1);
+    let client = Client::connect(&coordinator.url).await.unwrap();
+    let options = RenderOptions { deadline: Duration::from_secs(60), ..RenderOptions::default() };
+    let open = View { plan: PlanRequest::default(), ..view() };
+    let mut columns = Vec::new();
+    // The animation does not move it any more.
+    for x in [3.0, -3.0, 3.0] {
+        let joint = SetTransform { node: Node::Index(2), ..red_at(x) };
+        let moved = client.set_transforms(&[joint], None).await.unwrap();
+        let frame = client.render(&open, &options).await.unwrap().frame;
+        assert_eq!(frame.provenance.state.revision, moved.revision);
+        columns.push(red_column(&image(&frame)));
+    }
+    assert!(columns[0] - columns[1] > 40.0 && (columns[0] - columns[2]).abs() < 2.0, "{columns:?}");
+}
+
 #[test]
 fn a_node_is_moved_on_the_command_line() {
     let folder = tempfile::tempdir().unwrap();

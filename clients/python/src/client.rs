@@ -17,7 +17,7 @@ use tokio::time::timeout;
 
 use crate::error::{exception, invalid};
 use crate::images::{self, Array, Images};
-use crate::report;
+use crate::report::{self, Report};
 use crate::runtime::Home;
 use crate::session::Session;
 use crate::transforms::{self, NodeKey};
@@ -218,9 +218,7 @@ impl Client {
                         let (at, view) = (part * MOST_CAMERAS + index, &views[index]);
                         ended[at] = frame.and_then(|(frame, meta)| {
                             images::copy(&mut images, at, &frame)?;
-                            let mut said = report::of_frame(&frame, &meta);
-                            said["record"] = report::record(view, scene, &frame, &meta);
-                            Ok(said.to_string())
+                            Report::of(&frame, &meta).with_record(view, scene).text()
                         });
                     }
                     Ok(None) => break,

@@ -14,7 +14,7 @@ use tokio::time::timeout;
 use crate::client::secs;
 use crate::error::{exception, invalid, misused};
 use crate::images::{self, Array, Images};
-use crate::report;
+use crate::report::Report;
 use crate::runtime::Home;
 use crate::wanted::{LensRow, Pose, Wanted, camera};
 
@@ -94,7 +94,7 @@ impl Session {
                 })??;
             let (frame, meta) = outcome?;
             images::copy(&mut images, 0, &frame)?;
-            Ok((seq, report::of_frame(&frame, &meta).to_string()))
+            Ok((seq, Report::of(&frame, &meta).text()?))
         })?;
         taken.map_err(|error| exception(py, &error))
     }

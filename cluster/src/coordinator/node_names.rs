@@ -13,8 +13,6 @@ pub(super) struct NodeNames {
     names: Vec<String>,
     /// First node of each name, and how many have it.
     by_name: HashMap<String, (u32, usize)>,
-    /// Nodes that cannot be moved: the shapes of meshes depend on them.
-    immovable: Vec<bool>,
 }
 
 impl NodeNames {
@@ -24,13 +22,13 @@ impl NodeNames {
         for (at, name) in (0u32..).zip(&names).filter(|(_, name)| !name.is_empty()) {
             by_name.entry(name.clone()).or_insert((at, 0)).1 += 1;
         }
-        Self { names, by_name, immovable: scene.immovable_nodes() }
+        Self { names, by_name }
     }
 
     /// The index of the node that a client names.
     ///
     /// # Errors
-    /// No node or several are meant, or it cannot be moved.
+    /// No node or several are meant.
     pub(super) fn find(&self, node: Option<&v1::set_transform::Node>) -> Result<u32, InvalidField> {
         use v1::set_transform::Node;
         let total = self.names.len();
@@ -39,38 +37,29 @@ impl NodeNames {
                           do not";
             return Err(InvalidField::new("nodes", reason));
         }
-        let index = match node {
-            None => return Err(InvalidField::new("nodes.node", "give each node's index or its name")),
-            Some(Node::Index(index)) if (*index as usize) < total => *index,
+        match node {
+            None => Err(InvalidField::new("nodes.node", "give each node's index or its name")),
+            Some(Node::Index(index)) if (*index as usize) < total => Ok(*index),
             Some(Node::Index(index)) => {
                 let reason = format!("there is no node {index}; the scene has nodes 0 to {}", total - 1);
-                return Err(InvalidField::new("nodes.index", reason));
+                Err(InvalidField::new("nodes.index", reason))
             }
             Some(Node::Name(name)) => match self.by_name.get(name) {
-                Some((index, 1)) => *index,
+                Some((index, 1)) => Ok(*index),
                 Some((first, count)) => {
                     let reason = format!(
                         "{count} nodes are named {:?}, the first is {first}; give the index",
                         short(name)
                     );
-                    return Err(InvalidField::new("nodes.name", reason));
+                    Err(InvalidField::new("nodes.name", reason))
                 }
                 None => {
                     let reason =
                         format!("there is no node {:?}; Names lists the nodes of the scene", short(name));
-                    return Err(InvalidField::new("nodes.name", reason));
+                    Err(InvalidField::new("nodes.name", reason))
                 }
             },
-        };
-        if self.immovable[index as usize] {
-            let reason = format!(
-                "node {} moves joints of a skin or flattens a mesh, and cannot be set; set a node that no mesh's shape \
-                 depends on",
-                self.shown(index)
-            );
-            return Err(InvalidField::new("nodes", reason));
         }
-        Ok(index)
     }
 
     /// A node as errors name it: its index, and its name if it has one.

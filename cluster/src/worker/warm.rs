@@ -10,8 +10,8 @@ use std::time::Instant;
 
 use argus_scene::{
     Camera, Cancel, Compositor, Detail, Frame, LightEffects, LightLevel, Output, Outputs, Plan, ProbeSource,
-    ReflectionProbeSet, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler, Scene,
-    SceneState, Version, ViewJob, Visibility, Warp,
+    ReflectionProbeSet, Reflections, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
+    Scene, SceneState, Version, ViewJob, Visibility, Warp,
 };
 
 use crate::core::quality::Cost;
@@ -134,7 +134,8 @@ pub(super) fn view_of_effects(
 ///
 /// Rendering and uploading samples of full size takes seconds. So the samples are small, of two sizes, and the cost
 /// per texel is extrapolated to full size. They show the scene itself, because silhouettes, glossy surfaces and
-/// occlusion determine the cost of a view from samples.
+/// occlusion determine the cost of a view from samples. How fine reflections are does not, nor light between surfaces, and both take
+/// seconds to render.
 pub(super) fn small_samples(
     scene: &Scene,
     info: &Arc<SampleSetInfo>,
@@ -145,8 +146,12 @@ pub(super) fn small_samples(
     let nearest = rig.nearest(&scene.default_camera(), SAMPLES);
     let id = |camera| SampleId { version: LAST_VERSION, camera };
     let ids = nearest.into_iter().map(id).collect();
-    let version = Version { number: LAST_VERSION, ..info.version };
-    let small = SampleSetInfo { rig, visibility, version, ..info.as_ref().clone() };
+    let state = SceneState { light: LightLevel::Direct, ..info.version.state };
+    let version = Version { number: LAST_VERSION, state };
+    let coarse = |settings| Reflections { side: Reflections::LEAST_SIDE, ..settings };
+    let reflections =
+        info.reflections.map(|set| ReflectionProbeSet { settings: coarse(set.settings), ..set });
+    let small = SampleSetInfo { rig, visibility, version, reflections, ..info.as_ref().clone() };
     SampleJob::new(Arc::new(small), ids, false)
 }
 

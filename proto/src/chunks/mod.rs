@@ -65,6 +65,9 @@ impl Gather {
         if bytes.len() as u64 == self.expected {
             self.whole = Some(bytes);
         } else {
+            // The caller has checked how many are expected.
+            let all = usize::try_from(self.expected).unwrap_or_default();
+            self.received.reserve(all.saturating_sub(self.received.len()));
             self.received.extend_from_slice(&bytes);
         }
         Ok(())

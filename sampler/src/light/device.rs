@@ -5,6 +5,7 @@
 //! precision. So texels differ where a ray grazes an edge, and in the last digits.
 
 mod choice;
+mod sight;
 mod surfaces;
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};

@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use argus_gpu::Gpu;
-use argus_scene::{LightEffects, Lighting, RenderError, Scene};
+use argus_scene::{LightEffects, Lighting, RenderError, Scene, Stage};
+use argus_shaders::layout::sampler::ScatteredRay;
 use bytes::Bytes;
+use glam::DVec3;
 use tracing::warn;
 
 use super::device::{self, DeviceLight, LitTile};
@@ -14,11 +16,14 @@ use super::sky::SkyIrradiance;
 use super::tracing::{LightTracing, emission_textures, emitters_at, reads_textures};
 use crate::LightSettings;
 use crate::frame::{Frame, Neighbours};
-use crate::light_rays::{CullMode, LightRays};
+use crate::light_rays::{CullMode, LightRays, RayHit};
 use crate::packets::PacketTracer;
 use crate::passes::AddDirect;
 use crate::resident::Features;
 use crate::scratch::GBuffer;
+
+/// Fewest rays of sight that are worth a submission and its readback. An estimate: not measured on a GPU yet.
+const LEAST_SEEN: usize = 2048;
 
 /// The direct light of one scene on one device.
 pub(crate) struct DirectLight {
@@ -198,6 +203,24 @@ impl DirectLight {
         match device.look_up_cells(frame, &mut tile, &self.tracing, paths) {
             Ok(()) => Ok(Some(tile)),
             Err(error) => unless_too_large(error),
+        }
+    }
+
+    /// The nearest surface along each of some rays of sight about an eye, found on the device. `None` if the CPU should trace them: it
+    /// is the faster one, or they are few. Its time is added to `stages` where the device has a clock.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn see(
+        &self,
+        gpu: &Arc<Gpu>,
+        eye: DVec3,
+        (count, rays): (usize, impl FnOnce() -> Vec<ScatteredRay>),
+        stages: &mut Vec<Stage>,
+    ) -> Result<Option<Vec<Option<RayHit>>>, RenderError> {
+        match self.device.as_ref().filter(|_| count >= LEAST_SEEN) {
+            Some(device) => device.see(gpu, eye, &rays(), stages).or_else(unless_too_large),
+            None => Ok(None),
         }
     }
 

@@ -14,6 +14,13 @@ use crate::light_rays::LightRaysAbout;
 /// Share of the way to an emitter that is looked at: it does not block itself.
 const ALMOST: f32 = 1.0 - 1e-4;
 
+/// How far an emitter that covers a point is looked for, as a share of the way to its plane.
+const PAST: f32 = 1.0 + 1e-3;
+/// Least cosine between a point's normal and the way to the plane of an emitter that covers it.
+const COVERS: f32 = 0.5;
+/// A ray stands for the whole triangle within so many of its longest edges from its middle, squared.
+const NEAR: f32 = 16.0;
+
 /// The emitting triangles of a pose.
 #[derive(Clone)]
 pub(super) struct Emitters(EmittersByPower);
@@ -36,27 +43,47 @@ impl Emitters {
             let (ray, slot) = (number / SLOTS, number % SLOTS);
             let which = emitters.pick(place_of(ray, slot, rays)).unwrap_or(0);
             let emitter = NearEmitter::new(&emitters.all()[which], emitters, eye);
+            let [first, second, third] = emitter.corners.map(|corner| corner.to_array());
             EmitterPoint {
                 position: emitter.point(*square).to_array(),
                 both_sides: u32::from(emitter.both_sides),
                 area: emitter.area.to_array(),
-                _pad: 0.0,
+                near: emitter.near,
                 radiance: (emitter.radiance / rays as f32).to_array(),
+                _pad: 0.0,
+                first,
+                _pad_first: 0.0,
+                second,
+                _pad_second: 0.0,
+                third,
                 _rest: 0.0,
             }
         };
         squares.iter().enumerate().map(point).collect()
     }
 
-    /// Irradiance / π at each texel, where a ray stands for as much of an emitter; `None` if nothing emits.
+    /// Irradiance / π at each texel; `None` if nothing emits.
     pub(super) fn irradiance_over_pi(
         &self,
         points: &ShadingPoints,
         about: &LightRaysAbout<'_>,
         eye: DVec3,
         settings: LightSettings,
-        part: EmitterPart,
     ) -> Option<Vec<Vec3>> {
+        let found = self.at_points(points, about, eye, settings, 0.0)?;
+        let found = found.into_iter().map(Option::unwrap_or_default).collect();
+        Some(if settings.filter { smoothed(found, points) } else { found })
+    }
+
+    /// Irradiance / π at each point; `None` if nothing emits, and for points that an emitter covers from less than `beyond` metres.
+    pub(super) fn at_points(
+        &self,
+        points: &ShadingPoints,
+        about: &LightRaysAbout<'_>,
+        eye: DVec3,
+        settings: LightSettings,
+        beyond: f32,
+    ) -> Option<Vec<Option<Vec3>>> {
         let Self(emitters) = self;
         if emitters.all().is_empty() {
             return None;
@@ -71,37 +98,21 @@ impl Emitters {
         let at = |index: usize| {
             let from = &points.all[index];
             if !from.exists {
-                return Vec3::ZERO;
+                return Some(Vec3::ZERO);
             }
             let slot = points.slot(index);
-            let mut sum = Vec3::ZERO;
-            let mut cast = |ray: usize, square: glam::Vec2| {
-                if let Some(which) = emitters.pick(place_of(ray, slot, rays)) {
-                    sum += near.contribution(which, from, square, about, part);
-                }
+            let cast = |(ray, square): (usize, glam::Vec2)| match emitters.pick(place_of(ray, slot, rays)) {
+                Some(which) => near.contribution(which, from, square, about, beyond),
+                None => Some(Vec3::ZERO),
             };
-            match &alone {
-                Some(all) => all.iter().enumerate().for_each(|(ray, &square)| cast(ray, square)),
-                None => pattern.of_slot(slot).enumerate().for_each(|(ray, square)| cast(ray, square)),
-            }
-            sum / rays as f32
+            let sum: Option<Vec3> = match &alone {
+                Some(all) => all.iter().copied().enumerate().map(cast).sum(),
+                None => pattern.of_slot(slot).enumerate().map(cast).sum(),
+            };
+            sum.map(|sum| sum / rays as f32)
         };
-        let found: Vec<Vec3> = (0..points.all.len()).into_par_iter().with_min_len(256).map(at).collect();
-        Some(if settings.filter { smoothed(found, points) } else { found })
+        Some((0..points.all.len()).into_par_iter().with_min_len(256).map(at).collect())
     }
-}
-
-/// What a ray to an emitter stands for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum EmitterPart {
-    /// The point at which it looks. Right on average, and far too much for a few points close to an emitter.
-    Point,
-    /// The whole triangle, which is as visible as that point: never more than the emitter's radiance over its probability. Nothing,
-    /// if the triangle's plane is closer than so many metres.
-    Triangle {
-        /// Metres.
-        beyond: f32,
-    },
 }
 
 /// The place of a ray in 0..1 of all power: in as many strata as there are rays; within one, each slot has its place.
@@ -119,12 +130,17 @@ struct NearEmitter {
     /// Radiance by π, divided by the probability of this emitter.
     radiance: Vec3,
     both_sides: bool,
+    /// Square of the distance from its middle, metres, below which a ray stands for the whole triangle.
+    near: f32,
 }
 
 impl NearEmitter {
     fn new(emitter: &Emitter, among: &EmittersByPower, eye: DVec3) -> Self {
+        let corners = emitter.corners.map(|corner| (corner - eye).as_vec3());
+        let edge = |at: usize| corners[at].distance_squared(corners[(at + 1) % 3]);
         Self {
-            corners: emitter.corners.map(|corner| (corner - eye).as_vec3()),
+            corners,
+            near: NEAR * edge(0).max(edge(1)).max(edge(2)),
             area: (emitter.area_vector() * 0.5).as_vec3(),
             radiance: emitter.radiance * (std::f64::consts::FRAC_1_PI / among.probability(emitter)) as f32,
             both_sides: emitter.both_sides,
@@ -137,6 +153,31 @@ impl NearEmitter {
         let root = square.x.sqrt();
         a + (b - a) * (root * (1.0 - square.y)) + (c - a) * (root * square.y)
     }
+
+    /// Whether the emitter covers a point, closer than `beyond` metres. One that only stands beside it does not.
+    fn covers(&self, from: &ShadingPoint, to_point: Vec3, about: &LightRaysAbout<'_>, beyond: f32) -> bool {
+        let across = self.area.normalize_or_zero();
+        let to_plane = across * across.dot(to_point);
+        let distance = to_plane.length();
+        distance < beyond
+            && from.normal.dot(to_plane) > COVERS * distance
+            && from.sees(about, to_plane, PAST) < 1.0
+    }
+
+    /// How much of its radiance arrives by a ray towards it, if nothing blocks that; and where the ray goes, which is elsewhere if the
+    /// point that it is for lies below the horizon. From afar a ray stands for its point. From close by points differ too much, and it
+    /// stands for the whole triangle, which is then as visible as the point.
+    fn weight(&self, from: &ShadingPoint, to_point: Vec3, facing: f32) -> (f32, Vec3) {
+        let cosine = from.normal.dot(to_point);
+        let corners = self.corners.map(|corner| corner - from.start);
+        let middle = corners.iter().sum::<Vec3>() / 3.0;
+        if middle.length_squared() >= self.near {
+            let squared = to_point.length_squared();
+            return (cosine * facing / (squared * squared), to_point);
+        }
+        let (weight, above) = lambert(corners, from.normal);
+        (weight, if cosine > 0.0 { to_point } else { above })
+    }
 }
 
 impl Near {
@@ -144,44 +185,32 @@ impl Near {
         Self(emitters.all().iter().map(|emitter| NearEmitter::new(emitter, emitters, eye)).collect())
     }
 
-    /// What a ray to a point of an emitter adds to irradiance / π.
+    /// What a ray to a point of an emitter adds to irradiance / π; `None` if the emitter covers the point from less than
+    /// `beyond` metres.
     fn contribution(
         &self,
         which: usize,
         from: &ShadingPoint,
         square: glam::Vec2,
         about: &LightRaysAbout<'_>,
-        part: EmitterPart,
-    ) -> Vec3 {
+        beyond: f32,
+    ) -> Option<Vec3> {
         let emitter = &self.0[which];
-        let mut to_light = emitter.point(square) - from.start;
-        let facing = -emitter.area.dot(to_light);
+        let to_point = emitter.point(square) - from.start;
+        let facing = -emitter.area.dot(to_point);
         let facing = if emitter.both_sides { facing.abs() } else { facing };
-        if !(facing > 0.0) {
-            return Vec3::ZERO;
-        }
-        let mut cosine = from.normal.dot(to_light);
-        let weight = match part {
-            EmitterPart::Point => {
-                let squared = to_light.length_squared();
-                cosine * facing / (squared * squared)
-            }
-            EmitterPart::Triangle { beyond } if facing < beyond * emitter.area.length() => return Vec3::ZERO,
-            EmitterPart::Triangle { .. } => {
-                let corners = emitter.corners.map(|corner| corner - from.start);
-                let (weight, middle) = lambert(corners, from.normal);
-                if cosine <= 0.0 {
-                    // The point is below the horizon, and a part of the triangle may be above.
-                    (to_light, cosine) = (middle, from.normal.dot(middle));
-                }
-                weight
-            }
-        };
         // NaN fails.
-        match cosine > 0.0 && weight.is_finite() {
+        if !(facing > 0.0) {
+            return Some(Vec3::ZERO);
+        }
+        if beyond > 0.0 && emitter.covers(from, to_point, about, beyond) {
+            return None;
+        }
+        let (weight, to_light) = emitter.weight(from, to_point, facing);
+        Some(match weight > 0.0 && weight.is_finite() {
             true => emitter.radiance * weight * from.sees(about, to_light, ALMOST),
             false => Vec3::ZERO,
-        }
+        })
     }
 }
 
@@ -241,6 +270,41 @@ mod tests {
             let (found, middle) = lambert(corners, normal);
             assert!(found == 0.0 || normal.dot(middle) > 0.0, "{normal}: {middle}");
             assert!((found - sum).abs() <= 2e-3 * sum.max(0.01), "{normal}: {found}, not {sum}");
+        }
+    }
+
+    /// The weights of rays to many points of a lamp of a metre, from a point so far below its middle: least, mean and greatest, and the
+    /// exact sum over the lamp.
+    fn weights_below(distance: f32) -> ([f32; 3], f32) {
+        let corners = [DVec3::new(-0.5, 0.0, -0.5), DVec3::new(0.5, 0.0, -0.5), DVec3::new(0.0, 0.0, 0.5)];
+        let emitter = Emitter { corners, radiance: Vec3::ONE, both_sides: false, instance: 0, primitive: 0 };
+        let lamp = NearEmitter::new(&emitter, &EmittersByPower::new(vec![emitter]), DVec3::ZERO);
+        let start = Vec3::NEG_Y * distance;
+        let from = ShadingPoint {
+            exists: true,
+            position: start,
+            normal: Vec3::Y,
+            side: Vec3::Y,
+            start,
+            is_lifted: false,
+            across: 0.0,
+        };
+        let weights = square_points(SLOTS * 4).into_iter().map(|square| {
+            let to_point = lamp.point(square) - start;
+            lamp.weight(&from, to_point, -lamp.area.dot(to_point)).0
+        });
+        let weights: Vec<f32> = weights.collect();
+        let mean = weights.iter().sum::<f32>() / weights.len() as f32;
+        let [least, most] = [f32::min, f32::max].map(|of| weights.iter().copied().reduce(of).unwrap());
+        ([least, mean, most], lambert(lamp.corners.map(|corner| corner - start), Vec3::Y).0)
+    }
+
+    #[test]
+    fn every_ray_to_an_emitter_stands_for_about_as_much_from_close_by_and_from_afar() {
+        for distance in [1e-3, 0.01, 0.3, 1.0, 4.0, 5.0, 30.0] {
+            let ([least, mean, most], exact) = weights_below(distance);
+            assert!((mean / exact - 1.0).abs() < 0.02, "{distance} m: {mean}, not {exact}");
+            assert!(most < 1.1 * least, "{distance} m: {least} to {most}");
         }
     }
 

@@ -10,7 +10,6 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::cells::{CellLight, Eye};
-use super::emitters::EmitterPart;
 use super::path_light::PathLight;
 use super::shading_points::ShadingPoints;
 use super::shadows::VisibilityWords;
@@ -137,8 +136,8 @@ impl<'a> OnCpu<'a> {
     /// Traces rays to emitting triangles.
     pub(crate) fn trace_emitters(&mut self) {
         let begin = Instant::now();
-        let (emitters, part) = (&self.tracing.emitters, EmitterPart::Point);
-        self.emitted = emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.settings, part);
+        let emitters = &self.tracing.emitters;
+        self.emitted = emitters.irradiance_over_pi(&self.points, &self.about, self.eye, self.settings);
         if self.emitted.is_some() {
             timing::add_since(&mut self.traced, "trace emitters", begin);
         }

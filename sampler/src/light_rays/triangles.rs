@@ -1,5 +1,7 @@
 //! Triangles of a leaf: what a ray hits of them.
 
+use argus_shaders::layout::sampler::ScatteredHit;
+
 use super::rays::LightRays;
 use super::tree::{Block, CullMode, Ids};
 use super::walk::{Leaves, Shear};
@@ -19,6 +21,16 @@ pub(crate) struct RayHit {
     pub(crate) weights: [f32; 2],
     /// Whether the front face (counter-clockwise) is hit.
     pub(crate) front: bool,
+}
+
+impl RayHit {
+    /// What a device found; `None` if it found nothing.
+    pub(crate) fn of_device(hit: ScatteredHit) -> Option<Self> {
+        const FRONT: u32 = 1 << 31;
+        let ScatteredHit { instance, primitive, t, weights, .. } = hit;
+        let instance = instance.checked_sub(1)?;
+        Some(Self { instance, primitive: primitive & !FRONT, t, weights, front: primitive & FRONT != 0 })
+    }
 }
 
 /// Triangles, until one blocks a ray.

@@ -3,7 +3,7 @@
 use argus_scene::reflection::BOUNCES;
 use argus_scene::shading::{Surface, reflected_around, sky_radiance};
 use argus_scene::{Sky, rgb9e5};
-use argus_shaders::layout::sampler::{LEAF_BLOCK, ProbePoint};
+use argus_shaders::layout::sampler::{LEAF_BLOCK, ProbePoint, ScatteredRay, ray_flags};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -12,6 +12,7 @@ use super::point_method::{Met, ViewMaps};
 use super::rays::{MetByRay, ReflectionRays};
 use super::reflectors::Reflectors;
 use super::scene::ReflectionSource;
+use crate::light_rays::RayHit;
 use crate::point_shading::{GBufferTexel, Points, ShadedPoints, index_in_blocks, probe_point};
 use crate::tile::Tile;
 
@@ -54,6 +55,22 @@ impl Paths {
     pub(crate) fn of_rays(rays: &[Ray]) -> Self {
         let path = |(first, ray): (u32, &Ray)| Path { ray: *ray, first, share: Vec3::ONE };
         Self { along: (0..).zip(rays).map(path).collect(), arriving: vec![Vec3::ZERO; rays.len()] }
+    }
+
+    /// Number of rays on their way.
+    pub(crate) fn len(&self) -> usize {
+        self.along.len()
+    }
+
+    /// The rays on their way, for a device.
+    pub(crate) fn of_sight(&self) -> Vec<ScatteredRay> {
+        let ray = |path: &Path| ScatteredRay {
+            origin: path.ray.start.to_array(),
+            most: f32::MAX,
+            direction: path.ray.direction.to_array(),
+            flags: ray_flags::OF_SIGHT,
+        };
+        self.along.par_iter().with_min_len(1024).map(ray).collect()
     }
 
     /// Whether no ray goes on.
@@ -148,8 +165,8 @@ impl Bounces<'_> {
         Some((Path { ray, share, ..*path }, 1.0 - transmission))
     }
 
-    /// What rays meet.
-    pub(crate) fn meet(&self, paths: &Paths) -> Met {
+    /// What rays meet. `first`: the first surface along each, if a device found them.
+    pub(crate) fn meet(&self, paths: &Paths, first: Option<&[Option<RayHit>]>) -> Met {
         let paths = &paths.along[..];
         match (self.by, self.maps) {
             (ReflectionSource::Points(_), Some(maps)) => {
@@ -159,14 +176,14 @@ impl Bounces<'_> {
             (ReflectionSource::Points(_), None) => {
                 Met { points: Points::default(), of_ray: vec![None; paths.len()] }
             }
-            (ReflectionSource::Rays(tracer), _) => self.meet_by_rays(tracer, paths),
+            (ReflectionSource::Rays(tracer), _) => self.meet_by_rays(tracer, paths, first),
         }
     }
 
     /// Traces rays. What they meet has the places of their sub-samples in an image; refracted rays have the rows below it.
-    fn meet_by_rays(&self, tracer: &ReflectionRays, paths: &[Path]) -> Met {
+    fn meet_by_rays(&self, tracer: &ReflectionRays, paths: &[Path], first: Option<&[Option<RayHit>]>) -> Met {
         let rays = paths.par_iter().map(|path| (path.ray.start, path.ray.direction, path.ray.past));
-        let met = tracer.follow(self.eye, rays);
+        let met = tracer.follow(self.eye, rays, first);
         let [columns, rows] = self.tile.sub_samples();
         let place = |ray: &Ray| [ray.at % columns, ray.at / columns];
         let (mut begin, mut end) = ([columns, rows], [0, 0]);

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::index_maps::{IndexMaps, MappedReflector};
-use crate::light_rays::{CullMode, LightRays, LightRaysAbout};
+use crate::light_rays::{CullMode, LightRays, LightRaysAbout, RayHit};
 use crate::packets::PacketTracer;
 use crate::point_shading::{Side, SurfacePoint};
 use crate::resident::placed;
@@ -73,27 +73,8 @@ impl ReflectionRays {
         direction: DVec3,
         own: u32,
     ) -> Option<MetByRay> {
-        let along = direction.as_vec3();
-        let mut passed = 0.0f64;
-        for _ in 0..MOST_PASSED {
-            let from = (origin + direction * passed - eye).as_vec3();
-            let hit = about.nearest(from, along, f32::MAX)?;
-            let range = passed + f64::from(hit.t);
-            if hit.instance != own {
-                let side = if hit.front { Side::Front } else { Side::Back };
-                let weights = hit.weights.map(f64::from);
-                return Some(MetByRay {
-                    instance: hit.instance,
-                    primitive: hit.primitive,
-                    weights,
-                    range,
-                    side,
-                });
-            }
-            let place = from + along * hit.t;
-            passed = range + f64::from(about.offset(place, hit.t).max(f32::MIN_POSITIVE));
-        }
-        None
+        let first = about.nearest((origin - eye).as_vec3(), direction.as_vec3(), f32::MAX);
+        past_own(first, about, (origin - eye, direction), own)
     }
 
     /// Takes over the pose of a packet tracer, which has been posed before: a time in seconds. Trees of meshes are kept.
@@ -116,18 +97,23 @@ impl ReflectionRays {
     }
 
     /// Where rays end that begin off a surface: origin, metres about `eye`, and unit direction of each, and the instance that
-    /// it passes through.
+    /// it passes through. `first`: the first surface along each, if a device found them.
     pub(crate) fn follow(
         &self,
         eye: DVec3,
         rays: impl IndexedParallelIterator<Item = (Vec3, Vec3, Option<u32>)>,
+        first: Option<&[Option<RayHit>]>,
     ) -> Vec<Option<MetByRay>> {
         let about = self.rays.about(eye);
-        let follow = |(start, direction, past): (Vec3, Vec3, Option<u32>)| {
-            let start = eye + start.as_dvec3();
-            self.nearest(&about, eye, start, direction.as_dvec3(), past.unwrap_or(u32::MAX))
+        let follow = |(index, (start, direction, past)): (usize, (Vec3, Vec3, Option<u32>))| {
+            let first = match first {
+                Some(first) => first.get(index).copied().flatten(),
+                None => about.nearest(start, direction, f32::MAX),
+            };
+            let ray = (start.as_dvec3(), direction.as_dvec3());
+            past_own(first, &about, ray, past.unwrap_or(u32::MAX))
         };
-        rays.with_min_len(256).map(follow).collect()
+        rays.enumerate().with_min_len(256).map(follow).collect()
     }
 
     /// Where rays end: origin and unit direction of each, world space, and the instance that it passes through.
@@ -193,6 +179,31 @@ impl ReflectionRays {
             footprint: [right * width, normal.cross(right) * (width / cosine)],
         }
     }
+}
+
+/// The nearest surface along a ray past those of `own`, by the first along it. The ray: origin, metres about the trees' eye, and unit
+/// direction.
+fn past_own(
+    first: Option<RayHit>,
+    about: &LightRaysAbout<'_>,
+    (origin, direction): (DVec3, DVec3),
+    own: u32,
+) -> Option<MetByRay> {
+    let along = direction.as_vec3();
+    let (mut hit, mut passed) = (first?, 0.0f64);
+    for _ in 0..MOST_PASSED {
+        let range = passed + f64::from(hit.t);
+        if hit.instance != own {
+            let side = if hit.front { Side::Front } else { Side::Back };
+            let weights = hit.weights.map(f64::from);
+            let RayHit { instance, primitive, .. } = hit;
+            return Some(MetByRay { instance, primitive, weights, range, side });
+        }
+        let place = (origin + direction * passed).as_vec3() + along * hit.t;
+        passed = range + f64::from(about.offset(place, hit.t).max(f32::MIN_POSITIVE));
+        hit = about.nearest((origin + direction * passed).as_vec3(), along, f32::MAX)?;
+    }
+    None
 }
 
 fn too_large() -> RenderError {

@@ -174,7 +174,9 @@ impl GpuSampler {
         self.resident.place(&self.scene, &pose.instances);
         if self.has_new_movers() {
             self.visibility.forget_trees(&self.scene, &self.resident);
-            (self.lights.direct, self.lights.indirect) = (None, None);
+            self.lights.direct = None;
+            // Paths and cells are given the new trees, and keep what they show until light of this pose is there.
+            self.lights.indirect.take_if(|indirect| indirect.paths().is_none());
             self.surface_programs.reflected = None;
         }
         self.visibility.pose(&self.gpu, &self.scene, &self.resident);

@@ -36,7 +36,7 @@ pub(crate) use self::shade::SurfaceProgram;
 use crate::frame::{Frame, check_wanted};
 use crate::indirect::{IndirectLight, Lights};
 use crate::point_shading::{GBufferTexel, Points, ShadedPoints};
-use crate::reflected_light::{Bounces, Met, Paths};
+use crate::reflected_light::{Bounces, Met, Paths, ReflectionSource};
 use crate::resident::upload;
 use crate::scratch::Extras;
 use crate::timing;
@@ -106,7 +106,8 @@ fn reflections(
     }
     let (bounces, mut shading) = reflections::ways(frame, reflecting, lights);
     let paths = Paths::of_rays(&lobes.rays);
-    let (met, mut shaded) = (bounces.meet(&paths), Vec::new());
+    let mut shaded = Vec::new();
+    let met = meet(&bounces, &paths, &shading, &mut shaded)?;
     let arriving = follow_rays(&bounces, paths, met, &mut shading, &mut shaded)?;
     let arriving = lobes.gather(&arriving, count as usize);
     let arriving = upload(frame.context.gpu, "arriving reflections", &arriving, wgpu::BufferUsages::STORAGE)?;
@@ -140,9 +141,28 @@ pub(crate) fn follow_rays(
         if paths.have_ended() {
             break;
         }
-        met = bounces.meet(&paths);
+        met = meet(bounces, &paths, shading, stages)?;
     }
     Ok(paths.arriving)
+}
+
+/// What rays meet. The device traces many of them where it is the faster one.
+///
+/// # Errors
+/// The errors of the device.
+fn meet(
+    bounces: &Bounces<'_>,
+    paths: &Paths,
+    shading: &PointShading<'_>,
+    stages: &mut Vec<Stage>,
+) -> Result<Met, RenderError> {
+    let first = match (bounces.by, &shading.lights.direct) {
+        (ReflectionSource::Rays(_), Some(direct)) => {
+            direct.see(shading.gpu, bounces.eye, (paths.len(), || paths.of_sight()), stages)?
+        }
+        _ => None,
+    };
+    Ok(bounces.meet(paths, first.as_deref()))
 }
 
 /// Shades points. Returns their radiance on the device, a word of rgb9e5 each, and their texels of the G-buffer if they are asked for.

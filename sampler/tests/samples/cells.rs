@@ -18,7 +18,9 @@ use crate::rooms::*;
 
 /// Leaves of six centimetres in a room of four metres.
 pub(crate) fn settings() -> CellSettings {
-    CellSettings { paths: PathSettings { level: 6, ..PathSettings::default() }, ..CellSettings::default() }
+    let paths = PathSettings { level: 6, ..PathSettings::default() };
+    // Fewer rays than by default, because tests wait for them.
+    CellSettings { paths, rays: 64, ..CellSettings::default() }
 }
 
 fn lit(scene: &Arc<Scene>, indirect: Indirect) -> GpuSampler {
@@ -152,7 +154,7 @@ fn a_room_looks_like_the_path_traced_one_wherever_it_stands() {
         let (camera, size) = (view_of_room(offset), [96, 96]);
         let effects = Indirect::Cells(settings()).effects_with(LightEffects::NONE);
         let tracer = Tracer::new(Arc::clone(&scene)).with_direct_light(DirectLight { effects, rays: 16 });
-        let paths = Some(Paths { paths: 256, bounces: 5 });
+        let paths = Some(Paths { paths: 256, bounces: settings().paths.bounces });
         let truth = tracer.render_with(&camera, size, 1, paths, |_| {}).display(1.0);
         let mut sampler = with_cells(&scene);
         let mut by = |light| {

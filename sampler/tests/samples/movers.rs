@@ -41,7 +41,7 @@ fn room_with_a_ball() -> Arc<Scene> {
 
 fn with_cells(scene: &Arc<Scene>) -> GpuSampler {
     let paths = PathSettings { level: 5, ..PathSettings::default() };
-    let indirect = Indirect::Cells(CellSettings { paths, ..CellSettings::default() });
+    let indirect = Indirect::Cells(CellSettings { paths, rays: 64, ..CellSettings::default() });
     let effects = indirect.effects_with(LightEffects { shadows: true, ..LightEffects::NONE });
     sampler_with(scene, SamplerSettings { sub_samples: 1, effects, indirect, ..SamplerSettings::default() })
 }

@@ -22,7 +22,7 @@ pub struct CellSettings {
 
 impl Default for CellSettings {
     fn default() -> Self {
-        Self { paths: PathSettings::default(), pixels: 4, rays: 64 }
+        Self { paths: PathSettings::default(), pixels: 4, rays: 256 }
     }
 }
 

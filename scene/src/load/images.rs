@@ -231,9 +231,22 @@ pub(super) mod tests {
 
     #[test]
     fn an_image_that_claims_more_than_its_file_can_hold_gets_no_memory() {
-        let mut bytes = png(4, 4, [255; 4]).to_vec();
-        // Width and height of the header, whose checksum is then made to fit.
-        bytes[16..24].copy_from_slice(&[0, 0, 0x3f, 0xff, 0, 0, 0x3f, 0xff]);
+        let claimed = |side: u32, bits: u8| claim(&png(4, 4, [255; 4]), side, bits);
+        for (side, bits) in [(0x3fff, 8), (4200, 8), (4000, 16)] {
+            let reason = decode("x.png", &claimed(side, bits)).err().unwrap();
+            assert!(reason.contains("cannot be held"), "{side}, {bits} bits: {reason}");
+        }
+        // What may be held is refused for what it lacks.
+        let reason = decode("x.png", &claimed(4000, 8)).err().unwrap();
+        assert!(!reason.contains("cannot be held"), "{reason}");
+    }
+
+    /// A PNG file whose header claims another size and depth, with a checksum that fits.
+    fn claim(png: &[u8], side: u32, bits: u8) -> Vec<u8> {
+        let mut bytes = png.to_vec();
+        bytes[16..20].copy_from_slice(&side.to_be_bytes());
+        bytes[20..24].copy_from_slice(&side.to_be_bytes());
+        bytes[24] = bits;
         let mut crc = u32::MAX;
         for byte in &bytes[12..29] {
             crc ^= u32::from(*byte);
@@ -242,7 +255,7 @@ pub(super) mod tests {
             }
         }
         bytes[29..33].copy_from_slice(&(!crc).to_be_bytes());
-        assert!(decode("x.png", &bytes).err().unwrap().contains("cannot be held"));
+        bytes
     }
 
     #[test]

@@ -35,7 +35,7 @@ impl Scene {
         let moves = |node: u32| moved.get(node as usize).copied().unwrap_or(false);
         self.instances.iter().filter_map(|instance| instance.node).any(moves)
             || self.nodes.iter().zip(&moved).any(|(node, &moved)| moved && !node.lights.is_empty())
-            || self.deforms()
+            || self.deforms_by_time()
     }
 
     /// For each node, whether an animation of some length moves it or a node above.
@@ -165,6 +165,18 @@ impl Scene {
             other.name,
             shown.join(", ")
         ))
+    }
+
+    /// For each node, whether it is one of these or hangs from one.
+    pub fn hanging_from(&self, nodes: impl IntoIterator<Item = u32>) -> Vec<bool> {
+        let mut marked = vec![false; self.nodes.len()];
+        for node in nodes {
+            if let Some(node) = marked.get_mut(node as usize) {
+                *node = true;
+            }
+        }
+        self.inherit(&mut marked);
+        marked
     }
 
     /// Marks all descendants of marked nodes.

@@ -11,14 +11,29 @@ use crate::deformation::{Deformation, Shape};
 use crate::{Mesh, Scene};
 
 impl Scene {
-    /// For each mesh, whether time changes its shape.
+    /// For each mesh, whether time or clients change its shape.
     pub fn deforming_meshes(&self) -> Vec<bool> {
+        self.deforming(self.by_request.iter().flat_map(|moved| moved.movers.iter().copied()))
+    }
+
+    /// Whether time or clients change the shape of a mesh.
+    pub fn deforms(&self) -> bool {
+        self.deforming_meshes().contains(&true)
+    }
+
+    /// Whether time alone changes the shape of a mesh.
+    pub(super) fn deforms_by_time(&self) -> bool {
+        self.deforming([]).contains(&true)
+    }
+
+    /// For each mesh, whether time or nodes that something else moves change its shape.
+    fn deforming(&self, movers: impl IntoIterator<Item = u32>) -> Vec<bool> {
         if self.meshes.iter().all(|mesh| mesh.deformation.is_none()) {
             return vec![false; self.meshes.len()];
         }
         let drivers = self.drivers();
-        let moved = self.moved(&drivers);
-        let moves = |node: u32| moved.get(node as usize).copied().unwrap_or(false);
+        let moved = [self.moved(&drivers), self.hanging_from(movers)];
+        let moves = |node: u32| moved.iter().any(|moved| moved.get(node as usize) == Some(&true));
         let lasts = |node: u32| {
             drivers.get(&node).and_then(|driven| driven[3]).is_some_and(|(by, _)| by.length_secs() > 0.0)
         };
@@ -30,11 +45,6 @@ impl Scene {
             })
         };
         self.meshes.iter().map(deforms).collect()
-    }
-
-    /// Whether time changes the shape of a mesh.
-    pub fn deforms(&self) -> bool {
-        self.deforming_meshes().contains(&true)
     }
 
     /// The scene with its meshes in their shapes of a time in seconds: itself, unless it deforms. [`Self::at`] has the

@@ -91,10 +91,22 @@ mirror! {
         pub both_sides: u32,
         /// Front normal times the area.
         pub area: [f32; 3],
-        /// WGSL aligns vectors of three to 16 bytes.
-        pub _pad: f32,
+        /// Square of the distance from the triangle's middle, metres, below which a ray stands for all of it.
+        pub near: f32,
         /// Radiance / π, divided by the probability of the triangle and the number of rays of a texel.
         pub radiance: [f32; 3],
+        /// WGSL aligns vectors of three to 16 bytes.
+        pub _pad: f32,
+        /// Its corners, relative to the eye, metres.
+        pub first: [f32; 3],
+        /// Likewise.
+        pub _pad_first: f32,
+        /// The second.
+        pub second: [f32; 3],
+        /// Likewise.
+        pub _pad_second: f32,
+        /// The third.
+        pub third: [f32; 3],
         /// WGSL rounds the struct up to 16 bytes.
         pub _rest: f32,
     }

@@ -160,12 +160,17 @@ fn at_equal_time(found: &[Found]) -> Vec<String> {
 fn tracers(method: Indirect) -> impl Iterator<Item = LightTracer> {
     let is_usual = match method {
         Indirect::Paths(settings) => is_quick() || settings == PathSettings::default(),
-        Indirect::Cells(settings) => is_quick() || settings == CellSettings::default(),
+        Indirect::Cells(settings) => is_quick() || settings == usual_cells(),
         _ => false,
     };
     let all: &[LightTracer] =
         if is_usual { &[LightTracer::Cpu, LightTracer::Device] } else { &[LightTracer::Auto] };
     all.iter().copied()
+}
+
+/// Cells as viewers have them in the first half minute.
+fn usual_cells() -> CellSettings {
+    CellSettings { rays: 64, ..CellSettings::default() }
 }
 
 /// All methods of the usual or of the short form, with their settings.
@@ -180,6 +185,7 @@ fn methods(quick: bool) -> Vec<Indirect> {
             Indirect::Points(PointSettings { levels: 5, ..PointSettings::default() }),
         ];
     }
+    let cells = usual_cells();
     vec![
         Indirect::Off,
         Indirect::Paths(PathSettings { level: 6, ..paths }),
@@ -187,14 +193,14 @@ fn methods(quick: bool) -> Vec<Indirect> {
         Indirect::Paths(PathSettings { level: 8, ..paths }),
         Indirect::Paths(PathSettings { level: 7, gather: 16, ..paths }),
         Indirect::Paths(PathSettings { level: 8, rays: 16, gather: 64, ..paths }),
-        Indirect::Cells(CellSettings { rays: 16, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { rays: 16, ..cells }),
+        Indirect::Cells(cells),
         Indirect::Cells(CellSettings::default()),
-        Indirect::Cells(CellSettings { rays: 256, ..CellSettings::default() }),
-        Indirect::Cells(CellSettings { pixels: 2, rays: 16, ..CellSettings::default() }),
-        Indirect::Cells(CellSettings { pixels: 2, ..CellSettings::default() }),
-        Indirect::Cells(CellSettings { pixels: 3, rays: 16, ..CellSettings::default() }),
-        Indirect::Cells(CellSettings { pixels: 8, ..CellSettings::default() }),
-        Indirect::Cells(CellSettings { pixels: 16, ..CellSettings::default() }),
+        Indirect::Cells(CellSettings { pixels: 2, rays: 16, ..cells }),
+        Indirect::Cells(CellSettings { pixels: 2, ..cells }),
+        Indirect::Cells(CellSettings { pixels: 3, rays: 16, ..cells }),
+        Indirect::Cells(CellSettings { pixels: 8, ..cells }),
+        Indirect::Cells(CellSettings { pixels: 16, ..cells }),
         Indirect::Vpl(vpl),
         Indirect::Vpl(VplSettings { bounces: 4, ..vpl }),
         Indirect::Vpl(VplSettings { bounces: 4, samples: 64, ..vpl }),

@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::process::{Child, Command, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use base64::Engine as _;
@@ -12,8 +13,12 @@ use tungstenite::{Message, WebSocket};
 
 use crate::support::PATIENCE;
 
-/// A browser; it ends when dropped.
+/// Held by the browser that runs. One alone keeps two cores busy, since it draws on them, too.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// A browser; it ends when dropped. There is one at a time.
 pub(crate) struct Browser {
+    _alone: MutexGuard<'static, ()>,
     child: Child,
     socket: WebSocket<TcpStream>,
     commands: u64,
@@ -26,6 +31,8 @@ pub(crate) struct Tab(String);
 
 impl Browser {
     pub(crate) fn start() -> Self {
+        // A test that failed has ended its browser, too.
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let mut child = Command::new("chromium")
             // Its sandbox needs rights that containers lack; it loads only our page.
@@ -54,7 +61,7 @@ impl Browser {
         let stream = TcpStream::connect(authority).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         let (socket, _) = tungstenite::client(address.as_str(), stream).unwrap();
-        Self { child, socket, commands: 0, _folder: folder }
+        Self { _alone: alone, child, socket, commands: 0, _folder: folder }
     }
 
     /// Sends a command to a tab or to the browser, and waits for its result.

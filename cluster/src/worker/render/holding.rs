@@ -58,7 +58,8 @@ impl Renderer {
         cost.flatten()
     }
 
-    /// Calls the compositor, and answers views from triangles whenever the call pauses. `None` if it failed.
+    /// Calls the compositor. Whenever the call pauses, views from triangles are answered, and light that is ready is taken. `None` if
+    /// it failed.
     pub(super) fn composing<T>(
         &mut self,
         call: impl FnOnce(&mut dyn Compositor, &mut dyn FnMut()) -> Result<T, RenderError>,
@@ -77,6 +78,8 @@ impl Renderer {
                     Work::Direct(tasks) => own.direct(tasks),
                     _ => {}
                 });
+                // Programs of a software driver take many seconds. Views get better light meanwhile.
+                own.prepare_light();
                 slices.begin();
             });
             // If the device was lost meanwhile, the compositor is useless.

@@ -258,7 +258,7 @@ fn vpl_settings() -> impl Strategy<Value = VplSettings> {
 
 fn indirect() -> impl Strategy<Value = Indirect> {
     let points = (1..=10u32, 8..=256u32, 1..=16u32, 1..=4u32, any::<bool>());
-    let paths = (1..=10u32, 1..=256u32, 1..=16u32, 1..=256u32);
+    let paths = (1..=9u32, 1..=256u32, 1..=16u32, 1..=256u32);
     prop_oneof![
         Just(Indirect::Off),
         vpl_settings().prop_map(Indirect::Vpl),

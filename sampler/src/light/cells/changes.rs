@@ -4,7 +4,7 @@
 //! rays hit reflect. A mover changes the first where its boxes are, the second where rays cross its boxes, and the third wherever it
 //! changes what arrives at a leaf side: directly, by its shadow, or over bounces. The first two are decided by boxes. For the third
 //! each leaf side's radiance of before is compared with that of now, to the bit. So a page that is kept is what filling it in the new
-//! pose would give.
+//! pose would give. What cells met is recorded once something may move: the first move of a still scene touches all pages.
 
 use glam::Vec3;
 
@@ -26,29 +26,33 @@ pub(super) struct Changes {
     /// The blocks that these meet.
     blocks: BlockSet,
     leaves: LeafChanges,
+    /// What moved is not known, and every page counts as touched.
+    is_anything: bool,
 }
 
 impl Changes {
-    /// The changes between two states of a scene; `None` if all cells change: the sky is another one, the lattice is elsewhere, or what
-    /// cells met is not recorded since nothing moves.
+    /// The changes between two states of a scene; `None` if nothing of before can be shown: the sky is another one, or the lattice is
+    /// elsewhere.
     pub(super) fn between(before: &CellInputs, now: &CellInputs) -> Option<Self> {
-        let (pose, earlier) = (now.pose.as_ref()?, before.pose.as_ref()?);
         if before.lighting.sky != now.lighting.sky {
             return None;
         }
         let leaves = now.leaves.changes_from(&before.leaves, [&before.radiance, &now.radiance])?;
         let lattice = now.leaves.lattice();
         let blocks = Blocks::new(&lattice);
-        let moved = pose.boxes_of_moved(earlier);
-        let boxes: Vec<[Vec3; 2]> = moved.into_iter().map(|around| blocks.widened(around)).collect();
+        let poses = now.pose.as_ref().zip(before.pose.as_ref());
+        let moved = poses.map(|(pose, earlier)| pose.boxes_of_moved(earlier));
+        let is_anything = moved.is_none();
+        let boxes: Vec<[Vec3; 2]> =
+            moved.into_iter().flatten().map(|around| blocks.widened(around)).collect();
         let mut met = BlockSet::default();
         boxes.iter().for_each(|around| blocks.add_box(&mut met, *around));
-        Some(Self { lattice, boxes, blocks: met, leaves })
+        Some(Self { lattice, boxes, blocks: met, leaves, is_anything })
     }
 
     /// Whether what moved was or is in a page of cells, or so near that it counts.
     pub(super) fn are_in(&self, page: PageKey) -> bool {
-        let Some(first) = page.cell(0) else { return true };
+        let Some(first) = page.cell(0).filter(|_| !self.is_anything) else { return true };
         let ([low, _], spacing) = (self.lattice.corners(first), self.lattice.spacing(first.level()));
         // Rays against leaks start above surfaces.
         let [low, high] = [low - 1.5 * LIFT * spacing, low + (PAGE_REACH + 1.5 * LIFT) * spacing];

@@ -9,7 +9,6 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::super::cells::{BoxTree, CellInputs};
-use super::super::emitters::EmitterPart;
 use super::super::paths::{Gatherer, Leaves, Links, Side};
 use super::super::pose::Pose;
 use super::super::shading_points::{Effort, ShadingPoint, ShadingPoints};
@@ -281,11 +280,14 @@ impl LightTracing {
         let mean = |values: &[Vec3]| values.iter().sum::<Vec3>() / per_side as f32;
         let all = self.of_lights(points, about, eye, &mut Vec::new(), |_, _, _| {});
         let mut sides: Vec<Vec3> = all.par_chunks(per_side.max(1)).map(mean).collect();
-        // What an emitter lights at less than a side's width is mostly hidden behind it, but as a part of the side's mean it would
-        // shine past it: a single ray that met it would show as a bright spot.
-        let part = EmitterPart::Triangle { beyond: width };
-        if let Some(emitted) = self.emitters.irradiance_over_pi(points, about, eye, self.settings, part) {
-            let emitted = emitted.par_chunks(per_side.max(1)).map(mean);
+        // What an emitter covers from less than a side's width is not seen from elsewhere, but as a part of the side's mean it would
+        // shine past the emitter. What lies beside it counts: a lamp close to a ceiling has a bright rim there.
+        if let Some(emitted) = self.emitters.at_points(points, about, eye, self.settings, width) {
+            let mean_of_seen = |values: &[Option<Vec3>]| {
+                let seen = values.iter().flatten();
+                seen.clone().sum::<Vec3>() / seen.count().max(1) as f32
+            };
+            let emitted = emitted.par_chunks(per_side.max(1)).map(mean_of_seen);
             sides.par_iter_mut().zip(emitted).for_each(|(sum, emitted)| *sum += emitted);
         }
         sides

@@ -105,9 +105,8 @@ impl Leaves {
         let mut bounds = Bounds::EMPTY;
         let finite = |triangle: &[DVec3; 3]| triangle.iter().all(|corner| corner.is_finite());
         surfaces.triangles().filter(finite).flatten().for_each(|corner| bounds.extend(corner));
-        let (extent, moves) = (surfaces.scene().extent(), surfaces.scene().may_move());
-        // The extent of a scene that moves is that of all times, so that cells stay where they are.
-        let extent = if moves { extent } else { extent.intersection(&bounds) };
+        // The extent is that of all times, so that cells stay where they are whatever moves.
+        let extent = surfaces.scene().extent();
         let (center, size, beyond) = match extent.is_empty() || bounds.is_empty() {
             true => (DVec3::ZERO, Vec3::ZERO, 0.0),
             false => {
@@ -115,8 +114,8 @@ impl Leaves {
                 let farthest = (bounds.max - center).max(center - bounds.min).max_element();
                 let beyond = (farthest - half).max(0.0);
                 // What moves out of the extent and on seldom changes how far cells reach.
-                let beyond =
-                    if moves { half * (beyond / half).max(1.0).log2().ceil().exp2() } else { beyond };
+                let reach = |half: f64| half * (beyond / half).max(1.0).log2().ceil().exp2();
+                let beyond = if half > 0.0 { reach(half) } else { beyond };
                 (center, extent.size().as_vec3(), beyond as f32)
             }
         };

@@ -70,7 +70,7 @@ impl Both {
         let [hits, passed, unfinished] = read.map(|pending| finished.take(pending));
         assert!(unfinished.iter().all(|&byte| byte == 0), "a walk was cut off");
         let hits = hits.chunks_exact(size_of::<ScatteredHit>()).take(rays.len());
-        let hits = hits.map(|bytes| hit(&bytemuck::pod_read_unaligned(bytes)));
+        let hits = hits.map(|bytes| RayHit::of_device(bytemuck::pod_read_unaligned(bytes)));
         (hits.collect(), passed.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect())
     }
 
@@ -110,18 +110,6 @@ impl Both {
         assert!(apart <= 3.max(rays.len() / 10_000), "{name}: {apart} of {} rays differ", rays.len());
         hits
     }
-}
-
-fn hit(hit: &ScatteredHit) -> Option<RayHit> {
-    let ScatteredHit { instance, primitive, t, weights, .. } = *hit;
-    let primitive_index = primitive & !(1 << 31);
-    (instance > 0).then(|| RayHit {
-        instance: instance - 1,
-        primitive: primitive_index,
-        t,
-        weights,
-        front: primitive >> 31 == 1,
-    })
 }
 
 /// Whether two hits are a ten-thousandth of their distance from one another, or some units in the last place of

@@ -72,7 +72,12 @@ impl<'a> ImageFile<'a> {
 
     /// Bytes of RGBA beyond what every file of this length may have.
     pub(super) fn excess(&self) -> u64 {
-        self.decoded().saturating_sub((self.bytes.len() as u64).saturating_mul(MOST_BYTES_A_BYTE))
+        self.beyond(self.decoded())
+    }
+
+    /// What is left of some decoded bytes beyond what every file of this length may have.
+    fn beyond(&self, decoded: u64) -> u64 {
+        decoded.saturating_sub((self.bytes.len() as u64).saturating_mul(MOST_BYTES_A_BYTE))
     }
 
     /// Decodes the first image of the file.
@@ -98,7 +103,9 @@ impl<'a> ImageFile<'a> {
         reader.limits(limits);
         let decoder = reader.into_decoder().map_err(|error| error.to_string())?;
         let (width, height) = decoder.dimensions();
-        if (Size { width, height }) != self.size || decoder.total_bytes() > most {
+        // Texels of 16 bits are twice what `inspect` counted.
+        let claimed = decoder.total_bytes();
+        if (Size { width, height }) != self.size || claimed > most || self.beyond(claimed) > MOST_EXCESS {
             return Err(format!("{width}×{height} texels cannot be held by {} bytes", self.bytes.len()));
         }
         let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
