@@ -15,6 +15,7 @@ mod bounds;
 pub mod camera;
 mod cell_pages;
 mod closest;
+mod default_camera;
 pub mod deformation;
 pub mod derived;
 mod detail;

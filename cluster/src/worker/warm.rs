@@ -57,7 +57,7 @@ pub(super) fn sampler(
     scene: &Scene,
     info: &SampleSetInfo,
 ) -> Result<(), RenderError> {
-    direct_view(sampler, scene, info, (SIZES[0], Detail::Full)).map(drop)
+    direct_view(sampler, scene.default_camera(), info, (SIZES[0], Detail::Full)).map(drop)
 }
 
 /// Measures the cost of views from triangles in some detail, by the pixels that are rendered, of a sampler whose programs are
@@ -73,9 +73,11 @@ pub(super) fn direct_cost(
     seen: &mut dyn FnMut(&Frame),
     between: &mut dyn FnMut(&mut dyn Sampler),
 ) -> Result<Option<Cost>, RenderError> {
+    // Of a large scene it takes as long as a view.
+    let camera = scene.default_camera();
     measured(
         sampler,
-        &mut |sampler, size| direct_view(*sampler, scene, info, (size, detail)).map(|frame| seen(&frame)),
+        &mut |sampler, size| direct_view(*sampler, camera, info, (size, detail)).map(|frame| seen(&frame)),
         &mut |sampler| {
             between(*sampler);
         },
@@ -85,12 +87,12 @@ pub(super) fn direct_cost(
 /// Renders a view from triangles.
 fn direct_view(
     sampler: &mut dyn Sampler,
-    scene: &Scene,
+    camera: Camera,
     info: &SampleSetInfo,
     (size, detail): ([u32; 2], Detail),
 ) -> Result<Frame, RenderError> {
     let plan = Plan::Direct { samples_per_pixel: 1, detail, light: None };
-    let view = view(info, scene.default_camera(), size, plan, sampler.usual_visibility());
+    let view = view(info, camera, size, plan, sampler.usual_visibility());
     only_view(sampler, &view)
 }
 
