@@ -2,8 +2,8 @@
 //! from outside.
 //!
 //! Hollow objects surround their middle, too: the shell of a machine, a closed box with thick walls. From within they show bare
-//! walls, and a room shows more from within than from outside. So both are looked at in a small image, and the one with more
-//! edges is taken.
+//! walls, where a room shows more than from outside. So where the outside shows fronts, which of walls of one layer it does not,
+//! both are looked at in a small image, and the one with more edges is taken.
 
 use glam::{DVec2, DVec3, UVec2};
 
@@ -32,7 +32,9 @@ impl Scene {
         }
         let along = if size.x >= size.z { DVec3::X * size.x } else { DVec3::Z * size.z };
         let within = Camera { fov_deg: 60.0, ..Camera::look_at(center - along * 0.3, center) };
-        if self.edges_seen(&within) >= self.edges_seen(&outside) { within } else { outside }
+        let from_outside = self.seen_by(&outside);
+        let has_outside = 2 * from_outside.fronts > from_outside.surfaces;
+        if has_outside && from_outside.edges > self.seen_by(&within).edges { outside } else { within }
     }
 
     /// Whether a surface that shows its front lies in each of eight level directions and below a point, as in a room or a
@@ -46,7 +48,7 @@ impl Scene {
         self.each_about(point, |surface| {
             for (way, nearest) in ways.iter().zip(&mut nearest) {
                 let Some((distance, is_front)) = surface.met(*way) else { continue };
-                if distance < nearest.0 {
+                if (is_front || surface.shows_backs) && distance < nearest.0 {
                     *nearest = (distance, is_front);
                 }
             }
@@ -54,10 +56,10 @@ impl Scene {
         nearest.into_iter().all(|(_, is_front)| is_front)
     }
 
-    /// Pairs of neighbouring pixels in a small image that show surfaces of different materials or directions, or a surface and none.
-    fn edges_seen(&self, camera: &Camera) -> usize {
-        // Distance, unit normal towards the camera and material; nothing has no normal.
-        let mut image = vec![(f64::INFINITY, DVec3::ZERO, None); (SIZE.x * SIZE.y) as usize];
+    /// What a small image shows, backs included.
+    fn seen_by(&self, camera: &Camera) -> Seen {
+        let nothing = Pixel { distance: f64::INFINITY, normal: DVec3::ZERO, is_front: false, material: None };
+        let mut image = vec![nothing; (SIZE.x * SIZE.y) as usize];
         let (view_from_world, half) = (camera.view_from_world(), camera.tan_half_fov(SIZE.x, SIZE.y));
         let world_from_view = view_from_world.transpose();
         let scale = DVec2::new(1.0, -1.0) * 2.0 * half / SIZE.as_dvec2();
@@ -72,19 +74,20 @@ impl Scene {
                     continue;
                 };
                 let pixel = &mut image[(y * SIZE.x + x) as usize];
-                if distance < pixel.0 {
+                if distance < pixel.distance {
                     let normal = surface.normal * if is_front { 1.0 } else { -1.0 };
-                    *pixel = (distance, normal, Some(surface.material));
+                    *pixel = Pixel { distance, normal, is_front, material: Some(surface.material) };
                 }
             }
         });
-        let differ = |a: usize, b: usize| image[a].2 != image[b].2 || image[a].1.dot(image[b].1) < ALIKE;
-        let (width, both_empty) =
-            (SIZE.x as usize, |a: usize, b: usize| image[a].2.is_none() && image[b].2.is_none());
-        let pairs =
-            (0..image.len()).flat_map(|at| [(at, at + 1, at % width + 1 < width), (at, at + width, true)]);
-        let pairs = pairs.filter(|&(_, other, are_neighbours)| are_neighbours && other < image.len());
-        pairs.filter(|&(a, b, _)| !both_empty(a, b) && differ(a, b)).count()
+        let width = SIZE.x as usize;
+        let beside = (0..image.len()).filter(|at| (at + 1) % width > 0).map(|at| (at, at + 1));
+        let below = (width..image.len()).map(|at| (at - width, at));
+        Seen {
+            edges: beside.chain(below).filter(|&(a, b)| image[a].has_edge_to(&image[b])).count(),
+            surfaces: image.iter().filter(|pixel| pixel.material.is_some()).count(),
+            fronts: image.iter().filter(|pixel| pixel.is_front).count(),
+        }
     }
 
     /// Calls for each triangle, about a point. Backdrops, such as sky domes, are left out.
@@ -113,6 +116,34 @@ impl Scene {
     }
 }
 
+/// What a pixel shows.
+#[derive(Clone, Copy)]
+struct Pixel {
+    distance: f64,
+    /// Unit normal towards the camera.
+    normal: DVec3,
+    is_front: bool,
+    /// `None` where there is no surface.
+    material: Option<u32>,
+}
+
+impl Pixel {
+    /// Whether it shows a surface of another material or direction than a neighbour, or only one of them shows a surface.
+    fn has_edge_to(&self, other: &Self) -> bool {
+        self.material != other.material || self.material.is_some() && self.normal.dot(other.normal) < ALIKE
+    }
+}
+
+/// What an image shows.
+struct Seen {
+    /// Pairs of neighbouring pixels with an edge between them.
+    edges: usize,
+    /// Pixels with a surface.
+    surfaces: usize,
+    /// Pixels with the front of one.
+    fronts: usize,
+}
+
 /// A triangle about a point that it is seen from.
 struct Surface {
     corners: [DVec3; 3],
@@ -124,13 +155,13 @@ struct Surface {
 }
 
 impl Surface {
-    /// Where a ray from the point meets it, in units of the ray's direction, and whether it meets the front: then the signed
-    /// volumes of its edges with the direction are positive. `None` also where it meets a back that is not seen.
+    /// Where a ray from the point meets it, in units of the ray's direction, and whether at its front: then the signed
+    /// volumes of its edges with the direction are positive.
     fn met(&self, direction: DVec3) -> Option<(f64, bool)> {
         let [a, b, c] = self.corners;
         let [u, v, w] = [direction.dot(b.cross(a)), direction.dot(c.cross(b)), direction.dot(a.cross(c))];
         let is_front = u >= 0.0 && v >= 0.0 && w >= 0.0;
-        if !(is_front || self.shows_backs && u <= 0.0 && v <= 0.0 && w <= 0.0) {
+        if !(is_front || u <= 0.0 && v <= 0.0 && w <= 0.0) {
             return None;
         }
         let volume = u + v + w;
