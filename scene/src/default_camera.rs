@@ -2,8 +2,8 @@
 //! from outside.
 //!
 //! Hollow objects surround their middle, too: the shell of a machine, a closed box with thick walls. From within they show bare
-//! walls, where a room shows more than from outside. So where the outside shows fronts, which of walls of one layer it does not,
-//! both are looked at in a small image, and the one with more edges is taken.
+//! walls, while a furnished room shows more from within than from outside. So both viewpoints are looked at in a small image, and
+//! the one with more edges is taken. Walls of a single layer, whose outside is mostly backs, are always a room.
 
 use glam::{DVec2, DVec3, UVec2};
 
@@ -169,14 +169,15 @@ impl Surface {
         (distance > 0.0).then_some((distance, is_front))
     }
 
-    /// The pixels that it may cover, from the first to before the second: all, if a corner has no pixel.
+    /// The pixels that it may cover, from the first to before the second: all of them if only some of its corners lie ahead of the
+    /// camera, and none if none does.
     fn pixels(&self, pixel: impl Fn(DVec3) -> Option<DVec2>) -> [UVec2; 2] {
         let corners = self.corners.map(pixel);
         let [Some(a), Some(b), Some(c)] = corners else {
             let is_ahead = corners.iter().any(Option::is_some);
             return [UVec2::ZERO, if is_ahead { SIZE } else { UVec2::ZERO }];
         };
-        // Beyond the image it saturates.
+        // The conversion to unsigned numbers takes what is left of the image or above it to its border.
         [a.min(b).min(c).floor().as_uvec2().min(SIZE), a.max(b).max(c).ceil().as_uvec2().min(SIZE)]
     }
 }
