@@ -253,6 +253,13 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
                 cells.pages_kept, cells.pages_touched, cells.pages_older
             )?;
         }
+        if cells.faces_kept + cells.faces_changed > 0 {
+            writeln!(
+                text,
+                "                 of samples: {} faces kept, {} rendered again",
+                cells.faces_kept, cells.faces_changed
+            )?;
+        }
     }
     Ok(text)
 }

@@ -75,6 +75,8 @@ impl From<CellReport> for v1::LightCells {
             pages_kept: of.pages_kept,
             pages_touched: of.pages_touched,
             pages_older: of.pages_older as u64,
+            faces_kept: of.faces_kept,
+            faces_changed: of.faces_changed,
         }
     }
 }

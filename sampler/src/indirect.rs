@@ -7,8 +7,9 @@ use argus_gpu::{Gpu, wgpu};
 use argus_scene::{Indirect, LightLevel, Lighting, RenderError, Scene, Stage};
 
 use crate::frame::Frame;
-use crate::light::{DirectLight, PathLight};
+use crate::light::{DirectLight, LightTracing, PathLight};
 use crate::packets::PacketTracer;
+use crate::ray_watch::RayWatch;
 use crate::resident::{Placement, Resident};
 use crate::scratch::Scratch;
 
@@ -25,6 +26,20 @@ impl Lights {
     /// Whether light is added to what is shaded, for which shading leaves a G-buffer.
     pub(crate) fn any(&self) -> bool {
         self.direct.is_some() || self.indirect.is_some()
+    }
+
+    /// The light by paths, and what traces it, if the CPU finds all of it.
+    pub(crate) fn paths_on_cpu(&mut self) -> Option<(&mut PathLight, &LightTracing)> {
+        match (&mut self.indirect, self.direct.as_ref().filter(|direct| direct.is_on_cpu())) {
+            (Some(IndirectLight::Paths(paths)), Some(direct)) => Some((paths, direct.tracing())),
+            _ => None,
+        }
+    }
+
+    /// Is told of rays of sight, if it is written down what a face is found by.
+    pub(crate) fn watch(&self) -> Option<&dyn RayWatch> {
+        let paths = self.indirect.as_ref().and_then(IndirectLight::paths)?;
+        paths.trail().map(|trail| trail as &dyn RayWatch)
     }
 }
 

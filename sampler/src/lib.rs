@@ -33,6 +33,7 @@ mod point_shading;
 mod probe_renderer;
 mod ray_tile;
 mod ray_timing;
+mod ray_watch;
 mod reflected_light;
 mod resident;
 mod sampler;

@@ -14,6 +14,7 @@ mod role;
 mod samples;
 mod surface_programs;
 mod tile_loop;
+mod unchanged;
 mod views;
 
 pub use self::gpu_sampler::GpuSampler;

@@ -15,6 +15,7 @@ use crate::packets::PacketTracer;
 use crate::passes::{Rasteriser, TileContext, Trace};
 use crate::pixel_list::PixelList;
 use crate::ray_tile::RayTile;
+use crate::ray_watch::RayWatch;
 use crate::resident::{Resident, upload};
 use crate::scratch::Targets;
 use crate::timing;
@@ -91,7 +92,7 @@ impl VisibilityBackends {
     pub(crate) fn fill(&self, context: &TileContext<'_>, backend: Visibility) -> Result<(), RenderError> {
         let (gpu, mut stages) = (context.gpu, Vec::new());
         let mut commands = gpu.commands("fill visibility");
-        self.record(&mut commands, context, backend, &mut stages)?;
+        self.record(&mut commands, context, backend, None, &mut stages)?;
         let pending = self.unfinished(gpu, backend).map(|buffer| commands.read_buffer(buffer, 0..4));
         let mut finished = commands.submit().wait()?;
         if let Some(pending) = pending {
@@ -192,12 +193,13 @@ impl VisibilityBackends {
         layers.of_listed(packets, eye, directions, width)
     }
 
-    /// Fills a tile's visibility buffer.
+    /// Fills a tile's visibility buffer. `watch` is told of the rays of sight, if the CPU traces them.
     pub(crate) fn record(
         &self,
         commands: &mut Commands,
         context: &TileContext<'_>,
         backend: Visibility,
+        watch: Option<&dyn RayWatch>,
         stages: &mut Vec<Stage>,
     ) -> Result<(), RenderError> {
         match backend {
@@ -205,7 +207,7 @@ impl VisibilityBackends {
             Visibility::Trace => self.trace(commands, context, stages),
             Visibility::Cpu => {
                 let begin = Instant::now();
-                let ids = self.packets()?.trace(context.eye.position, &context.tile.rays());
+                let ids = self.packets()?.trace_watched(context.eye.position, &context.tile.rays(), watch);
                 write_ids(context.gpu, &context.targets, context.tile.sub_samples(), &ids);
                 timing::add_since(stages, "trace on the CPU", begin);
                 Ok(())

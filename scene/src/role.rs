@@ -190,6 +190,20 @@ pub trait Sampler: Send {
         None
     }
 
+    /// The faces of a sample of an earlier version that are, to the byte, as they would be if they were rendered for `job`: nothing
+    /// that they show or are lit by has moved. The default is for samplers that do not know.
+    ///
+    /// # Errors
+    /// Those of making the scene ready for the job.
+    fn unchanged_faces(
+        &mut self,
+        _job: &SampleJob,
+        _earlier: &Sample,
+        _cancel: &Cancel,
+    ) -> Result<FaceMask, RenderError> {
+        Ok(FaceMask::NONE)
+    }
+
     /// Renders the samples of `job`, one result each, in order.
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>>;
 

@@ -58,6 +58,10 @@ pub struct CellReport {
     pub pages_touched: u64,
     /// Pages of an earlier pose that show until they are filled anew.
     pub pages_older: usize,
+    /// Faces of samples that were taken over from an earlier version after something moved, since nothing of them had changed.
+    pub faces_kept: u64,
+    /// Faces that were rendered again then.
+    pub faces_changed: u64,
     /// Whether there is anything to fill, or to refine.
     pub is_due: bool,
 }

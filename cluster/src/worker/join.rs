@@ -310,6 +310,8 @@ async fn carry_out(
         node.probes.forget();
     }
     node.served.set_visibility_is_open(duty.visibility_is_open);
+    // What a scene shows once clients have moved nodes is mostly what it showed before.
+    let has_moved = duty.set.version.state.revision > 0 && duty.set.epoch_secs == 0.0;
     let new_sampler = node.served.serve(&scene, duty.set, duty.limits);
     // Those that came meanwhile.
     node.transforms.tell(&scene);
@@ -334,6 +336,6 @@ async fn carry_out(
     }
     node.status.set_role(duty.role, duty.sequence);
     prefetch::want(node, duty.prefetch, &duty.versions, duty.role == Role::Sampler);
-    node.store.retire(duty.kept_from);
+    node.store.retire(duty.kept_from, has_moved);
     Ok(())
 }

@@ -236,11 +236,30 @@ impl Renderer {
         let faces = tasks.iter().map(|task| (task.id.camera, task.faces)).collect();
         let lacks = |task: &SampleTask, held: &Sample| !held.faces.contains(task.faces);
         let held = tasks.iter().filter_map(|task| self.store.get(task.id).filter(|held| lacks(task, held)));
-        let job = SampleJob { faces, extended: held.collect(), ..SampleJob::new(info, ids, to_host) };
+        let mut job = SampleJob { faces, extended: held.collect(), ..SampleJob::new(info, ids, to_host) };
         let mut began = Instant::now();
+        self.take_over_unchanged(&mut job, &batch);
         let results = self.samples_in_slices(&job, &batch, &mut began);
         self.record_samples(&job, &results, began);
         deliver(tasks.into_iter().map(|task| task.reply), results);
+    }
+
+    /// Begins samples with the faces of an earlier version that nothing has changed since.
+    fn take_over_unchanged(&mut self, job: &mut SampleJob, batch: &Batch) {
+        for id in job.ids.clone() {
+            let earlier = self.store.latest_before(id).filter(|_| job.extended(id).is_none());
+            let Some(earlier) = earlier else { continue };
+            let unchanged = self.guarded(|own| {
+                let faces = own.sampler()?.unchanged_faces(job, &earlier, &batch.cancel);
+                Ok(vec![faces])
+            });
+            // Whatever failed will fail again, where callers are told.
+            let faces = unchanged.ok().and_then(|mut faces| faces.pop()?.ok()).unwrap_or(FaceMask::NONE);
+            if !faces.is_empty() {
+                debug!(%id, faces = faces.bits(), "faces of an earlier version are kept");
+                job.extended.push(Arc::new(Sample { id, faces, stages: Vec::new(), ..(*earlier).clone() }));
+            }
+        }
     }
 
     /// Renders samples in slices, and answers views between slices. `began` advances by the time of those views.

@@ -18,8 +18,10 @@ struct Entry {
     sample: Arc<Sample>,
     bytes: u64,
     used: u64,
-    /// It can be used, but is not announced to the coordinator yet.
+    /// It can be used, but is not announced to the coordinator: not yet, or not any more.
     is_quiet: bool,
+    /// Its version is retired, but the next sample of its camera may begin with it.
+    is_base: bool,
 }
 
 #[derive(Debug, Default)]
@@ -64,6 +66,14 @@ impl Store {
         let entry = state.entries.get_mut(&id)?;
         entry.used = clock;
         Some(entry.sample.clone())
+    }
+
+    /// The held sample of the latest version of the same camera before that of an id.
+    pub(super) fn latest_before(&self, id: SampleId) -> Option<Arc<Sample>> {
+        let state = self.state.lock();
+        let earlier =
+            state.entries.iter().filter(|(held, _)| held.camera == id.camera && held.version < id.version);
+        earlier.max_by_key(|(held, _)| held.version).map(|(_, entry)| entry.sample.clone())
     }
 
     /// A held sample that has these faces.
@@ -144,9 +154,11 @@ impl Store {
         self.packed.forget(sample.id);
         state.remove(sample.id);
         state.clock += 1;
-        let entry = Entry { sample: sample.clone(), bytes: bytes_of(&sample), used: state.clock, is_quiet };
+        let (bytes, used) = (bytes_of(&sample), state.clock);
+        let entry = Entry { sample: sample.clone(), bytes, used, is_quiet, is_base: false };
         state.bytes += entry.bytes;
         state.entries.insert(sample.id, entry);
+        state.drop_bases(|base| base.camera == sample.id.camera && base.version < sample.id.version);
         while state.bytes > self.limit {
             let unused = |(_, entry): &(&SampleId, &Entry)| Arc::strong_count(&entry.sample) == 1;
             let oldest = state.entries.iter().filter(unused).min_by_key(|(_, entry)| entry.used);
@@ -175,17 +187,28 @@ impl Store {
         }
     }
 
-    /// Drops samples of versions below this number, except those in use.
-    pub(super) fn retire(&self, before_version: u64) {
+    /// Drops samples of versions below this number, except those in use. With `keeps_bases` the latest sample of each camera that has
+    /// none of a later version stays, unannounced: the next one may begin with it.
+    pub(super) fn retire(&self, before_version: u64, keeps_bases: bool) {
         self.packed.retire(before_version);
         let mut state = self.state.lock();
-        let old: Vec<SampleId> = state
+        let mut latest: HashMap<u64, u64> = HashMap::new();
+        for id in state.entries.keys() {
+            let version = latest.entry(id.camera).or_default();
+            *version = id.version.max(*version);
+        }
+        let is_base = |id: &SampleId| keeps_bases && latest.get(&id.camera) == Some(&id.version);
+        state.entries.iter_mut().filter(|(id, _)| id.version < before_version && is_base(id)).for_each(
+            |(_, entry)| {
+                (entry.is_quiet, entry.is_base) = (true, true);
+            },
+        );
+        let unused = |entry: &Entry| Arc::strong_count(&entry.sample) == 1;
+        let old = state
             .entries
             .iter()
-            .filter(|(id, entry)| id.version < before_version && Arc::strong_count(&entry.sample) == 1)
-            .map(|(id, _)| *id)
-            .collect();
-        for id in old {
+            .filter(|(id, entry)| id.version < before_version && !entry.is_base && unused(entry));
+        for id in old.map(|(id, _)| *id).collect::<Vec<SampleId>>() {
             state.remove(id);
         }
     }
@@ -224,6 +247,14 @@ impl Store {
 }
 
 impl State {
+    /// Drops those of the samples that the next one of their camera could have begun with.
+    fn drop_bases(&mut self, of: impl Fn(&SampleId) -> bool) {
+        let bases = self.entries.iter().filter(|(id, entry)| entry.is_base && of(id));
+        for id in bases.map(|(id, _)| *id).collect::<Vec<SampleId>>() {
+            self.remove(id);
+        }
+    }
+
     fn remove(&mut self, id: SampleId) {
         if let Some(entry) = self.entries.remove(&id) {
             self.bytes -= entry.bytes;
@@ -301,11 +332,41 @@ mod tests {
         for (version, camera) in [(3, 1), (4, 0), (5, 0)] {
             store.insert(at(version, camera));
         }
-        store.retire(5);
+        store.retire(5, false);
         assert_eq!(store.ids(), [in_use.id, SampleId { version: 5, ..id(0) }]);
         drop(in_use);
-        store.retire(5);
+        store.retire(5, false);
         assert_eq!(store.ids(), [SampleId { version: 5, ..id(0) }]);
+    }
+
+    #[test]
+    fn the_latest_of_the_earlier_versions_of_a_camera_is_found() {
+        let store = Store::new(1 << 20);
+        for (version, camera) in [(3, 0), (5, 0), (8, 0), (7, 1)] {
+            store.insert(Sample { id: SampleId { version, camera }, ..host(camera) });
+        }
+        let before =
+            |version| store.latest_before(SampleId { version, camera: 0 }).map(|held| held.id.version);
+        assert_eq!([3, 5, 8, 9].map(before), [None, Some(3), Some(5), Some(8)]);
+    }
+
+    #[test]
+    fn of_retired_versions_the_latest_sample_of_a_camera_stays_unannounced_until_the_next_one() {
+        let store = Store::new(1 << 20);
+        let at = |version, camera| SampleId { version, camera };
+        for (version, camera) in [(3, 0), (4, 0), (3, 1), (5, 1)] {
+            store.insert(Sample { id: at(version, camera), ..host(camera) });
+        }
+        store.retire(5, true);
+        assert_eq!(store.ids(), [at(5, 1)]);
+        assert_eq!(store.latest_before(at(5, 0)).map(|base| base.id), Some(at(4, 0)));
+        assert!(store.latest_before(at(5, 1)).is_none(), "a later one is held");
+        store.insert(Sample { id: at(5, 0), ..host(0) });
+        assert_eq!((store.ids().len(), store.bytes()), (2, 800));
+        store.retire(7, true);
+        assert!(store.ids().is_empty());
+        store.retire(7, false);
+        assert_eq!(store.latest_before(at(8, 1)).map(|base| base.id), Some(at(5, 1)), "a base stays");
     }
 
     #[test]

@@ -135,6 +135,15 @@ fn light_cells(to: &mut Exposition<'_>, cells: CellReport) -> fmt::Result {
         "Pages of light cells when something moved, by what became of them",
         moved,
     )?;
+    let faces = [
+        ([("faces", "kept")], cells.faces_kept as f64),
+        ([("faces", "rendered")], cells.faces_changed as f64),
+    ];
+    to.counters(
+        "worker_sample_faces_moved",
+        "Faces of samples when something moved, by what became of them",
+        faces,
+    )?;
     let older = "Pages of light cells of an earlier pose, shown until they are filled anew";
     to.gauge("worker_light_cell_pages_older", older, cells.pages_older as f64)?;
     let seconds = [([("stage", "fill")], cells.fill_ms * 1e-3), ([("stage", "take")], cells.take_ms * 1e-3)];

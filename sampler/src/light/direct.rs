@@ -149,6 +149,11 @@ impl DirectLight {
         self.ray_divisor = divisor;
     }
 
+    /// Whether the CPU traces all rays.
+    pub(crate) fn is_on_cpu(&self) -> bool {
+        self.device.is_none()
+    }
+
     /// What rays need, to be shared.
     pub(crate) fn tracing(&self) -> &Arc<LightTracing> {
         &self.tracing

@@ -30,6 +30,11 @@ impl Emitters {
         Self(EmittersByPower::new(all))
     }
 
+    /// All emitting triangles.
+    pub(super) fn all(&self) -> &[Emitter] {
+        self.0.all()
+    }
+
     /// Whether anything emits.
     pub(super) fn any(&self) -> bool {
         !self.0.all().is_empty()

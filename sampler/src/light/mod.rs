@@ -34,10 +34,11 @@ mod shadows;
 mod sky;
 mod tracing;
 
-pub(crate) use cells::CellUse;
 #[cfg(feature = "fuzzing")]
 pub(crate) use cells::fuzzing;
+pub(crate) use cells::{CellUse, SampleOf, Trail as FaceTrail};
 pub(crate) use direct::{DirectLight, LightConditions};
 pub(crate) use path_light::PathLight;
 pub use path_light::PathReport;
 pub(crate) use shading_points::{ShadingPoint, of_g_buffer as shading_point};
+pub(crate) use tracing::LightTracing;

@@ -19,6 +19,7 @@ use crate::LightSettings;
 use crate::frame::{Footprint, Frame};
 use crate::light_rays::LightRaysAbout;
 use crate::lit_tile::Arriving;
+use crate::ray_watch::RayWatch;
 use crate::resident::upload;
 use crate::timing;
 
@@ -69,7 +70,8 @@ impl<'a> OnCpu<'a> {
         let begin = Instant::now();
         let RaysOnCpu { tracing, paths, ray_divisor, is_glossy } = by;
         let (tile_of, eye) = (&frame.context.tile, frame.context.eye.position);
-        let about = tracing.rays.about(eye);
+        let watch = paths.and_then(PathLight::trail).map(|trail| trail as &dyn RayWatch);
+        let about = tracing.rays.about(eye).watched(watch);
         let [surfaces, materials] = g_buffer;
         let mut points =
             ShadingPoints::new(surfaces, materials, tile_of.sub_samples(), frame.neighbours(), &about);
@@ -103,7 +105,7 @@ impl<'a> OnCpu<'a> {
         let begin = Instant::now();
         if self.tracing.may_use_cells() {
             let (about, pixel, reflected) = (&self.about, self.pixel, self.reflected);
-            let eye = Eye { position: self.eye, about, pixel, reflected };
+            let eye = Eye { position: self.eye, about, pixel, reflected, trail: paths.trail() };
             self.cells = paths.look_up(self.tracing, &self.points, eye);
         }
         if paths.cells().is_some() {

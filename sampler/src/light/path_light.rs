@@ -8,13 +8,14 @@ use std::time::Duration;
 
 use argus_gpu::Gpu;
 use argus_scene::{
-    CellPages, CellReport, CellSettings, LightLevel, PathSettings, RenderError, Scene, Stage, SurfaceLight,
+    CellPages, CellReport, CellSettings, FaceMask, LightLevel, PathSettings, RenderError, Scene, Stage,
+    SurfaceLight,
 };
 use glam::{DVec3, Vec3};
 
 #[cfg(test)]
 use super::cells::CellInputs;
-use super::cells::{Asking, CellLight, CellUse, DeviceLookup, Eye, LightCells, Parts};
+use super::cells::{Asking, CellLight, CellUse, DeviceLookup, Eye, LightCells, Parts, SampleOf, Trail};
 use super::shading_points::ShadingPoints;
 use super::tracing::LightTracing;
 use crate::light_rays::LightRaysAbout;
@@ -44,6 +45,8 @@ pub(crate) struct PathLight {
     preparation: Option<Preparation>,
     /// A lookup whose outcome is read with the finished image.
     awaited: Mutex<Option<DeviceLookup>>,
+    /// Where it is written down what the light of a face is found by.
+    trail: Option<Trail>,
 }
 
 impl PathLight {
@@ -66,6 +69,7 @@ impl PathLight {
             light: LightLevel::default(),
             preparation: None,
             awaited: Mutex::default(),
+            trail: None,
         }
     }
 
@@ -299,6 +303,70 @@ impl PathLight {
         let Some(cells) = self.cells.as_ref().filter(|_| is_lit) else { return false };
         let about = &tracing.rays.about(inputs.leaves.center());
         cells.fill_slice(Parts { inputs, surfaces: &self.surfaces, about }, time, refines)
+    }
+
+    /// Writes down from now on what rays about an eye meet and light is read from. Nothing is, where nothing moves and where light is
+    /// not from cells.
+    pub(crate) fn begin_trail(&mut self, tracing: &LightTracing, eye: DVec3) {
+        let begun = self.with_parts(tracing, |cells, parts| {
+            cells.trail(parts, (eye - parts.inputs.leaves.center()).as_vec3())
+        });
+        self.trail = begun.flatten();
+    }
+
+    /// The trail that is being written.
+    pub(crate) fn trail(&self) -> Option<&Trail> {
+        self.trail.as_ref()
+    }
+
+    /// Ends the trail.
+    pub(crate) fn take_trail(&mut self) -> Option<Trail> {
+        self.trail.take()
+    }
+
+    /// Goes on with a trail.
+    pub(crate) fn resume_trail(&mut self, trail: Option<Trail>) {
+        self.trail = trail;
+    }
+
+    /// Takes up a face of a sample that was rendered, with its whole trail.
+    pub(crate) fn add_face(&self, tracing: &LightTracing, of: SampleOf, face: usize, trail: Trail) {
+        if let Some(cells) = self.present_cells() {
+            cells.add_face(of, face, trail, tracing.face_lights());
+        }
+    }
+
+    /// The faces among `asked` that a sample has in the version `earlier` as it would have them if they were rendered now.
+    pub(crate) fn unchanged_faces(
+        &self,
+        tracing: &LightTracing,
+        of: SampleOf,
+        earlier: u64,
+        asked: FaceMask,
+    ) -> FaceMask {
+        let unchanged = self.with_parts(tracing, |cells, parts| {
+            cells.unchanged_faces(parts, of, (earlier, asked), tracing.face_lights())
+        });
+        unchanged.unwrap_or(FaceMask::NONE)
+    }
+
+    /// Forgets which faces are as they would be now: they would be rendered otherwise.
+    pub(crate) fn forget_faces(&self) {
+        if let Some(cells) = &self.cells {
+            cells.forget_faces();
+        }
+    }
+
+    /// Calls with the cells that the present level looks up, and the parts of their scene; `None` if there are none.
+    fn with_parts<T>(
+        &self,
+        tracing: &LightTracing,
+        call: impl FnOnce(&LightCells, Parts<'_>) -> T,
+    ) -> Option<T> {
+        let cells = self.present_cells().filter(|_| !self.lags)?;
+        let inputs = &self.full.for_cells()?;
+        let about = &tracing.rays.about(inputs.leaves.center());
+        Some(call(cells, Parts { inputs, surfaces: &self.surfaces, about }))
     }
 
     /// The cells, and what they are of.

@@ -5,6 +5,7 @@ use argus_scene::{AlphaMode, LightEffects, Lighting, Material, Scene, Stage};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::cells::FaceLights;
 use super::emitters::Emitters;
 use super::shading_points::ShadingPoints;
 use super::shadows;
@@ -29,6 +30,11 @@ impl LightTracing {
     /// Whether light cells show what rays do. They hold the sky as far as surfaces leave it seen, so not where that is off.
     pub(super) fn may_use_cells(&self) -> bool {
         self.effects.sky_visibility || self.sky.is_black()
+    }
+
+    /// What of the light does not depend on what rays meet.
+    pub(super) fn face_lights(&self) -> FaceLights {
+        FaceLights { lighting: self.lighting.clone(), emitters: self.emitters.all().to_vec() }
     }
 
     /// Irradiance / π of the lights at texels, as far as they are seen. `each` takes over every light's number, its

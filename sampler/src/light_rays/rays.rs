@@ -10,6 +10,7 @@ use crate::bvh::{OF_OBJECT, box_about};
 use crate::packets::PacketTracer;
 use crate::packets::cutouts::Cutouts;
 use crate::packets::lanes::{LANES, Lanes};
+use crate::ray_watch::RayWatch;
 
 /// Distance off a surface at which a ray starts, as a share of its coordinates: f32 coordinates may be off by less.
 const OFF_SURFACE: f32 = 5e-7;
@@ -147,6 +148,7 @@ impl LightRays {
             around: [around.0, around.1].map(Vec3::from_array),
             merged_eye: merged.map_or(Vec3::ZERO, |object| object.eye.as_vec3()),
             objects,
+            watch: None,
         }
     }
 }
@@ -181,9 +183,16 @@ pub(crate) struct LightRaysAbout<'a> {
     pub(super) objects: Vec<ObjectAbout>,
     /// The eye in the space of the merged object.
     pub(super) merged_eye: Vec3,
+    /// Is told of all rays.
+    pub(super) watch: Option<&'a dyn RayWatch>,
 }
 
-impl LightRaysAbout<'_> {
+impl<'a> LightRaysAbout<'a> {
+    /// Tells `watch` of all rays from now on.
+    pub(crate) fn watched(self, watch: Option<&'a dyn RayWatch>) -> Self {
+        Self { watch, ..self }
+    }
+
     /// Distance off a surface at which a ray from `point` (relative to the eye) must start so as not to hit the surface
     /// itself, in f32 coordinates. `found_by`: the length of the ray that found the point, 0 for a point of a triangle.
     pub(crate) fn offset(&self, point: Vec3, found_by: f32) -> f32 {

@@ -14,6 +14,7 @@ impl LightRaysAbout<'_> {
         if !is_ray(origin, direction, most) {
             return false;
         }
+        self.tell(origin, direction, most);
         #[cfg(target_arch = "x86_64")]
         {
             use crate::packets::lanes::avx2::Avx2;
@@ -40,6 +41,7 @@ impl LightRaysAbout<'_> {
         if !is_ray(origin, direction, most) {
             return 1.0;
         }
+        self.tell(origin, direction, most);
         #[cfg(target_arch = "x86_64")]
         {
             use crate::packets::lanes::avx2::Avx2;
@@ -62,6 +64,12 @@ impl LightRaysAbout<'_> {
         if !is_ray(origin, direction, most) {
             return None;
         }
+        let hit = self.nearest_of(origin, direction, most);
+        self.tell(origin, direction, hit.map_or(most, |hit| hit.t));
+        hit
+    }
+
+    fn nearest_of(&self, origin: Vec3, direction: Vec3, most: f32) -> Option<RayHit> {
         #[cfg(target_arch = "x86_64")]
         {
             use crate::packets::lanes::avx2::Avx2;
@@ -81,6 +89,12 @@ impl LightRaysAbout<'_> {
             }
         }
         self.nearest_by::<Plain>(origin, direction, most)
+    }
+
+    fn tell(&self, origin: Vec3, direction: Vec3, most: f32) {
+        if let Some(watch) = self.watch {
+            watch.cast(origin, direction, most);
+        }
     }
 
     #[inline(always)]

@@ -15,11 +15,12 @@ use std::time::Instant;
 
 use argus_scene::Scene;
 use argus_shaders::layout::sampler::Rays;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use tracing::info;
 
 use crate::bvh::{Hierarchy, Node, OF_OBJECT, Triangle};
+use crate::ray_watch::RayWatch;
 use crate::resident::Placement;
 use cutouts::Cutouts;
 use lanes::{LANES, Lanes, Plain};
@@ -58,6 +59,8 @@ struct About<'a> {
     tracer: &'a PacketTracer,
     top: Vec<Node>,
     objects: Vec<ObjectAbout>,
+    /// Is told of the rays of images.
+    watch: Option<&'a dyn RayWatch>,
 }
 
 /// A placed object relative to an eye.
@@ -111,18 +114,35 @@ impl PacketTracer {
 
     /// Ids of every sub-sample of a tile from `eye`, row by row.
     pub(crate) fn trace(&self, eye: DVec3, rays: &Rays) -> Vec<[u32; 2]> {
-        self.trace_cast(eye, Cast::Image(rays), [rays.width, rays.height].map(|side| side as usize))
+        self.trace_watched(eye, rays, None)
+    }
+
+    /// Ids as of [`Self::trace`]. `watch` is told of the rays.
+    pub(crate) fn trace_watched(
+        &self,
+        eye: DVec3,
+        rays: &Rays,
+        watch: Option<&dyn RayWatch>,
+    ) -> Vec<[u32; 2]> {
+        let size = [rays.width, rays.height].map(|side| side as usize);
+        self.trace_cast(eye, Cast::Image(rays), size, watch)
     }
 
     /// Ids of what rays from `eye` meet whose directions are listed row by row, in rows of `width`. A direction of zero meets
     /// nothing.
     pub(crate) fn trace_listed(&self, eye: DVec3, directions: &[[f32; 4]], width: u32) -> Vec<[u32; 2]> {
         let width = width.max(1) as usize;
-        self.trace_cast(eye, Cast::Listed(directions, width), [width, directions.len() / width])
+        self.trace_cast(eye, Cast::Listed(directions, width), [width, directions.len() / width], None)
     }
 
-    fn trace_cast(&self, eye: DVec3, cast: Cast<'_>, [width, height]: [usize; 2]) -> Vec<[u32; 2]> {
-        let about = About::new(self, eye);
+    fn trace_cast(
+        &self,
+        eye: DVec3,
+        cast: Cast<'_>,
+        [width, height]: [usize; 2],
+        watch: Option<&dyn RayWatch>,
+    ) -> Vec<[u32; 2]> {
+        let about = About { watch, ..About::new(self, eye) };
         let mut ids = vec![[0; 2]; width * height];
         let rows = VECTOR[1] * PACKET[1];
         ids.par_chunks_mut((width * rows).max(1)).enumerate().for_each_init(
@@ -160,7 +180,7 @@ impl<'a> About<'a> {
                 eye: (m * (eye - placed.origin)).as_vec3().to_array(),
             }
         });
-        Self { tracer, top: hierarchy.top_about(eye), objects: objects.collect() }
+        Self { tracer, top: hierarchy.top_about(eye), objects: objects.collect(), watch: None }
     }
 
     /// Traces rows of sub-samples from `first_row` on.
@@ -236,6 +256,11 @@ impl<'a> About<'a> {
                     if column < width && row < rows {
                         out[row * width + column] = nearest.ids[v][i];
                     }
+                }
+                if let Some(watch) = self.watch {
+                    let [x, y, z] = packet[v].map(|along| along.to_array());
+                    let length = nearest.t[v].to_array();
+                    (0..LANES).for_each(|i| watch.cast(Vec3::ZERO, Vec3::new(x[i], y[i], z[i]), length[i]));
                 }
             }
         }

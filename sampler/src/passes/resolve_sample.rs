@@ -175,11 +175,17 @@ impl PlaneBuffers {
                 InvalidField::new("extended.planes", reason)
             })?;
             let PlaneData::Host(bytes) = plane::to_host(gpu, plane)?.data else { continue };
-            let [row, stride] =
-                [self.size[0], self.stride].map(|texels| texels as usize * format.texel_bytes());
+            let texel = format.texel_bytes();
+            let [row, stride] = [self.size[0], self.stride].map(|texels| texels as usize * texel);
             let mut padded = vec![0; stride * self.size[1] as usize];
-            for (to, from) in padded.chunks_exact_mut(stride).zip(bytes.chunks_exact(row)) {
-                to[..row].copy_from_slice(from);
+            let faces = sample.camera.faces().into_iter().enumerate();
+            for (_, face) in faces.filter(|(number, _)| sample.faces.has(*number)) {
+                let ([x, y], [width, height]) =
+                    (face.offset.map(|at| at as usize), face.size.map(|side| side as usize));
+                for y in y..y + height {
+                    let texels = |row: usize| y * row + x * texel..y * row + (x + width) * texel;
+                    padded[texels(stride)].copy_from_slice(&bytes[texels(row)]);
+                }
             }
             gpu.queue.write_buffer(buffer, 0, &padded);
         }

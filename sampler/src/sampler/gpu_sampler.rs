@@ -175,6 +175,8 @@ impl GpuSampler {
         if self.has_new_movers() {
             self.visibility.forget_trees(&self.scene, &self.resident);
             self.lights.direct = None;
+            // What was merged with others is rounded otherwise from now on.
+            self.path_light().inspect(|paths| paths.forget_faces());
             // Paths and cells are given the new trees, and keep what they show until light of this pose is there.
             self.lights.indirect.take_if(|indirect| indirect.paths().is_none());
             self.surface_programs.reflected = None;

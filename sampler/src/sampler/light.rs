@@ -122,6 +122,7 @@ impl GpuSampler {
         settings.validate()?;
         let tracer = self.settings.light.tracer;
         self.settings = settings;
+        self.path_light().inspect(|paths| paths.forget_faces());
         // Another tracer's trees are built for the next job.
         self.lights.direct.take_if(|_| light.tracer != tracer);
         if let Some(direct) = &mut self.lights.direct {

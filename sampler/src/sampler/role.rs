@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{
-    Cancel, CellPages, CellReport, Frame, LightEffects, LightLevel, PixelJob, Pixels, RenderError, Sample,
-    SampleJob, SampleSetInfo, Sampler, ViewJob, Visibility,
+    Cancel, CellPages, CellReport, FaceMask, Frame, LightEffects, LightLevel, PixelJob, Pixels, RenderError,
+    Sample, SampleJob, SampleSetInfo, Sampler, ViewJob, Visibility,
 };
 
 use super::gpu_sampler::GpuSampler;
@@ -53,6 +53,15 @@ impl Sampler for GpuSampler {
 
     fn cell_pages(&self) -> Option<Arc<dyn CellPages>> {
         self.path_light()?.cell_pages()
+    }
+
+    fn unchanged_faces(
+        &mut self,
+        job: &SampleJob,
+        earlier: &Sample,
+        cancel: &Cancel,
+    ) -> Result<FaceMask, RenderError> {
+        self.unchanged_in(job, earlier, cancel)
     }
 
     fn render_samples(&mut self, job: &SampleJob, cancel: &Cancel) -> Vec<Result<Sample, RenderError>> {

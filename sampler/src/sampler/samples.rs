@@ -1,14 +1,14 @@
 //! Renders the samples of a set.
 
 use argus_scene::{
-    Cancel, FaceMask, InvalidField, RenderError, Sample, SampleId, SampleJob, SampleSetInfo, Sampler,
-    Sampling, Visibility,
+    Cancel, FaceMask, InvalidField, RenderError, Sample, SampleId, SampleJob, Sampler, Sampling, Visibility,
 };
 
-use super::gpu_sampler::{GpuSampler, Moment};
-use super::ready_scene::{BetweenTiles, JobScene};
+use super::gpu_sampler::GpuSampler;
+use super::ready_scene::BetweenTiles;
 use super::surface_programs::ReflectionLookup;
 use super::tile_loop::wait;
+use super::unchanged::FaceTrails;
 use crate::stages::{Part, PartOutput};
 use crate::tile::tiles_of_faces;
 
@@ -61,24 +61,13 @@ impl GpuSampler {
         mut between: Option<BetweenTiles<'_>>,
     ) -> Result<Sample, RenderError> {
         self.check_job(job)?;
-        let SampleSetInfo { ref lighting, reflections, visibility, .. } = *job.info;
+        let reflections = job.info.reflections;
         let camera = job.info.camera(id.camera)?;
         let faces = job.faces_of(id).of_camera(&camera);
         let before = job.extended(id);
         let missing = faces.without(before.map_or(FaceMask::NONE, |sample| sample.faces));
         let mut tiles = tiles_of_faces(&camera, missing, self.settings.side())?;
-        let job_scene = JobScene {
-            position: camera.center(),
-            moment: Moment::of(job.info.version.state, job.info.time_secs()),
-            lighting: Some(lighting),
-            light: job.info.version.state.light,
-            ray_divisor: 1,
-            cells: self.cells_of_samples(),
-            reflections: ReflectionLookup::probes(reflections),
-            visibility,
-            is_shaded: true,
-        };
-        let mut scene = self.make_ready(job_scene, cancel)?;
+        let mut scene = self.make_ready_for_sample(&job.info, &camera, cancel)?;
         // Rays cost the same in bands; the rasteriser would process all triangles for each band. Point-based light is shared
         // within a tile. All samples are cut alike, with and without `between`, so that their bytes are equal.
         if scene.backend == Visibility::Cpu && self.lights.indirect.is_none() {
@@ -94,17 +83,22 @@ impl GpuSampler {
             planes.take_over(&self.gpu, before)?;
         }
         let mut submitted = Vec::new();
+        let mut trails = FaceTrails::begin(self, &scene, id, (&camera, &tiles));
         let (parts, output) = (Part::of_tiles(tiles), PartOutput::Texels(&planes));
         let mut done = 0;
-        self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {
+        let rendered = self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {
             submitted.push(part.submitted);
             done += 1;
+            trails.pause(sampler, done);
             if let Some(between) = &mut between {
                 wait(&mut submitted, &mut scene.stages)?;
-                sampler.run_between(scene, between, f64::from(done) / parts.len() as f64)?;
+                sampler.run_between(scene, between, done as f64 / parts.len() as f64)?;
             }
+            trails.resume(sampler, scene, done);
             Ok(())
-        })?;
+        });
+        trails.end(self);
+        rendered?;
         wait(&mut submitted, &mut scene.stages)?;
         let planes = planes.hand_over(&self.gpu, job.to_host)?;
         Ok(Sample { id, camera, faces, planes, stages: scene.into_stages() })

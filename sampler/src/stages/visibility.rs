@@ -10,7 +10,7 @@ use crate::frame::Frame;
 pub(super) fn find(frame: &mut Frame<'_>, job: &PartJob<'_>) -> Result<(), RenderError> {
     let Frame { commands, context, stages, .. } = frame;
     match job.part {
-        Part::Tile(_) => job.visibility.record(commands, context, job.backend, stages),
+        Part::Tile(_) => job.visibility.record(commands, context, job.backend, job.lights.watch(), stages),
         Part::Pixels(list) => job.visibility.record_list(context, list, stages),
         Part::Rays(cast) => job.visibility.record_rays(context, cast, stages),
     }

@@ -39,16 +39,16 @@ fn bytes_of(plane: &Plane) -> Vec<u8> {
     }
 }
 
-/// The texels of one face of a plane.
-fn face_of(plane: &Plane, face: usize) -> Vec<u8> {
+/// The texels of one face of a plane, whose faces have so many on a side.
+pub(crate) fn face_of(plane: &Plane, side: u32, face: usize) -> Vec<u8> {
     let texel = plane.format.texel_bytes();
-    let (bytes, row) = (bytes_of(plane), plane.size[0] as usize * texel);
-    let (x, y, side) = (face % 3 * FACE as usize, face / 3 * FACE as usize, FACE as usize);
+    let (bytes, row, side) = (bytes_of(plane), plane.size[0] as usize * texel, side as usize);
+    let (x, y) = (face % 3 * side, face / 3 * side);
     let row_of = |y: usize| bytes[y * row + x * texel..][..side * texel].to_vec();
     (y..y + side).flat_map(row_of).collect()
 }
 
-fn assert_equal(one: &Sample, other: &Sample) {
+pub(crate) fn assert_equal(one: &Sample, other: &Sample) {
     assert_eq!((one.faces, one.planes.len()), (other.faces, other.planes.len()));
     for (a, b) in one.planes.iter().zip(&other.planes) {
         assert_eq!((a.kind, a.format, a.size), (b.kind, b.format, b.size));
@@ -69,9 +69,11 @@ fn a_sample_of_some_faces_has_the_bytes_of_the_whole_one_there() {
                 assert_eq!(some.faces, mask(bits));
                 for (a, b) in some.planes.iter().zip(&whole.planes) {
                     for face in 0..6 {
-                        let bytes = face_of(a, face);
+                        let bytes = face_of(a, FACE, face);
                         match mask(bits).has(face) {
-                            true => assert!(bytes == face_of(b, face), "{visibility:?} {:?} {face}", a.kind),
+                            true => {
+                                assert!(bytes == face_of(b, FACE, face), "{visibility:?} {:?} {face}", a.kind)
+                            }
                             false => assert!(bytes.iter().all(|byte| *byte == 0), "{:?} {face}", a.kind),
                         }
                     }

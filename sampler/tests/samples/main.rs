@@ -11,6 +11,7 @@ mod environment;
 mod even_cells;
 mod faces;
 mod hard_cases;
+mod kept_faces;
 mod lenses;
 mod light;
 mod motion;

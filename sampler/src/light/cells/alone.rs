@@ -12,7 +12,8 @@ use super::super::paths::Leaves;
 use super::super::pattern::{Pattern, SLOTS, above};
 use super::super::shading_points::{ShadingPoint, ShadingPoints};
 use super::lookup::CellLight;
-use crate::light_rays::LightRaysAbout;
+use super::trail::Trail;
+use crate::light_rays::{LightRaysAbout, RayHit};
 
 /// Rays of a pixel in an image, whose neighbours share what they find; and slots of them for a pixel without neighbours.
 pub(in crate::light) const RAYS: usize = 2;
@@ -27,6 +28,8 @@ pub(super) struct Surroundings<'a> {
     pub(super) sky: &'a Sky,
     /// The eye about the centre of the leaves.
     pub(super) from_eye: Vec3,
+    /// Where it is written down what is read of the leaves.
+    pub(super) trail: Option<&'a Trail>,
 }
 
 /// Sums over rays.
@@ -98,7 +101,16 @@ impl Surroundings<'_> {
         if hit.is_none_or(|hit| hit.t > reach) {
             sums.seen += radiance;
         }
-        let side = hit.and_then(|hit| self.leaves.hit(point.start + self.from_eye, direction, &hit));
+        let side = hit.and_then(|hit| self.side(point.start + self.from_eye, direction, &hit));
         sums.reflected += side.map_or(Vec3::ZERO, |side| self.radiance[side as usize]);
+    }
+
+    /// The leaf side that a ray hits.
+    fn side(&self, start: Vec3, direction: Vec3, hit: &RayHit) -> Option<u32> {
+        let Some(trail) = self.trail else { return self.leaves.hit(start, direction, hit) };
+        let mut reads = Vec::new();
+        let side = self.leaves.hit_reading(start, direction, hit, |read| reads.push(read));
+        trail.add_reads(&reads);
+        side
     }
 }

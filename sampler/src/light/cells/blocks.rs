@@ -55,10 +55,16 @@ impl BlockSet {
         self.0.iter().zip(&other.0).any(|(word, other)| word & other != 0)
     }
 
-    fn insert(&mut self, [x, y, z]: [usize; 3]) {
-        let number = x + SIDE * (y + SIDE * z);
-        self.0[number / 64] |= 1 << (number % 64);
+    fn insert(&mut self, at: [usize; 3]) {
+        let (word, bit) = place_of(at);
+        self.0[word] |= bit;
     }
+}
+
+/// The word of a block in a set, and its bit there.
+fn place_of([x, y, z]: [usize; 3]) -> (usize, u64) {
+    let number = x + SIDE * (y + SIDE * z);
+    (number / 64, 1 << (number % 64))
 }
 
 impl Blocks {
@@ -75,10 +81,22 @@ impl Blocks {
 
     /// Adds the blocks that a ray crosses, up to a distance in units of its direction, which may be infinite.
     pub(super) fn add_ray(&self, set: &mut BlockSet, start: Vec3, direction: Vec3, most: f32) {
+        self.crossed_by(start, direction, most, |word, bit| set.0[word] |= bit);
+    }
+
+    /// The blocks that such a ray crosses, each as a word of a set and its bit there.
+    pub(super) fn crossed_by(
+        &self,
+        start: Vec3,
+        direction: Vec3,
+        most: f32,
+        mut each: impl FnMut(usize, u64),
+    ) {
         let mut at = [0, 1, 2].map(|axis| self.block(axis, start[axis]));
         let mut next = [0, 1, 2].map(|axis| self.leaves_at(axis, at[axis], start, direction));
         loop {
-            set.insert(at);
+            let (word, bit) = place_of(at);
+            each(word, bit);
             let axis =
                 if next[0] <= next[1] && next[0] <= next[2] { 0 } else { 1 + usize::from(next[2] < next[1]) };
             // Blocks at both ends have no plane to leave through, which is infinitely far.

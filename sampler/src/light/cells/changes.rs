@@ -61,6 +61,8 @@ impl Changes {
 
     /// Whether what rays met is as it was. Then the record is renewed: it names leaf sides as they are now.
     pub(super) fn leave(&self, record: &mut Record) -> bool {
-        !record.crossed().meets(&self.blocks) && record.rename(|read| self.leaves.now(read))
+        !self.is_anything
+            && !record.crossed().meets(&self.blocks)
+            && record.rename(|read| self.leaves.now(read))
     }
 }

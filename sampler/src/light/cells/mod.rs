@@ -32,6 +32,7 @@ mod blocks;
 mod changes;
 mod corner;
 mod corner_cache;
+mod faces;
 mod filling;
 #[cfg(feature = "fuzzing")]
 pub(crate) mod fuzzing;
@@ -49,6 +50,7 @@ mod state;
 mod store;
 #[cfg(test)]
 mod tests;
+mod trail;
 mod tree;
 mod weighing;
 
@@ -74,10 +76,13 @@ use scene::{CellScene, RAYS, Sequence};
 use state::{Job, SharedCells, State, existing};
 
 pub(super) use alone::RAYS as ALONE_RAYS;
+pub(super) use faces::FaceLights;
+pub(crate) use faces::SampleOf;
 pub(super) use inputs::CellInputs;
 pub(super) use lookup::CellLight;
 pub(super) use on_device::{Asking, DeviceLookup};
 pub(crate) use state::CellUse;
+pub(crate) use trail::Trail;
 pub(super) use tree::BoxTree;
 
 /// Pixels from one to the next, in each direction, that are asked before a view whether its cells are filled. Cells are
@@ -108,6 +113,8 @@ pub(super) struct Eye<'a> {
     pub(super) pixel: f32,
     /// Whether its reflections are looked up instead of its own pixels.
     pub(super) reflected: bool,
+    /// Where it is written down what the light was found by.
+    pub(super) trail: Option<&'a Trail>,
 }
 
 /// What is asked of cells: the light at points of a scene, seen from an eye.
@@ -192,6 +199,8 @@ impl LightCells {
             pages_kept: state.kept.kept as u64,
             pages_touched: state.kept.touched as u64,
             pages_older: state.store.older_pages(),
+            faces_kept: state.faces.kept,
+            faces_changed: state.faces.changed,
             is_due: state.queue.len() > 0 || state.may_refine,
         }
     }
@@ -220,6 +229,9 @@ impl LightCells {
         };
         if state.job.asked != CellUse::Rays {
             state.count(points, answers.as_deref().unwrap_or_default());
+        }
+        if let Some(trail) = eye.trail {
+            trail.add_pages(state.store.used_pages());
         }
         let answers = answers?;
         let lights = with_alone(question, &answers);
@@ -442,7 +454,8 @@ fn with_alone(question: Question<'_>, answers: &[Answer]) -> Vec<CellLight> {
     if !alone.is_empty() {
         let from_eye = (eye.position - scene.leaves.center()).as_vec3();
         let (about, leaves, radiance, sky) = (eye.about, scene.leaves, scene.radiance, scene.sky);
-        let found = Surroundings { about, leaves, radiance, sky, from_eye }.light(points, &alone);
+        let surroundings = Surroundings { about, leaves, radiance, sky, from_eye, trail: eye.trail };
+        let found = surroundings.light(points, &alone);
         alone.texels().zip(found).for_each(|(index, light)| lights[index] = light);
     }
     lights

@@ -7,7 +7,7 @@ use glam::Vec3;
 /// Entries that are added at least before a list is sorted again.
 const SORTED_AFTER: usize = 256;
 /// Share of a ray's length by which it is taken to be longer, against rounding.
-const LONGER: f32 = 1.0 + 1e-5;
+pub(super) const LONGER: f32 = 1.0 + 1e-5;
 
 /// What rays met. Values that follow from these rays are the same in another pose if no mover came into or left a block of
 /// `crossed`, and if nothing of `read` changed.

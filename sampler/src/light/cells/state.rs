@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::super::lattice::{CellKey, PageKey};
 use super::super::shading_points::ShadingPoints;
 use super::changes::Changes;
+use super::faces::KnownFaces;
 use super::inputs::CellInputs;
 use super::lookup::Answer;
 use super::queue::Queue;
@@ -86,6 +87,10 @@ pub(super) struct State {
     pub(super) pixels_lit: u64,
     /// Pages that were kept as things moved, and those that were not.
     pub(super) kept: Kept,
+    /// Faces of samples that are as if they were rendered now.
+    pub(super) faces: KnownFaces,
+    /// How often the pose or lighting has changed.
+    pub(super) poses: u64,
 }
 
 /// The light of the present job.
@@ -150,6 +155,8 @@ impl Default for SharedCells {
             pixels: 0,
             pixels_lit: 0,
             kept: Kept::default(),
+            faces: KnownFaces::default(),
+            poses: 0,
         }))
     }
 }
@@ -177,12 +184,14 @@ impl State {
         self.content = None;
         self.asked.forget();
         self.inputs = None;
+        self.faces.forget();
     }
 
     /// Keeps the cells that changes leave as they are.
     fn keep_untouched(&mut self, changes: &Changes) {
         let Kept { kept, touched } = self.store.keep_untouched(changes);
         self.kept = Kept { kept: self.kept.kept + kept, touched: self.kept.touched + touched };
+        self.faces.keep_untouched(changes, &self.store);
         self.refined.clear();
         self.content = None;
         self.asked.forget();
@@ -233,6 +242,7 @@ impl State {
                 None => self.forget(),
             }
             self.inputs = Some(inputs.clone());
+            self.poses += 1;
         }
         self.content.get_or_insert_with(content);
     }

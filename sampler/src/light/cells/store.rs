@@ -36,9 +36,13 @@ pub(super) struct Store {
     job: u32,
     /// Counts changes of pages.
     version: u64,
+    /// Counts pages.
+    numbers: u64,
 }
 
 struct Page {
+    /// No other page of the store has it, not even one in the same place.
+    number: u64,
     used: AtomicU32,
     /// The store's version when the page changed last.
     version: u64,
@@ -91,6 +95,7 @@ impl Store {
             cells: 0,
             job: 0,
             version: 0,
+            numbers: 0,
         }
     }
 
@@ -116,6 +121,17 @@ impl Store {
     #[cfg(test)]
     pub(super) fn page_keys(&self) -> impl Iterator<Item = PageKey> {
         self.pages.keys().copied()
+    }
+
+    /// A page's number; `None` if it is not held.
+    pub(super) fn number_of(&self, page: PageKey) -> Option<u64> {
+        self.pages.get(&page).map(|page| page.number)
+    }
+
+    /// The pages that the present job used, with their numbers.
+    pub(super) fn used_pages(&self) -> impl Iterator<Item = (PageKey, u64)> {
+        let is_used = |page: &Page| page.used.load(Ordering::Relaxed) == self.job;
+        self.pages.iter().filter(move |(_, page)| is_used(page)).map(|(key, page)| (*key, page.number))
     }
 
     /// Begins another job, of which all pages that it uses are kept.
@@ -213,7 +229,8 @@ impl Store {
     fn change(&mut self, key: PageKey, change: impl FnOnce(&mut Page) -> usize) {
         let page = self.pages.entry(key).or_insert_with(|| {
             self.bytes += size_of::<Page>();
-            Page::new()
+            self.numbers += 1;
+            Page::new(self.numbers)
         });
         page.used.store(self.job, Ordering::Relaxed);
         self.version += 1;
@@ -268,8 +285,9 @@ impl Store {
 }
 
 impl Page {
-    fn new() -> Self {
+    fn new(number: u64) -> Self {
         Self {
+            number,
             used: AtomicU32::new(0),
             version: 0,
             places: [0; PAGE_CELLS],

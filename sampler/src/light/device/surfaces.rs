@@ -124,7 +124,7 @@ impl DeviceLight {
         let (gpu, position) = (frame.context.gpu, frame.context.eye.position);
         let about = &tracing.rays.about(position);
         let (pixel, reflected) = (frame.context.tile.pixel_angle(), frame.footprint != Footprint::Pixels);
-        let eye = Eye { position, about, pixel, reflected };
+        let eye = Eye { position, about, pixel, reflected, trail: None };
         let texels = &tile.texels;
         let across = match &frame.footprint {
             Footprint::Pixels => Vec::new(),
