@@ -24,9 +24,6 @@ impl FaceMask {
     /// All faces.
     pub const ALL: Self = Self((1 << FACES) - 1);
 
-    /// Number of faces.
-    pub const COUNT: usize = FACES as usize;
-
     /// No face: what a worker has of a sample that it does not hold. No sample, plan or request has this mask.
     pub const NONE: Self = Self(0);
 

@@ -6,8 +6,8 @@ use argus_client::{Client, Node, RenderOptions, SetTransform, Space};
 use argus_scene::{PlanRequest, View};
 use glam::{DAffine3, DQuat, DVec3};
 
-use crate::motion::{Mover, image, red_column, start, view};
-use crate::support::{json, run, stderr};
+use crate::motion::{Mover, image, red_column, start, view, write_scene};
+use crate::support::{Coordinator, json, run, stderr};
 
 /// The bar on the time from a request to the first frame that shows it, milliseconds, on a machine that does nothing else.
 const BAR_MS: f64 = 150.0;
@@ -73,6 +73,44 @@ async fn a_hundred_moved_nodes_are_seen_in_the_next_frame_and_soon() {
     );
     // Tests run side by side, with a build or without; the bar itself is read from the line above.
     assert!(middle < 10.0 * BAR_MS, "{later:?}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn samples_keep_what_a_move_left_alone_and_show_what_a_fresh_service_shows() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), Mover::Client);
+    let started = || {
+        let coordinator = Coordinator::start(scene.to_str().unwrap(), &["--sample-size", "64x64"]);
+        let worker = coordinator.worker(&[]);
+        coordinator.wait_for_workers(1);
+        coordinator.wait_for_full_light();
+        (coordinator, worker)
+    };
+    let options = RenderOptions { deadline: Duration::from_secs(120), ..RenderOptions::default() };
+    let (coordinator, _worker) = started();
+    let client = Client::connect(&coordinator.url).await.unwrap();
+    let shown_at = async |client: &Client, x: f64| {
+        let moved = client.set_transforms(&[red_at(x)], None).await.unwrap();
+        let frame = client.render(&view(), &options).await.unwrap().frame;
+        assert_eq!(frame.provenance.state.revision, moved.revision);
+        frame
+    };
+    // At the first move nothing is known of the faces that are there.
+    let mut frames = Vec::new();
+    for x in [3.0, -3.0, 2.5] {
+        frames.push(shown_at(&client, x).await);
+    }
+    let status = client.status().await.unwrap();
+    let cells = status.workers[0].light_cells.as_ref().unwrap();
+    println!("{} faces kept, {} rendered again", cells.faces_kept, cells.faces_changed);
+    assert!(cells.faces_kept > 0 && cells.faces_changed > 0, "{cells:?}");
+    let (fresh, _worker) = started();
+    let client = Client::connect(&fresh.url).await.unwrap();
+    let frame = shown_at(&client, 2.5).await;
+    assert!(
+        image(&frame) == image(&frames[2]),
+        "faces that were kept show what they would if they were rendered"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -136,7 +136,7 @@ impl KnownFaces {
     ) -> FaceMask {
         let lights = self.shared(lights);
         let mut unchanged = FaceMask::NONE;
-        for face in (0..FaceMask::COUNT).filter(|face| asked.has(*face)) {
+        for face in (0..of.camera.faces().len()).filter(|face| asked.has(*face)) {
             let is_alike = |known: &&mut KnownFace| {
                 known.camera == of.camera && known.lights == lights && known.versions.contains(&earlier)
             };
@@ -152,7 +152,7 @@ impl KnownFaces {
             self.kept += 1;
             unchanged = unchanged.union(FaceMask::only(face));
         }
-        unchanged
+        unchanged.of_camera(&of.camera)
     }
 
     /// Lights that faces share.
