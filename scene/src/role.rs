@@ -190,7 +190,7 @@ pub trait Sampler: Send {
         None
     }
 
-    /// The faces of a sample of an earlier version that are, to the byte, as they would be if they were rendered for `job`: nothing
+    /// The faces of a sample of an earlier version, which shows that state, that are, to the byte, as they would be if they were rendered for `job`: nothing
     /// that they show or are lit by has moved. The default is for samplers that do not know.
     ///
     /// # Errors
@@ -198,7 +198,7 @@ pub trait Sampler: Send {
     fn unchanged_faces(
         &mut self,
         _job: &SampleJob,
-        _earlier: &Sample,
+        _earlier: (&Sample, SceneState),
         _cancel: &Cancel,
     ) -> Result<FaceMask, RenderError> {
         Ok(FaceMask::NONE)

@@ -248,9 +248,9 @@ impl Renderer {
     fn take_over_unchanged(&mut self, job: &mut SampleJob, batch: &Batch) {
         for id in job.ids.clone() {
             let earlier = self.store.latest_before(id).filter(|_| job.extended(id).is_none());
-            let Some(earlier) = earlier else { continue };
+            let Some((earlier, shows)) = earlier else { continue };
             let unchanged = self.guarded(|own| {
-                let faces = own.sampler()?.unchanged_faces(job, &earlier, &batch.cancel);
+                let faces = own.sampler()?.unchanged_faces(job, (&earlier, shows), &batch.cancel);
                 Ok(vec![faces])
             });
             // Whatever failed will fail again, where callers are told.

@@ -3,11 +3,11 @@
 //! Each sample is one shared entry. Waiting views use it, and the compositor through them. The least recently used
 //! entry that is not in use is dropped first. An entry in use stays, so an accepted view never loses its samples.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use argus_proto::Fault;
-use argus_scene::{FaceMask, PlaneData, Sample, SampleId};
+use argus_scene::{FaceMask, PlaneData, Sample, SampleId, SceneState, Version};
 use parking_lot::Mutex;
 use tokio::sync::Semaphore;
 
@@ -24,9 +24,14 @@ struct Entry {
     is_base: bool,
 }
 
+/// Versions whose states are remembered.
+const MOST_VERSIONS: usize = 256;
+
 #[derive(Debug, Default)]
 struct State {
     entries: HashMap<SampleId, Entry>,
+    /// What each version shows, by its number.
+    shown: BTreeMap<u64, SceneState>,
     bytes: u64,
     clock: u64,
 }
@@ -68,12 +73,13 @@ impl Store {
         Some(entry.sample.clone())
     }
 
-    /// The held sample of the latest version of the same camera before that of an id.
-    pub(super) fn latest_before(&self, id: SampleId) -> Option<Arc<Sample>> {
+    /// The held sample of the latest version of the same camera before that of an id, with what that version shows.
+    pub(super) fn latest_before(&self, id: SampleId) -> Option<(Arc<Sample>, SceneState)> {
         let state = self.state.lock();
         let earlier =
             state.entries.iter().filter(|(held, _)| held.camera == id.camera && held.version < id.version);
-        earlier.max_by_key(|(held, _)| held.version).map(|(_, entry)| entry.sample.clone())
+        let (held, entry) = earlier.max_by_key(|(held, _)| held.version)?;
+        Some((entry.sample.clone(), *state.shown.get(&held.version)?))
     }
 
     /// A held sample that has these faces.
@@ -213,10 +219,17 @@ impl Store {
         }
     }
 
-    /// Drops all samples of a version, whether in use or not.
-    pub(super) fn forget_version(&self, number: u64) {
+    /// Begins a version. Drops all samples that are held under its number, whether in use or not: they show what an earlier version
+    /// of that number showed.
+    pub(super) fn begin_version(&self, version: Version) {
+        let mut state = self.state.lock();
         let of_version: Vec<SampleId> =
-            self.state.lock().entries.keys().copied().filter(|id| id.version == number).collect();
+            state.entries.keys().copied().filter(|id| id.version == version.number).collect();
+        state.shown.insert(version.number, version.state);
+        while state.shown.len() > MOST_VERSIONS {
+            state.shown.pop_first();
+        }
+        drop(state);
         self.forget(&of_version);
     }
 
@@ -283,6 +296,11 @@ mod tests {
         Sample { id: id(index), camera, faces: FaceMask::ALL, planes: vec![plane], stages: Vec::new() }
     }
 
+    /// A version that shows a revision of its own.
+    fn shown(number: u64) -> Version {
+        Version { number, state: SceneState { revision: 100 + number, ..SceneState::of_epoch(0) } }
+    }
+
     fn host(index: u64) -> Sample {
         sample(index, PlaneData::Host(Bytes::from(vec![0; 400])))
     }
@@ -342,43 +360,56 @@ mod tests {
     #[test]
     fn the_latest_of_the_earlier_versions_of_a_camera_is_found() {
         let store = Store::new(1 << 20);
-        for (version, camera) in [(3, 0), (5, 0), (8, 0), (7, 1)] {
+        (3..9).for_each(|number| store.begin_version(shown(number)));
+        for (version, camera) in [(3, 0), (5, 0), (8, 0), (7, 1), (11, 1)] {
             store.insert(Sample { id: SampleId { version, camera }, ..host(camera) });
         }
-        let before =
-            |version| store.latest_before(SampleId { version, camera: 0 }).map(|held| held.id.version);
+        let before = |version| {
+            let (held, state) = store.latest_before(SampleId { version, camera: 0 })?;
+            assert_eq!(state.revision, 100 + held.id.version);
+            Some(held.id.version)
+        };
         assert_eq!([3, 5, 8, 9].map(before), [None, Some(3), Some(5), Some(8)]);
+        assert!(
+            store.latest_before(SampleId { version: 12, camera: 1 }).is_none(),
+            "what it shows is not known"
+        );
     }
 
     #[test]
     fn of_retired_versions_the_latest_sample_of_a_camera_stays_unannounced_until_the_next_one() {
         let store = Store::new(1 << 20);
         let at = |version, camera| SampleId { version, camera };
+        (3..9).for_each(|number| store.begin_version(shown(number)));
         for (version, camera) in [(3, 0), (4, 0), (3, 1), (5, 1)] {
             store.insert(Sample { id: at(version, camera), ..host(camera) });
         }
         store.retire(5, true);
         assert_eq!(store.ids(), [at(5, 1)]);
-        assert_eq!(store.latest_before(at(5, 0)).map(|base| base.id), Some(at(4, 0)));
+        assert_eq!(store.latest_before(at(5, 0)).map(|(base, _)| base.id), Some(at(4, 0)));
         assert!(store.latest_before(at(5, 1)).is_none(), "a later one is held");
         store.insert(Sample { id: at(5, 0), ..host(0) });
         assert_eq!((store.ids().len(), store.bytes()), (2, 800));
         store.retire(7, true);
         assert!(store.ids().is_empty());
         store.retire(7, false);
-        assert_eq!(store.latest_before(at(8, 1)).map(|base| base.id), Some(at(5, 1)), "a base stays");
+        assert_eq!(store.latest_before(at(8, 1)).map(|(base, _)| base.id), Some(at(5, 1)), "a base stays");
     }
 
     #[test]
-    fn forgetting_a_version_drops_its_samples_even_in_use() {
+    fn a_version_begins_without_samples_under_its_number_even_if_they_are_in_use() {
         let store = Store::new(1 << 20);
         let at = |version, camera| Sample { id: SampleId { version, camera }, ..host(camera) };
         let _in_use = store.insert(at(3, 0));
         for (version, camera) in [(3, 1), (4, 0)] {
             store.insert(at(version, camera));
         }
-        store.forget_version(3);
+        store.begin_version(shown(3));
         assert_eq!(store.ids(), [SampleId { version: 4, camera: 0 }]);
+        for number in 0..1000 {
+            store.begin_version(shown(number));
+        }
+        assert_eq!(store.state.lock().shown.len(), MOST_VERSIONS);
     }
 
     #[test]

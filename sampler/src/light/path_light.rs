@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use argus_gpu::Gpu;
 use argus_scene::{
-    CellPages, CellReport, CellSettings, FaceMask, LightLevel, PathSettings, RenderError, Scene, Stage,
-    SurfaceLight,
+    CellPages, CellReport, CellSettings, FaceMask, LightLevel, PathSettings, RenderError, Scene, SceneState,
+    Stage, SurfaceLight,
 };
 use glam::{DVec3, Vec3};
 
@@ -336,12 +336,12 @@ impl PathLight {
         }
     }
 
-    /// The faces among `asked` that a sample has in the version `earlier` as it would have them if they were rendered now.
+    /// The faces among `asked` of a sample that it has in an earlier state as it would have them if they were rendered now.
     pub(crate) fn unchanged_faces(
         &self,
         tracing: &LightTracing,
         of: SampleOf,
-        earlier: u64,
+        earlier: SceneState,
         asked: FaceMask,
     ) -> FaceMask {
         let unchanged = self.with_parts(tracing, |cells, parts| {

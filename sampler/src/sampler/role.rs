@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use argus_scene::{
     Cancel, CellPages, CellReport, FaceMask, Frame, LightEffects, LightLevel, PixelJob, Pixels, RenderError,
-    Sample, SampleJob, SampleSetInfo, Sampler, ViewJob, Visibility,
+    Sample, SampleJob, SampleSetInfo, Sampler, SceneState, ViewJob, Visibility,
 };
 
 use super::gpu_sampler::GpuSampler;
@@ -58,7 +58,7 @@ impl Sampler for GpuSampler {
     fn unchanged_faces(
         &mut self,
         job: &SampleJob,
-        earlier: &Sample,
+        earlier: (&Sample, SceneState),
         cancel: &Cancel,
     ) -> Result<FaceMask, RenderError> {
         self.unchanged_in(job, earlier, cancel)

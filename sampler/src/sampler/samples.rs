@@ -9,6 +9,7 @@ use super::ready_scene::BetweenTiles;
 use super::surface_programs::ReflectionLookup;
 use super::tile_loop::wait;
 use super::unchanged::FaceTrails;
+use crate::light::SampleOf;
 use crate::stages::{Part, PartOutput};
 use crate::tile::tiles_of_faces;
 
@@ -83,7 +84,8 @@ impl GpuSampler {
             planes.take_over(&self.gpu, before)?;
         }
         let mut submitted = Vec::new();
-        let mut trails = FaceTrails::begin(self, &scene, id, (&camera, &tiles));
+        let of = SampleOf { camera, number: id.camera, shows: job.info.version.state };
+        let mut trails = FaceTrails::begin(self, &scene, of, &tiles);
         let (parts, output) = (Part::of_tiles(tiles), PartOutput::Texels(&planes));
         let mut done = 0;
         let rendered = self.render_parts(&mut scene, &parts, output, cancel, |sampler, scene, part| {

@@ -1,8 +1,8 @@
 //! Faces of samples that need not be rendered again after something moved.
 
 use argus_scene::{
-    Cancel, FaceMask, Indirect, LightLevel, RenderError, Sample, SampleCamera, SampleId, SampleJob,
-    SampleSetInfo, Sampling, Visibility,
+    Cancel, FaceMask, Indirect, LightLevel, RenderError, Sample, SampleCamera, SampleJob, SampleSetInfo,
+    Sampling, SceneState, Visibility,
 };
 
 use super::gpu_sampler::{GpuSampler, Moment};
@@ -16,7 +16,7 @@ impl GpuSampler {
     pub(super) fn unchanged_in(
         &mut self,
         job: &SampleJob,
-        earlier: &Sample,
+        (earlier, shows): (&Sample, SceneState),
         cancel: &Cancel,
     ) -> Result<FaceMask, RenderError> {
         self.check_job(job)?;
@@ -30,9 +30,9 @@ impl GpuSampler {
             return Ok(FaceMask::NONE);
         }
         self.make_ready_for_sample(info, &camera, cancel)?;
-        let of = SampleOf { camera, number: earlier.id.camera, version: info.version.number };
+        let of = SampleOf { camera, number: earlier.id.camera, shows: info.version.state };
         let Some((paths, tracing)) = self.lights.paths_on_cpu() else { return Ok(FaceMask::NONE) };
-        Ok(paths.unchanged_faces(tracing, of, earlier.id.version, earlier.faces))
+        Ok(paths.unchanged_faces(tracing, of, shows, earlier.faces))
     }
 
     /// Makes the scene ready for a sample.
@@ -71,22 +71,12 @@ pub(super) struct FaceTrails {
 }
 
 impl FaceTrails {
-    /// Begins with the first of some tiles.
-    pub(super) fn begin(
-        sampler: &mut GpuSampler,
-        scene: &ReadyScene,
-        id: SampleId,
-        tiles: (&SampleCamera, &[Tile]),
-    ) -> Self {
-        let (camera, tiles) = tiles;
-        let all = camera.faces();
+    /// Begins with the first of a sample's tiles.
+    pub(super) fn begin(sampler: &mut GpuSampler, scene: &ReadyScene, of: SampleOf, tiles: &[Tile]) -> Self {
+        let all = of.camera.faces();
         let face = |tile: &Tile| all.iter().position(|face| *face == tile.face).unwrap_or_default();
-        let trails = Self {
-            of: SampleOf { camera: *camera, number: id.camera, version: id.version },
-            faces: tiles.iter().map(face).collect(),
-            is_known: scene.backend == Visibility::Cpu,
-            trail: None,
-        };
+        let is_known = scene.backend == Visibility::Cpu;
+        let trails = Self { of, faces: tiles.iter().map(face).collect(), is_known, trail: None };
         trails.start(sampler, scene, 0);
         trails
     }

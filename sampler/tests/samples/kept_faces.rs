@@ -80,7 +80,7 @@ fn job(scene: &Scene, room: usize, number: u64, revision: u64, visibility: Visib
 /// knows of nothing before. Returns how many faces of each room were kept, from the second move on, and how many were asked for.
 fn kept_of(scene: &Arc<Scene>, visibility: Visibility) -> ([u32; 2], u32) {
     let mut sampler = with_cells(scene);
-    let mut before: HashMap<usize, Arc<Sample>> = HashMap::new();
+    let mut before: HashMap<usize, (Arc<Sample>, SceneState)> = HashMap::new();
     let (mut kept, mut asked) = ([0; 2], 0);
     for (number, revision) in (1..).zip([1, 2, 3, 1]) {
         asked += if number > 1 { 6 } else { 0 };
@@ -88,8 +88,10 @@ fn kept_of(scene: &Arc<Scene>, visibility: Visibility) -> ([u32; 2], u32) {
             let mut job = specified(&sampler, &job(scene, room, number, revision, visibility));
             let mut fresh = with_cells(scene);
             let truth = fresh.render_samples(&job, &Cancel::new()).remove(0).unwrap();
-            if let Some(earlier) = before.remove(&room) {
-                let faces = sampler.unchanged_faces(&job, &earlier, &Cancel::new()).unwrap();
+            if let Some((earlier, shows)) = before.remove(&room) {
+                let faces = sampler.unchanged_faces(&job, (&earlier, shows), &Cancel::new()).unwrap();
+                let unknown = (&*earlier, SceneState { revision: 99, ..shows });
+                assert!(sampler.unchanged_faces(&job, unknown, &Cancel::new()).unwrap().is_empty());
                 for face in (0..6).filter(|face| faces.has(*face)) {
                     kept[room] += 1;
                     for (a, b) in earlier.planes.iter().zip(&truth.planes) {
@@ -103,7 +105,7 @@ fn kept_of(scene: &Arc<Scene>, visibility: Visibility) -> ([u32; 2], u32) {
             }
             let sample = sampler.render_samples(&job, &Cancel::new()).remove(0).unwrap();
             assert_equal(&sample, &truth);
-            before.insert(room, Arc::new(sample));
+            before.insert(room, (Arc::new(sample), job.info.version.state));
         }
     }
     println!("{kept:?} of {asked} faces are kept");

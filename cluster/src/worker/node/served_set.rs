@@ -81,7 +81,7 @@ impl ServedSet {
         }
         let info = Arc::new(SampleSetInfo { version, ..(*info).clone() });
         state.versions.retain(|other| other.version.number != version.number);
-        self.store.forget_version(version.number);
+        self.store.begin_version(version);
         state.versions.push_front(info.clone());
         state.versions.truncate(MOST_VERSIONS);
         Ok((info, limits))
@@ -147,6 +147,7 @@ impl ServedSet {
                 if set.epoch_secs == 0.0 { VecDeque::from([set.clone()]) } else { VecDeque::new() };
             state.set = Some(set);
             self.store.clear();
+            state.versions.iter().for_each(|set| self.store.begin_version(set.version));
             self.histories.clear();
             self.frames.clear();
         } else if state.set.as_ref().is_some_and(|old| old.version.number < set.version.number) {

@@ -7,8 +7,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use argus_scene::emitters::Emitter;
-use argus_scene::{FaceMask, Lighting, SampleCamera};
-
+use argus_scene::{FaceMask, Lighting, SampleCamera, SceneState};
 use glam::Vec3;
 
 use super::super::lattice::PageKey;
@@ -21,17 +20,16 @@ use super::{LightCells, Parts, sharing};
 
 /// Most faces that are known: about 40 MB.
 const MOST_FACES: usize = 1 << 12;
-/// Most versions of which it is known that they show a face alike.
-const MOST_VERSIONS: usize = 8;
+/// Most states of which it is known that they show a face alike.
+const MOST_STATES: usize = 8;
 
-/// A sample that is rendered in a version of its set.
+/// A sample of a state of the scene.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct SampleOf {
     /// The camera, and its number in the rig.
     pub(crate) camera: SampleCamera,
     pub(crate) number: u64,
-    /// Number of the version.
-    pub(crate) version: u64,
+    pub(crate) shows: SceneState,
 }
 
 /// What light there is beside that of cells.
@@ -48,8 +46,8 @@ struct KnownFace {
     record: Record,
     /// The pages of light cells that it looked up, by their number.
     pages: HashMap<PageKey, u64>,
-    /// The versions that show it as it is in the present pose, the latest last.
-    versions: Vec<u64>,
+    /// The states that show it as it is in the present pose, the latest last.
+    states: Vec<SceneState>,
 }
 
 /// The faces that are as they would be if they were rendered in the present pose.
@@ -81,12 +79,12 @@ impl LightCells {
         }
     }
 
-    /// The faces among `asked` that a sample has in the version `earlier` as it would have them if they were rendered now.
+    /// The faces among `asked` of a sample that it has in an earlier state as it would have them if they were rendered now.
     pub(in crate::light) fn unchanged_faces(
         &self,
         parts: Parts<'_>,
         of: SampleOf,
-        (earlier, asked): (u64, FaceMask),
+        (earlier, asked): (SceneState, FaceMask),
         lights: FaceLights,
     ) -> FaceMask {
         let (mut state, scene) = (self.state(), self.scene(parts));
@@ -114,7 +112,7 @@ impl KnownFaces {
         }
         let (record, pages) = trail.into_parts();
         let lights = self.shared(lights);
-        let known = KnownFace { camera: of.camera, lights, record, pages, versions: vec![of.version] };
+        let known = KnownFace { camera: of.camera, lights, record, pages, states: vec![of.shows] };
         self.faces.insert((of.number, face), known);
     }
 
@@ -126,11 +124,11 @@ impl KnownFaces {
         });
     }
 
-    /// The faces among `asked` that a sample has in the version `earlier` as it would have them if they were rendered now.
+    /// The faces among `asked` of a sample that it has in an earlier state as it would have them if they were rendered now.
     pub(super) fn unchanged(
         &mut self,
         of: SampleOf,
-        earlier: u64,
+        earlier: SceneState,
         asked: FaceMask,
         lights: FaceLights,
     ) -> FaceMask {
@@ -138,16 +136,16 @@ impl KnownFaces {
         let mut unchanged = FaceMask::NONE;
         for face in (0..of.camera.faces().len()).filter(|face| asked.has(*face)) {
             let is_alike = |known: &&mut KnownFace| {
-                known.camera == of.camera && known.lights == lights && known.versions.contains(&earlier)
+                known.camera == of.camera && known.lights == lights && known.states.contains(&earlier)
             };
             let Some(known) = self.faces.get_mut(&(of.number, face)).filter(is_alike) else {
                 self.changed += 1;
                 continue;
             };
-            if !known.versions.contains(&of.version) {
-                known.versions.push(of.version);
-                let excess = known.versions.len().saturating_sub(MOST_VERSIONS);
-                known.versions.drain(..excess);
+            if !known.states.contains(&of.shows) {
+                known.states.push(of.shows);
+                let excess = known.states.len().saturating_sub(MOST_STATES);
+                known.states.drain(..excess);
             }
             self.kept += 1;
             unchanged = unchanged.union(FaceMask::only(face));
