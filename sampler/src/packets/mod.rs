@@ -250,7 +250,7 @@ impl<'a> About<'a> {
             }
             let mut nearest = Nearest::none();
             self.packet(&packet, &mut nearest, stack);
-            for v in 0..VECTORS {
+            for (v, directions) in packet.iter().enumerate() {
                 for i in 0..LANES {
                     let (column, row) = (column_of(base, v, i), row_of(v, i));
                     if column < width && row < rows {
@@ -258,7 +258,7 @@ impl<'a> About<'a> {
                     }
                 }
                 if let Some(watch) = self.watch {
-                    let [x, y, z] = packet[v].map(|along| along.to_array());
+                    let [x, y, z] = directions.map(|along| along.to_array());
                     let length = nearest.t[v].to_array();
                     (0..LANES).for_each(|i| watch.cast(Vec3::ZERO, Vec3::new(x[i], y[i], z[i]), length[i]));
                 }

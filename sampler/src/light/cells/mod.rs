@@ -52,6 +52,7 @@ mod store;
 mod tests;
 mod trail;
 mod tree;
+mod unchanged;
 mod weighing;
 
 use std::sync::atomic::AtomicBool;
