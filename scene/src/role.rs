@@ -190,8 +190,9 @@ pub trait Sampler: Send {
         None
     }
 
-    /// The faces of a sample of an earlier version, which shows that state, that are, to the byte, as they would be if they were rendered for `job`: nothing
-    /// that they show or are lit by has moved. The default is for samplers that do not know.
+    /// The faces of an earlier version's sample that rendering them for `job` would give again, to the byte: nothing that they show or
+    /// are lit by has changed. `earlier`: the sample, and the state of the scene that it shows. The default is for samplers that do not
+    /// know.
     ///
     /// # Errors
     /// Those of making the scene ready for the job.

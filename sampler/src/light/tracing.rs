@@ -32,7 +32,7 @@ impl LightTracing {
         self.effects.sky_visibility || self.sky.is_black()
     }
 
-    /// What of the light does not depend on what rays meet.
+    /// Lights and emitters: the light of a face depends on them beside what its rays meet.
     pub(super) fn face_lights(&self) -> FaceLights {
         FaceLights { lighting: self.lighting.clone(), emitters: self.emitters.all().to_vec() }
     }

@@ -22,7 +22,8 @@ impl GpuSampler {
         self.check_job(job)?;
         let info = &job.info;
         let is_known = info.sampling == Sampling::Triangles
-            && info.version.state.light == LightLevel::Full
+            // Light that rises is no move: it changes all faces.
+            && [shows.light, info.version.state.light] == [LightLevel::Full; 2]
             && matches!(self.settings.indirect, Indirect::Cells(_))
             && !earlier.id.is_reflection_probe();
         let camera = info.camera(earlier.id.camera)?;

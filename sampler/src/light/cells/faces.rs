@@ -29,7 +29,7 @@ pub(crate) struct SampleOf {
     pub(crate) shows: SceneState,
 }
 
-/// What light there is beside that of cells.
+/// Lights and emitters that a face was lit by.
 #[derive(Debug, PartialEq)]
 pub(in crate::light) struct FaceLights {
     pub(in crate::light) lighting: Lighting,

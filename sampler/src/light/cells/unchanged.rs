@@ -1,4 +1,4 @@
-//! What a sampler asks of the faces that its cells know.
+//! Records faces of samples beside light cells, and finds those that a move left unchanged.
 
 use argus_scene::{FaceMask, SceneState};
 use glam::Vec3;
