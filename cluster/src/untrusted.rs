@@ -5,14 +5,18 @@ use std::sync::Arc;
 use argus_proto::trace::continued_from;
 use argus_proto::v1;
 use argus_proto::v1::worker_report::Body;
-use argus_scene::{Bounds, FaceMask, InvalidField, Rig, SampleSetInfo, SceneHash, View, Visibility};
+use argus_scene::{
+    Bounds, Camera, FaceMask, FrameSource, InvalidField, Rig, SampleSetInfo, SceneHash, SceneState, View,
+    Visibility,
+};
 use glam::DVec3;
 use prost::Message;
 
 use crate::SceneRef;
 use crate::coordinator;
 use crate::core::{
-    Assignment, Config, Core, Event, Hello, Probed, Report, Role, Source, Uptime, ViewId, WorkerId,
+    Assignment, Config, Core, Event, HeldSource, Hello, ProbeResult, Purchase, Report, Role, Source,
+    SourceNews, Uptime, ViewId, WorkerId,
 };
 use crate::sealed::{Kind, RedeemedSerials, SealKey};
 use crate::wire::{self, Served, ServiceInfo};
@@ -183,6 +187,18 @@ pub fn session_messages(requests: Vec<v1::SessionRequest>) {
 /// Valid messages with the names of their types.
 pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let id = argus_scene::SampleId { version: 0, camera: 2 };
+    let camera = Camera::look_at(glam::DVec3::new(3.0, 2.0, 5.0), glam::DVec3::ZERO);
+    let source = FrameSource { camera, width: 80, height: 60, samples_per_pixel: 4, light: None };
+    let held_id = source.id();
+    let held = HeldSource {
+        id: held_id,
+        source,
+        state: SceneState::default(),
+        visibility: Visibility::default(),
+        ranges: vec![0.25; FrameSource::GRID.iter().product::<u32>() as usize].into(),
+        bought: true,
+        render_ms: 12.0,
+    };
     let measured = Report {
         applied: 1,
         sample_ms: Some(10.0),
@@ -192,7 +208,8 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
         sampling_busy_ms: 40.0,
         held: vec![id],
         partial: vec![(id, FaceMask::only(2))],
-        probed: Probed { count: 1, error: 0.02, predicted: 0.015 },
+        sources: Some(SourceNews { whole: true, added: vec![held], dropped: vec![held_id] }),
+        probes: vec![ProbeResult { view_id: ViewId(2), attempt: 1, excess: vec![0.02, f32::NAN] }],
         backend_costs: vec![(Visibility::default(), 3.0)],
         ..Report::default()
     };
@@ -205,6 +222,7 @@ pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
             addresses: vec!["http://127.0.0.1:1".to_owned()],
             dispensable: false,
         }],
+        purchases: vec![Purchase { source, state: SceneState::default() }],
         kept_from: 0,
         measure_backends: false,
         suspected: vec!["http://127.0.0.1:2".to_owned()],

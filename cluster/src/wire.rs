@@ -1,5 +1,7 @@
 //! Conversions between the core's types and wire messages.
 
+mod sources;
+
 use std::time::Duration;
 
 use argus_proto::convert::{WireEnum as _, light_level, scene_hash_bytes};
@@ -10,9 +12,11 @@ use argus_scene::{
 
 use crate::SceneRef;
 use crate::core::quality::{Cost, Observed};
-use crate::core::{Assignment, Fallback, Hello, Probed, Report, Role, Source};
+use crate::core::{Assignment, Fallback, Hello, Report, Role, Source};
 use crate::sealed::SealKey;
 use crate::security::LoadedSecurity;
+
+pub(crate) use self::sources::{Probe, probe, purchases};
 
 /// Longest name of a worker, bytes: it is in every frame and log line.
 const MAX_NAME: usize = 128;
@@ -105,7 +109,8 @@ pub(crate) fn report_from(wire: v1::Measurements) -> Report {
             take_ms: busy(cells.take_ms),
             ..cells
         }),
-        probed: probed_from(wire.probes, wire.probed_error, wire.probed_predicted),
+        sources: wire.sources.map(sources::news_from),
+        probes: sources::results_from(wire.probe_results),
         backend_costs: wire
             .backend_costs
             .into_iter()
@@ -151,9 +156,8 @@ pub(crate) fn report(report: Report, acting: Role) -> v1::WorkerReport {
         frames_held: report.frames_held,
         frames_bytes: report.frames_bytes,
         light_cells: report.light_cells,
-        probes: report.probed.count,
-        probed_error: report.probed.error,
-        probed_predicted: report.probed.predicted,
+        sources: report.sources.map(Into::into),
+        probe_results: report.probes.into_iter().map(Into::into).collect(),
         backend_costs: report.backend_costs.into_iter().map(backend_cost).collect(),
     };
     v1::WorkerReport { body: Some(v1::worker_report::Body::Measurements(measurements)) }
@@ -174,15 +178,6 @@ fn cost_from(v1::Cost { fixed_ms, ms_per_megapixel }: v1::Cost) -> Option<Cost> 
     let measured = |ms: f64| ms >= 0.0 && ms.is_finite();
     let cost = Cost { fixed_ms, ms_per_megapixel };
     (measured(fixed_ms) && measured(ms_per_megapixel) && fixed_ms + ms_per_megapixel > 0.0).then_some(cost)
-}
-
-/// Reads counts of probes. Errors that are not finite or negative make them empty.
-fn probed_from(count: u64, error: f64, predicted: f64) -> Probed {
-    let is_sum = |x: f64| x >= 0.0 && x.is_finite();
-    match is_sum(error) && is_sum(predicted) {
-        true => Probed { count, error, predicted },
-        false => Probed::default(),
-    }
 }
 
 fn backend_cost((visibility, ms): (Visibility, f64)) -> v1::BackendCost {
@@ -225,6 +220,7 @@ pub(crate) fn assignment(
         set: Some(served.set.into()),
         versions: served.versions.iter().map(|version| (*version).into()).collect(),
         sources: sources(assignment.prefetch),
+        purchases: assignment.purchases.iter().map(Into::into).collect(),
         kept_from: assignment.kept_from,
         measure_backends: assignment.measure_backends,
         visibility_is_open: served.visibility_is_open,
@@ -279,26 +275,4 @@ pub(crate) fn sources(sources: Vec<Source>) -> Vec<v1::SampleSource> {
             faces: faces.bits(),
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn probes_with_invalid_errors_are_ignored() {
-        let probed = Probed { count: 3, error: 0.06, predicted: 0.045 };
-        let sent = |probed| {
-            let report = report(Report { probed, ..Report::default() }, Role::Both);
-            match report.body {
-                Some(v1::worker_report::Body::Measurements(measured)) => report_from(measured).probed,
-                _ => Probed::default(),
-            }
-        };
-        assert_eq!(sent(probed), probed);
-        for odd in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -0.1] {
-            assert_eq!(sent(Probed { error: odd, ..probed }), Probed::default());
-            assert_eq!(sent(Probed { predicted: odd, ..probed }), Probed::default());
-        }
-    }
 }

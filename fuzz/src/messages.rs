@@ -53,6 +53,12 @@ messages! {
         let measured = v1::Measurements { direct_cost: Some(m), ..v1::Measurements::default() };
         converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(measured))))
     },
+    SourceNews => |m| {
+        let measured = v1::Measurements { sources: Some(m), ..v1::Measurements::default() };
+        converted(argus_cluster::untrusted::report(said(v1::worker_report::Body::Measurements(measured))))
+    },
+    HeldSource, ProbeResult,
+    Purchase => |m| converted(FrameSource::try_from(m.source.unwrap_or_default())),
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
 
@@ -97,7 +103,7 @@ messages! {
     DescribeRequest,
     DescribeResponse => |m| converted(Description::try_from(m)),
     RenderRequest => |m| view(m.view.unwrap_or_default()),
-    Fallback,
+    Fallback, Probe,
     ViewOrder => |m| converted(Plan::try_from(m.plan.unwrap_or_default())),
     SampleSource,
     RenderBatchRequest => |m| {

@@ -17,6 +17,9 @@ impl FrameSource {
     /// Most frames that a view is warped from.
     pub const MOST: usize = 4;
 
+    /// Columns and rows of the grid over a frame's image at whose points a worker reports its range.
+    pub const GRID: [u32; 2] = [12, 9];
+
     /// Most samples per pixel: a grid of 16 × 16.
     const MOST_SAMPLES_PER_PIXEL: u32 = 256;
 

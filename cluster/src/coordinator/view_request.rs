@@ -64,6 +64,11 @@ impl ViewRequest {
                     max_excess: fallback.max_excess,
                 }),
                 keeps_frame: order.keeps_frame,
+                probe: order.probe.as_ref().map(|plans| v1::Probe {
+                    view_id: order.view_id.0,
+                    attempt: order.attempt,
+                    plans: plans.iter().map(Into::into).collect(),
+                }),
                 scene_hash: scene_hash_bytes(scene),
             }),
         }

@@ -1,6 +1,5 @@
 //! Inputs and outputs of the core: events, actions, and what they carry.
 
-use std::ops::Add;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,7 +8,9 @@ use argus_proto::v1::LightCells;
 use argus_scene::effects::EffectCost;
 use argus_scene::frame::{Decision, Provenance, Reason};
 use argus_scene::rig::CoverageEstimate;
-use argus_scene::{FaceMask, LightLevel, Plan, Prediction, SampleId, SceneState, View, Visibility};
+use argus_scene::{
+    FaceMask, FrameSource, LightLevel, Plan, Prediction, SampleId, SceneState, View, Visibility,
+};
 use serde::Serialize;
 
 use super::quality::{Cost, Observed};
@@ -72,36 +73,56 @@ pub struct Hello {
     pub cores: u32,
 }
 
-/// Probed frames: frames from samples of which some pixels were traced, to measure the error.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Probed {
-    /// Number of probed frames.
-    pub count: u64,
-    /// Sum of the measured errors, mean FLIP above that of a direct view.
-    pub error: f64,
-    /// Sum of the predicted errors, in the same measure.
-    pub predicted: f64,
+/// A source that a worker must render: a direct frame that other views are warped from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Purchase {
+    /// The frame. Without a light, the worker lights it by cells if they are filled, else by rays.
+    pub source: FrameSource,
+    /// The state of the scene that it shows.
+    pub state: SceneState,
 }
 
-impl Probed {
-    /// The mean measured error and the mean predicted error of frames probed since `before`; `None` if there are
-    /// none.
-    pub fn since(&self, before: &Self) -> Option<(f64, f64)> {
-        let count = self.count.checked_sub(before.count).filter(|count| *count > 0)? as f64;
-        Some(((self.error - before.error) / count, (self.predicted - before.predicted) / count))
-    }
+/// A source that a worker holds.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HeldSource {
+    /// Its id as a sample, of version [`SampleId::FRAMES`].
+    pub id: SampleId,
+    /// The frame, with the light that it has.
+    pub source: FrameSource,
+    /// The state of the scene that it shows.
+    pub state: SceneState,
+    /// The visibility backend that rendered it.
+    pub visibility: Visibility,
+    /// Inverse range in 1/m at the centres of a grid of [`FrameSource::GRID`] over its image, row by row; 0: sky or none.
+    #[serde(skip)]
+    pub ranges: Arc<[f32]>,
+    /// Whether it was rendered for the cluster, and not for a client's view.
+    pub bought: bool,
+    /// Milliseconds of rendering it; 0 if another worker did.
+    pub render_ms: f32,
 }
 
-impl Add for Probed {
-    type Output = Self;
+/// Changes of the sources that a worker holds.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct SourceNews {
+    /// `added` is the beginning of all that it holds: forget what it reported before.
+    pub whole: bool,
+    /// Sources that it holds since its last report.
+    pub added: Vec<HeldSource>,
+    /// Sources that it dropped since then.
+    pub dropped: Vec<SampleId>,
+}
 
-    fn add(self, other: Self) -> Self {
-        Self {
-            count: self.count + other.count,
-            error: self.error + other.error,
-            predicted: self.predicted + other.predicted,
-        }
-    }
+/// Errors of a frame and of other plans of its view, as a worker measured them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProbeResult {
+    /// The view.
+    pub view_id: ViewId,
+    /// The number of the attempt, [`Order::attempt`].
+    pub attempt: u32,
+    /// Mean FLIP of the answered frame, and then of each plan of [`Order::probe`], minus that of the view from triangles at
+    /// one sample a pixel, all against 16 samples. NaN: not measured.
+    pub excess: Vec<f32>,
 }
 
 /// A worker's report of its measurements. Counts and busy times are since its process started.
@@ -172,8 +193,10 @@ pub struct Report {
     pub frames_bytes: u64,
     /// The light cells of its sampler; `None` without any.
     pub light_cells: Option<LightCells>,
-    /// Measured and predicted errors of probed frames.
-    pub probed: Probed,
+    /// The sources that it holds, or their changes; `None`: no change.
+    pub sources: Option<SourceNews>,
+    /// Errors that it measured since its last report.
+    pub probes: Vec<ProbeResult>,
     /// Cost of each visibility backend, milliseconds for a tile of a sample, if the assignment asked for them.
     pub backend_costs: Vec<(Visibility, f64)>,
 }
@@ -316,7 +339,7 @@ pub enum Event {
 }
 
 /// An assignment: what a worker must do.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Assignment {
     /// Sequence number, ascending from 1 for each worker.
     pub sequence: u64,
@@ -325,6 +348,9 @@ pub struct Assignment {
     /// Samples to hold ahead of demand. Replaces the previous list. The worker renders a sample without addresses
     /// itself, when nothing else waits.
     pub prefetch: Vec<Source>,
+    /// Sources to render, in this order, one at a time, in slices between views. Replaces the previous list. The worker
+    /// leaves out those that it holds and those that it failed at.
+    pub purchases: Vec<Purchase>,
     /// Samples of versions below this number can be dropped.
     pub kept_from: u64,
     /// Whether to measure each visibility backend, and to report the costs with this assignment.
@@ -344,9 +370,12 @@ impl Report {
 }
 
 /// Where to get a sample. A worker that finds it at no address renders it itself.
+///
+/// A sample of version [`SampleId::FRAMES`] is a frame of the plan, by the id of its [`HeldSource`]. If no address has it, the
+/// order's fallback is rendered; a frame of a pinned view is rendered again.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
-    /// The sample.
+    /// The sample, or the frame.
     pub id: SampleId,
     /// The faces that are needed.
     pub faces: FaceMask,
@@ -369,6 +398,8 @@ pub struct Fallback {
 /// An order: a view for a worker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
+    /// The view.
+    pub view_id: ViewId,
     /// Number of the attempt, from 1.
     pub attempt: u32,
     /// The worker.
@@ -377,9 +408,9 @@ pub struct Order {
     pub address: String,
     /// The state of the scene that the view shows.
     pub state: SceneState,
-    /// The plan.
+    /// The plan. Its frames without a light are used as the worker holds them.
     pub plan: Plan,
-    /// Where to get the plan's samples that the worker may lack.
+    /// Where to get the plan's samples and frames that the worker may lack.
     pub sources: Vec<Source>,
     /// Addresses of workers that trace the pixels that no sample saw, best first. Empty if the plan traces none, or
     /// if only this worker can.
@@ -394,6 +425,8 @@ pub struct Order {
     pub fallback: Option<Fallback>,
     /// Whether the worker keeps the frame, if it is from triangles, to warp other views from it.
     pub keeps_frame: bool,
+    /// Other plans of the view, whose errors the worker measures in spare time, with that of the answered frame; `None`: no probe.
+    pub probe: Option<Vec<Plan>>,
 }
 
 /// An action that the shell must execute.

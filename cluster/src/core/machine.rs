@@ -308,9 +308,8 @@ impl Core {
         let before = worker.report();
         let (held, before) = ((&*report.held, &*report.partial), (&*before.held, &*before.partial));
         let has_news = self.samples.reported(id, held, before);
-        if let Some((error, predicted)) = report.probed.since(&worker.report().probed) {
-            self.samples.observe_error(error, predicted);
-        }
+        // News are of one report: the last one is kept, and may be processed again.
+        (report.sources, report.probes) = (None, Vec::new());
         let measured = std::mem::take(&mut report.backend_costs);
         if self.workers.report(id, report, now, || self.views.largest()) {
             self.processes_changed(actions);

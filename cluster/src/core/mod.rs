@@ -40,8 +40,8 @@ mod workers;
 
 pub use config::Config;
 pub use event::{
-    Action, Assignment, Client, Event, Failure, Fallback, Hello, LastView, Order, Probed, Report, Role,
-    Source, ViewId, WorkerId,
+    Action, Assignment, Client, Event, Failure, Fallback, HeldSource, Hello, LastView, Order, ProbeResult,
+    Purchase, Report, Role, Source, SourceNews, ViewId, WorkerId,
 };
 pub use machine::Core;
 pub use scene_balance::{SceneBalance, SceneLoad, SceneMove, scene_for_newcomer};

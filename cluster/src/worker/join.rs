@@ -21,7 +21,7 @@ use super::node::Node;
 use super::prefetches::WantedSample;
 use super::queue::BackendCosts;
 use super::{policy, prefetch, scene};
-use crate::core::Role;
+use crate::core::{Purchase, Report, Role};
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::SealKey;
 use crate::{SceneOpener, SceneRef, net, wire};
@@ -47,6 +47,8 @@ struct Duty {
     versions: Vec<Version>,
     /// Samples to hold, each with its addresses. The worker renders a sample without addresses.
     prefetch: Vec<WantedSample>,
+    /// Sources to render in spare time.
+    purchases: Vec<Purchase>,
     /// Samples of versions below this number can be dropped.
     kept_from: u64,
     /// Measure the cost of each visibility backend.
@@ -148,6 +150,7 @@ async fn once(
     let held = node.served.scene().map(|scene| scene.hash);
     // The coordinator sends the states that it keeps again. Those that are known may be of another scene.
     node.transforms.forget();
+    node.probes.forget();
     // The channel is empty, so this cannot fail.
     let _ = reports.try_send(wire::hello(&node.hello, held));
     node.status.join_coordinator();
@@ -239,6 +242,7 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         let faces = FaceMask::new(source.faces, "sources.faces")?;
         prefetch.push(WantedSample { id, faces, addresses: source.addresses });
     }
+    let limits = wire.limits.ok_or_else(|| missing("limits"))?.try_into()?;
     Ok(Duty {
         sequence: wire.sequence,
         role: wire::role_from(wire.role)?,
@@ -246,10 +250,11 @@ fn duty(wire: v1::Assignment) -> Result<Duty, InvalidField> {
         set,
         versions: wire.versions.into_iter().map(Version::try_from).collect::<Result<_, _>>()?,
         prefetch,
+        purchases: wire::purchases(wire.purchases, &limits)?,
         kept_from: wire.kept_from,
         measure_backends: wire.measure_backends,
         visibility_is_open: wire.visibility_is_open,
-        limits: wire.limits.ok_or_else(|| missing("limits"))?.try_into()?,
+        limits,
     })
 }
 
@@ -268,7 +273,8 @@ async fn report(
         }
         node.channels.close_unused();
         let acting = node.status.role().unwrap_or(Role::Both);
-        if reports.send(wire::report(node.report(), acting)).await.is_err() {
+        let report = Report { probes: node.probes.take(), ..node.report() };
+        if reports.send(wire::report(report, acting)).await.is_err() {
             return;
         }
     }

@@ -176,7 +176,6 @@ impl Node {
         let mut report = self.status.report();
         self.render_thread.fill(&mut report);
         self.meter.fill(&mut report);
-        report.probed = self.probes.found();
         let (frames_held, frames_bytes) = self.frames.held();
         (report.frames_held, report.frames_bytes) = (frames_held as u64, frames_bytes);
         report.light_cells = self.health.cells().map(Into::into);

@@ -22,7 +22,7 @@ use super::queue::Rendered;
 use super::{bound, fetch, trace};
 use crate::core::{Fallback, Source, planner};
 use crate::rate_limited_log::RateLimitedLog;
-use crate::wire;
+use crate::wire::{self, Probe};
 
 /// Name of the stage that waits for samples.
 pub(super) const SAMPLES: &str = "samples";
@@ -55,6 +55,8 @@ pub(super) struct Ordered {
     pub(super) is_bounded: bool,
     /// A direct frame is kept, for other views to be warped from it.
     keeps_frame: bool,
+    /// What to measure of the view in spare time.
+    pub(super) probe: Option<Probe>,
 }
 
 impl Ordered {
@@ -140,6 +142,7 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
     let (tracers, pinned) = (order.tracers, pin.is_some());
     let decision = order.decision.map(Decision::try_from).transpose()?;
     let fallback = order.fallback.map(wire::fallback).transpose()?;
+    let probe = order.probe.map(wire::probe).transpose()?;
     let (history, outputs, keeps_frame) = (name, asked, order.keeps_frame);
     Ok(Ordered {
         job,
@@ -156,6 +159,7 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
         fallback,
         is_bounded,
         keeps_frame,
+        probe,
     })
 }
 

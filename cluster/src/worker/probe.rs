@@ -10,13 +10,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use argus_scene::frame::Reason;
 use argus_scene::tone::linear_from_srgb;
-use argus_scene::{Frame, Output, PixelJob, Plan, Prediction, ViewJob};
+use argus_scene::{Frame, Output, PixelJob, Prediction, ViewJob};
 use tracing::debug;
 
 use super::node::Node;
-use crate::core::Probed;
+use crate::core::ProbeResult;
+use crate::wire::Probe;
 
 /// A probe waits this long for spare time, and is then given up.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -40,21 +40,22 @@ const QUANTILE: f64 = 1.645;
 /// Samples per pixel of the reference.
 const REFERENCE_SAMPLES: u32 = 16;
 
-/// Begins to probe a frame in the background, if a probe is due and the planner predicted the frame's error.
-pub(super) fn consider(node: &Arc<Node>, job: &ViewJob, frame: &Frame) {
-    let (Some(decision), Plan::Warp(warp)) = (frame.decision, &frame.provenance.plan) else { return };
-    if decision.reason == Reason::FrameFellShort || !(decision.excess > 0.0 && decision.excess.is_finite()) {
+/// Begins the probe of an order in the background, if it has one. Another probe in progress precedes it.
+pub(super) fn consider(node: &Arc<Node>, probe: Option<&Probe>, job: &ViewJob, frame: &Frame) {
+    let Some(Probe { view_id, attempt, plans }) = probe.cloned() else { return };
+    let Some((blocks, shown)) = blocks_of(frame, BLOCKS, view_id.0) else { return };
+    if !node.probes.begin() {
         return;
     }
-    let Some(number) = node.probes.begin(Instant::now()) else { return };
-    let direct_samples = warp.supersampling.saturating_mul(warp.supersampling).max(1);
-    let Some((blocks, shown)) = blocks_of(frame, BLOCKS, number) else { return node.probes.end(None) };
     let job = pixels_of(job, &blocks);
     let node = node.clone();
     tokio::spawn(async move {
-        let excess = measure(&node, job, direct_samples, &blocks, &shown).await;
-        debug!(?excess, predicted = decision.excess, "probe");
-        node.probes.end(excess.map(|error| Probed { count: 1, error, predicted: decision.excess }));
+        let excess = measure(&node, job, &blocks, &shown).await;
+        debug!(?excess, "probe");
+        let others = plans.iter().map(|_| f32::NAN);
+        let excess = excess.map(|own| std::iter::once(own as f32).chain(others).collect());
+        node.probes.end(excess.map(|excess| ProbeResult { view_id, attempt, excess }));
+        node.news.notify_one();
     });
 }
 
@@ -112,7 +113,6 @@ fn upper_error(blocks: &BTreeMap<u32, usize>, shown: &[u8], reference: &[u8]) ->
 async fn measure(
     node: &Arc<Node>,
     job: PixelJob,
-    direct_samples: u32,
     blocks: &BTreeMap<u32, usize>,
     shown: &[u8],
 ) -> Option<f64> {
@@ -124,11 +124,7 @@ async fn measure(
         tokio::time::sleep(PAUSE).await;
     }
     let reference = node.render_thread.render_pixels(&job).await.ok()?;
-    let direct = node
-        .render_thread
-        .render_pixels(&PixelJob { samples_per_pixel: direct_samples, ..job })
-        .await
-        .ok()?;
+    let direct = node.render_thread.render_pixels(&PixelJob { samples_per_pixel: 1, ..job }).await.ok()?;
     excess(blocks, shown, &direct.color, &reference.color)
 }
 
@@ -158,7 +154,7 @@ fn blocks_of(frame: &Frame, side: u32, turn: u64) -> Option<(BTreeMap<u32, usize
     Some((blocks, shown?.concat()))
 }
 
-/// Mean error of the shown pixels minus that of a direct view, at least 0. All images hold the pixels of `blocks` in
+/// Mean error of the shown pixels minus that of a direct view. All images hold the pixels of `blocks` in
 /// their order.
 fn excess(blocks: &BTreeMap<u32, usize>, shown: &[u8], direct: &[u8], reference: &[u8]) -> Option<f64> {
     let bytes = 3 * blocks.len();
@@ -170,7 +166,7 @@ fn excess(blocks: &BTreeMap<u32, usize>, shown: &[u8], direct: &[u8], reference:
         let each = means[of].iter().zip(&means[2]).map(|(a, b)| color_difference(*a, *b));
         each.sum::<f64>() / means[2].len() as f64
     };
-    Some((error(0) - error(1)).max(0.0))
+    Some(error(0) - error(1))
 }
 
 /// The mean of each block, linear RGB.
@@ -218,7 +214,7 @@ fn adjusted_lab([r, g, b]: [f64; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use argus_scene::{Images, Provenance, SceneHash, SceneState, Warp};
+    use argus_scene::{Images, Plan, Provenance, SceneHash, SceneState, Warp};
 
     use super::*;
 
@@ -267,7 +263,7 @@ mod tests {
         let other: Vec<u8> = shown.iter().map(|byte| byte.wrapping_add(90)).collect();
         assert_eq!(excess(&blocks, &shown, &shown, &shown), Some(0.0));
         assert_eq!(excess(&blocks, &other, &other, &shown), Some(0.0), "the direct view is as far off");
-        assert_eq!(excess(&blocks, &shown, &other, &shown), Some(0.0), "the direct view is worse");
+        assert!(excess(&blocks, &shown, &other, &shown).unwrap() < -0.1, "the direct view is worse");
         assert!(excess(&blocks, &other, &shown, &shown).unwrap() > 0.1);
         assert_eq!(excess(&blocks, &shown, &shown[1..], &shown), None);
         assert_eq!(excess(&BTreeMap::new(), &[], &[], &[]), None);

@@ -1,66 +1,57 @@
-//! Results of a worker's probes, and their schedule.
-
-use std::time::{Duration, Instant};
+//! Results of a worker's probes, until they are reported.
 
 use parking_lot::Mutex;
 
-use crate::core::Probed;
+use crate::core::ProbeResult;
 
-/// Least time between two probes of a worker.
-const INTERVAL: Duration = Duration::from_secs(2);
-
-/// The probes of a worker.
+/// The probes of a worker. One runs at a time.
 #[derive(Debug, Default)]
 pub(super) struct Probes(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {
     is_probing: bool,
-    last: Option<Instant>,
-    probed: Probed,
+    /// Results that are not reported yet.
+    results: Vec<ProbeResult>,
 }
 
 impl Probes {
-    /// Sums of all probes since the worker started.
-    pub(super) fn found(&self) -> Probed {
-        self.0.lock().probed
+    /// Takes the results that are not reported yet.
+    pub(super) fn take(&self) -> Vec<ProbeResult> {
+        std::mem::take(&mut self.0.lock().results)
     }
 
-    /// Forgets all probes, which were of another scene.
+    /// Forgets the results, which are of another scene or another coordinator's views.
     pub(super) fn forget(&self) {
-        self.0.lock().probed = Probed::default();
+        self.0.lock().results.clear();
     }
 
-    /// Begins a probe and returns its number. Returns `None` if one is in progress or the last one was recent.
-    pub(super) fn begin(&self, now: Instant) -> Option<u64> {
-        let mut state = self.0.lock();
-        let rests = state.last.is_some_and(|last| now < last + INTERVAL);
-        (!rests && !std::mem::replace(&mut state.is_probing, true)).then_some(state.probed.count)
+    /// Begins a probe. Returns whether none was in progress.
+    pub(super) fn begin(&self) -> bool {
+        !std::mem::replace(&mut self.0.lock().is_probing, true)
     }
 
-    /// Ends the probe. `None`: it has no result.
-    pub(super) fn end(&self, found: Option<Probed>) {
+    /// Ends the probe. `None`: it was given up.
+    pub(super) fn end(&self, result: Option<ProbeResult>) {
         let mut state = self.0.lock();
-        (state.is_probing, state.last) = (false, Some(Instant::now()));
-        if let Some(found) = found {
-            state.probed = state.probed + found;
-        }
+        state.is_probing = false;
+        state.results.extend(result);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::core::ViewId;
 
     #[test]
-    fn one_probe_runs_at_a_time_and_the_next_one_waits_for_the_interval() {
-        let (probes, now) = (Probes::default(), Instant::now());
-        assert_eq!(probes.begin(now), Some(0));
-        assert_eq!(probes.begin(now), None);
-        probes.end(Some(Probed { count: 1, error: 0.5, predicted: 0.25 }));
-        assert_eq!(probes.begin(now + INTERVAL / 2), None);
-        assert_eq!(probes.begin(now + 2 * INTERVAL), Some(1));
+    fn one_probe_runs_at_a_time_and_each_result_is_reported_once() {
+        let probes = Probes::default();
+        let result = ProbeResult { view_id: ViewId(3), attempt: 1, excess: vec![0.5] };
+        assert!(probes.begin() && !probes.begin());
+        probes.end(Some(result.clone()));
+        assert!(probes.begin());
         probes.end(None);
-        assert_eq!(probes.found(), Probed { count: 1, error: 0.5, predicted: 0.25 });
+        assert_eq!((probes.take(), probes.take()), (vec![result], Vec::new()));
     }
 }

@@ -231,7 +231,7 @@ impl ViewsService {
                 tokio::time::timeout(deadline, answer).await.map_err(late)??
             }
         };
-        probe::consider(&self.node, &ordered.job, &frame);
+        probe::consider(&self.node, ordered.probe.as_ref(), &ordered.job, &frame);
         // Fetched samples have their own spans.
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));

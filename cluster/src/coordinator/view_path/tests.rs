@@ -5,10 +5,11 @@ use std::time::Duration;
 use argus_scene::{Plan, SceneState};
 
 use super::*;
-use crate::core::WorkerId;
+use crate::core::{ViewId, WorkerId};
 
 fn order(attempt: u32) -> Box<Order> {
     Box::new(Order {
+        view_id: ViewId(7),
         attempt,
         worker: WorkerId(attempt.into()),
         address: String::new(),
@@ -21,6 +22,7 @@ fn order(attempt: u32) -> Box<Order> {
         decision: None,
         fallback: None,
         keeps_frame: false,
+        probe: None,
     })
 }
 

@@ -139,30 +139,6 @@ fn samples_too_coarse_for_a_large_view_are_not_used() {
 }
 
 #[test]
-fn samples_that_probes_find_worse_than_the_bound_are_not_used_for_a_while() {
-    let mut sim = measured(40.0, 10.0);
-    hold(&mut sim);
-    let id = *sim.workers.keys().next().unwrap();
-    let before = ask(&mut sim, &view());
-    assert!(!is_direct(&sim, before));
-    for count in 1..=6 {
-        let report = &mut sim.workers.get_mut(&id).unwrap().report;
-        report.probed = Probed { count, error: 0.5 * count as f64, predicted: 0.015 * count as f64 };
-        // A repeated report changes nothing.
-        (0..3).for_each(|_| sim.report(id));
-    }
-    let factor = sim.core.status().error_factor;
-    assert!((2.1..4.0).contains(&factor), "{factor}");
-    let after = ask(&mut sim, &view());
-    assert!(is_direct(&sim, after));
-    assert_eq!(sim.orders[&after].decision.unwrap().reason, Reason::SamplesFallShort);
-    // A worker that counts from zero again adds no probes.
-    sim.workers.get_mut(&id).unwrap().report.probed = Probed::default();
-    sim.report(id);
-    assert_eq!(sim.core.status().error_factor, factor);
-}
-
-#[test]
 fn a_retried_view_is_planned_anew() {
     let mut sim = measured(40.0, 10.0);
     hold(&mut sim);

@@ -217,6 +217,7 @@ impl Views {
         view.worker = Some(worker.id());
         view.tried.insert(worker.id());
         let order = Order {
+            view_id: given.view_id,
             attempt: view.attempt,
             worker: worker.id(),
             address: worker.hello().address.clone(),
@@ -229,6 +230,7 @@ impl Views {
             decision,
             fallback: view.open.as_ref().filter(|_| !view.is_direct()).and_then(|open| open.fallback.clone()),
             keeps_frame,
+            probe: None,
         };
         Some((Box::new(order), queued))
     }

@@ -85,6 +85,7 @@ impl Worker {
                 sequence: 1,
                 role,
                 prefetch: Vec::new(),
+                purchases: Vec::new(),
                 kept_from: 0,
                 measure_backends: false,
                 suspected: Vec::new(),
