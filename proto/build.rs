@@ -13,7 +13,7 @@ const STATUS: [&str; 8] = [
     "WorkerStatus",
     "Counters",
     "Refinements",
-    "Pressure",
+    "Market",
     "Cost",
     "LightCells",
 ];

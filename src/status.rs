@@ -170,20 +170,27 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
         status.rays_per_tick,
         status.ray_ms * 1e3
     )?;
-    let pressure = status.pressed();
-    let lacking = match pressure.lacking > 0.0 {
-        true => format!("{:.1} too many, so views have less detail", pressure.lacking),
-        false => "which is carried".to_owned(),
-    };
-    let coming = match (pressure.samples_coming, pressure.carried_in_ms) {
-        (0, _) => String::new(),
-        (n, None) => format!("; {n} samples are being rendered"),
-        (n, Some(ms)) => format!("; {n} samples that lower it are there in {:.1} s", ms * 1e-3),
-    };
+    let market = status.priced();
     writeln!(
         text,
-        "  views ask for  {:8.1} of {} processes, {lacking}{coming}",
-        pressure.asked, pressure.answering
+        "  price of time  {:8.3} FLIP a second: {:.3} for waiting, {:.3} for what sources would bring (best {:.3})",
+        market.price, market.price_of_queue, market.worth, market.best_worth
+    )?;
+    writeln!(
+        text,
+        "  views          {:8.2} processes if all were from triangles, {:.2} as they are: {:.1} times as many; wait {:.0} ms",
+        market.asked, market.carried, market.speed_up, market.wait_ms
+    )?;
+    writeln!(
+        text,
+        "  sources        {} held, {} of them bought; S {:.1} a tick, {} of at most K = {} in work, {} places gain; {} bought so far",
+        market.sources,
+        market.sources_bought,
+        market.purchases_per_tick,
+        market.purchases_coming,
+        market.most_purchases,
+        market.accounts,
+        market.purchases
     )?;
     let refinements = status.refined();
     writeln!(
@@ -199,8 +206,8 @@ fn table(status: &ClusterStatus) -> anyhow::Result<String> {
     let planning_us = status.planning_us / status.views_planned.max(1) as f64;
     writeln!(
         text,
-        "  planning       {planning_us:8.1} µs a view; predicted errors times {:.2}, as probes have found",
-        status.error_factor
+        "  planning       {planning_us:8.1} µs a view; {} errors measured by probes",
+        market.probes
     )?;
     let counters = status.counts();
     writeln!(

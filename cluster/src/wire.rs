@@ -259,9 +259,11 @@ pub(crate) fn fallback(wire: v1::Fallback) -> Result<Fallback, InvalidField> {
     if plan.needs_samples() || !plan.frames().is_empty() {
         return Err(InvalidField::new("order.fallback.plan", "must be from triangles"));
     }
-    match wire.max_excess {
-        max_excess if (0.0..=1.0).contains(&max_excess) => Ok(Fallback { plan, max_excess }),
-        other => Err(InvalidField::new("order.fallback.max_excess", format!("must be 0 to 1, not {other}"))),
+    match wire.max_uncovered {
+        max_uncovered if (0.0..=1.0).contains(&max_uncovered) => Ok(Fallback { plan, max_uncovered }),
+        other => {
+            Err(InvalidField::new("order.fallback.max_uncovered", format!("must be 0 to 1, not {other}")))
+        }
     }
 }
 

@@ -62,7 +62,7 @@ messages! {
     Assignment => |m| converted(argus_cluster::untrusted::assignment(m)),
     StatusRequest,
 
-    StatusResponse, SceneStatus, LightCells, CellsRequest, CellsPage, Refinements, Pressure, WorkerStatus, Counters,
+    StatusResponse, SceneStatus, LightCells, CellsRequest, CellsPage, Refinements, Market, WorkerStatus, Counters,
     SubscribeRequest => |m| converted(argus_proto::convert::scene_hash(&m.scene_hash, "scene_hash")),
     HeldSample, PartialSample, PlaneHeader, SampleHeader,
     SampleChunk => |m| begun(super::chunks::samples, m),

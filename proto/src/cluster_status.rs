@@ -17,9 +17,9 @@ impl v1::StatusResponse {
         self.refinements.unwrap_or_default()
     }
 
-    /// What views ask of the workers; zeros if the message lacks it.
-    pub fn pressed(&self) -> v1::Pressure {
-        self.pressure.unwrap_or_default()
+    /// How open views are answered and sources bought; zeros if the message has no market.
+    pub fn priced(&self) -> v1::Market {
+        self.market.unwrap_or_default()
     }
 
     /// The scene's name; empty if the message lacks it.

@@ -59,13 +59,13 @@ pub struct Prediction {
 pub enum Reason {
     /// The request or its pin names the plan.
     Requested,
-    /// Of several plans within the error bound, the earliest predicted to be done.
+    /// From sources, whose predicted error and price of time are least together.
     Soonest,
-    /// From triangles, since no available worker held samples for the view.
+    /// From triangles, since no worker held a source near the view.
     NoSamples,
-    /// From triangles, since the held samples miss a part of the view or are too coarse.
+    /// From triangles, since from the sources that are held the error would cost more than the time.
     SamplesFallShort,
-    /// From triangles, since the frame from samples exceeded the error bound.
+    /// From triangles, since the sources missed more of the view than predicted, or were gone.
     FrameFellShort,
     /// Beyond the error bound, since a frame within it would have been too late.
     TimeFirst,
@@ -95,10 +95,10 @@ impl Reason {
     pub fn phrase(self) -> &'static str {
         match self {
             Self::Requested => "as requested",
-            Self::Soonest => "soonest within the error bound",
-            Self::NoSamples => "no samples held",
-            Self::SamplesFallShort => "samples too coarse, or miss a part",
-            Self::FrameFellShort => "the frame from samples fell short",
+            Self::Soonest => "least error for its time",
+            Self::NoSamples => "no source near",
+            Self::SamplesFallShort => "sources would err too much",
+            Self::FrameFellShort => "the frame from sources fell short",
             Self::TimeFirst => "time before error",
             Self::Kept => "as the frame before it",
             Self::Upgrade => "upgraded to less error",

@@ -1,24 +1,21 @@
 //! Batches: one request with many cameras, whose frames are sent as they are done.
 //!
 //! The plans of a batch are fixed when it is accepted, so that its frames can be repeated. A request that leaves the way open gets
-//! frames from samples where its views share them ([`super::batch_plan`]), and else from triangles in full. A view that finds no
-//! room waits here, and keeps its index in the batch.
+//! frames from triangles in full: one plan for all, whatever the load is and what workers hold. A view that finds no room waits here,
+//! and keeps its index in the batch.
 
 use std::sync::Arc;
-use std::time::Duration;
 
 use argus_proto::status::{invalid, retry_after};
 use argus_proto::trace::TARGET;
 use argus_proto::v1;
 use argus_proto::v1::render_batch_response::Body;
-use argus_scene::{Camera, InvalidField, PlanRequest, Provenance, View};
+use argus_scene::{Camera, InvalidField, PlanRequest};
 use futures::{Stream, StreamExt, stream};
 use glam::DVec3;
 use tokio::time::{Instant, sleep};
-use tonic::{Code, Status};
 use tracing::{Span, debug_span};
 
-use super::batch_plan;
 use super::checks::{checked, checked_encoding, checked_view_id};
 use super::drive::{Answer, answer};
 use super::failure::failure;
@@ -40,10 +37,6 @@ pub(super) struct Batch {
     cameras: Vec<v1::Camera>,
     /// A view without its camera.
     view: v1::View,
-    /// Whether the request leaves the way open.
-    is_open: bool,
-    /// Pins of the views from samples that the batch's views share; empty until they are decided.
-    pins: Vec<Option<Provenance>>,
     encoding: i32,
     /// Its tracing span in this process.
     span: Span,
@@ -62,7 +55,7 @@ impl Batch {
         checked_view_id("batch_id", &batch_id)?;
         InvalidField::within("cameras", cameras.len(), 1..=MOST_CAMERAS)?;
         let plan = PlanRequest::try_from(plan.unwrap_or_default())?;
-        let (is_open, plan) = (plan.leaves_way_open(), fixed(plan));
+        let plan = fixed(plan);
         let view = v1::View {
             camera: None,
             width,
@@ -76,32 +69,13 @@ impl Batch {
         // Checks the other fields with a valid camera.
         let some = Camera::look_at(DVec3::ZERO, DVec3::X);
         checked(shared, Some(&v1::View { camera: Some((&some).into()), ..view.clone() }))?;
-        let (pins, encoding) = (Vec::new(), checked_encoding(encoding)?);
-        Ok(Self { client, id: batch_id, cameras, view, is_open, pins, encoding, span })
+        let encoding = checked_encoding(encoding)?;
+        Ok(Self { client, id: batch_id, cameras, view, encoding, span })
     }
 
-    /// Decides which views come from samples that they share.
-    async fn planned(mut self, shared: &Arc<SharedCore>) -> Self {
-        if self.is_open {
-            let open = |index: usize| {
-                let wire = v1::View { camera: self.cameras.get(index).cloned(), ..self.view.clone() };
-                let view = checked(shared, Some(&wire)).ok().filter(|view| view.camera.is_pinhole())?;
-                Some(View { plan: PlanRequest { direct: false, ..view.plan }, ..view })
-            };
-            self.pins = batch_plan::pins(shared, (0..self.cameras.len()).map(open).collect()).await;
-        }
-        self
-    }
-
-    /// The request for the view of one camera, from shared samples or else as the request says.
-    fn view_request(
-        &self,
-        shared: &SharedCore,
-        index: usize,
-        from_samples: bool,
-    ) -> Result<ViewRequest, InvalidField> {
-        let pin = self.pins.get(index).and_then(Option::as_ref).filter(|_| from_samples).map(Into::into);
-        let wire = v1::View { camera: self.cameras.get(index).cloned(), pin, ..self.view.clone() };
+    /// The request for the view of one camera.
+    fn view_request(&self, shared: &SharedCore, index: usize) -> Result<ViewRequest, InvalidField> {
+        let wire = v1::View { camera: self.cameras.get(index).cloned(), ..self.view.clone() };
         let view_id = format!("{}:{index}", self.id);
         Ok(ViewRequest {
             client: self.client.clone(),
@@ -126,25 +100,21 @@ fn fixed(plan: PlanRequest) -> PlanRequest {
 pub(super) fn answers(shared: Arc<SharedCore>, batch: Batch) -> impl Stream<Item = v1::RenderBatchResponse> {
     // Half of the client's limit of views in flight, so that its other requests are not refused.
     let at_once = (shared.read(|core| core.config().max_views_per_client) / 2).clamp(1, MOST_AT_ONCE);
-    let planned = async move {
-        let batch = Arc::new(batch.planned(&shared).await);
-        let count = batch.cameras.len();
-        let frame = move |index: usize| {
-            let bodies = frame(shared.clone(), batch.clone(), index);
-            let said = move |body| v1::RenderBatchResponse { index: index as u32, body: Some(body) };
-            bodies.map(said).boxed()
-        };
-        stream::iter(0..count).map(frame).flatten_unordered(at_once)
+    let batch = Arc::new(batch);
+    let count = batch.cameras.len();
+    let frame = move |index: usize| {
+        let bodies = frame(shared.clone(), batch.clone(), index);
+        let said = move |body| v1::RenderBatchResponse { index: index as u32, body: Some(body) };
+        bodies.map(said).boxed()
     };
-    stream::once(planned).flatten()
+    stream::iter(0..count).map(frame).flatten_unordered(at_once)
 }
 
 /// The chunks of one camera's frame, or its failure.
 fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Stream<Item = Body> {
     async_stream::stream! {
-        let mut from_samples = true;
         loop {
-            let request = match batch.view_request(&shared, index, from_samples) {
+            let request = match batch.view_request(&shared, index) {
                 Ok(request) => request,
                 Err(at) => {
                     yield Body::Failure(failure(&invalid(at)));
@@ -162,10 +132,6 @@ fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Strea
                     Ok(Answer::Redirect(_)) => {}
                     Err(status) => match retry_after(&status).filter(|_| !begun) {
                         Some(after) => room_after = Some(after),
-                        // The version that was decided for is served no more.
-                        None if !begun && from_samples && is_outdated(&status) => {
-                            (from_samples, room_after) = (false, Some(Duration::ZERO));
-                        }
                         None => yield Body::Failure(failure(&status)),
                     },
                 }
@@ -174,11 +140,6 @@ fn frame(shared: Arc<SharedCore>, batch: Arc<Batch>, index: usize) -> impl Strea
             sleep(after).await;
         }
     }
-}
-
-/// Whether a pin cannot be repeated any more.
-fn is_outdated(status: &Status) -> bool {
-    status.code() == Code::FailedPrecondition
 }
 
 #[cfg(test)]

@@ -7,7 +7,6 @@ use argus_proto::trace::within;
 use argus_proto::v1;
 use argus_proto::v1::views_client::ViewsClient;
 use futures::Stream;
-use tokio::time::Instant;
 use tonic::{Status, Streaming};
 use tracing::{Instrument, debug};
 
@@ -71,7 +70,7 @@ struct ViewDriver<'a> {
 
 impl<'a> ViewDriver<'a> {
     fn new(shared: Arc<SharedCore>, request: ViewRequest, client: Option<SessionClient<'a>>) -> Self {
-        let last = client.as_ref().and_then(|client| client.memory.recall(Instant::now()));
+        let last = client.as_ref().and_then(|client| client.memory.recall());
         let handle =
             ViewHandle::new(&shared, request.client.clone(), request.view.clone(), request.deadline, last);
         let path = ViewPath::new(client.as_ref().is_some_and(|client| client.redirectable));
@@ -173,7 +172,7 @@ impl<'a> ViewDriver<'a> {
         let Some(header) = &answered.header else { return };
         self.shared.frame_metrics.arrived(header);
         if let Some(client) = &mut self.client {
-            client.memory.learn(&self.request.view, header, Instant::now());
+            client.memory.learn(&self.request.view, header);
         }
     }
 }

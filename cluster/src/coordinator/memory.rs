@@ -6,7 +6,6 @@
 use argus_proto::v1;
 use argus_scene::View;
 use argus_scene::frame::{Decision, Provenance, Reason};
-use tokio::time::Instant;
 
 use crate::core::LastView;
 
@@ -19,13 +18,11 @@ struct Remembered {
     view: View,
     provenance: Provenance,
     reason: Reason,
-    /// When frames last changed between triangles and samples.
-    changed: Option<Instant>,
 }
 
 impl SessionMemory {
     /// Remembers the header of an answered view. A frame without a planner's decision is not remembered.
-    pub(super) fn learn(&mut self, view: &View, header: &v1::FrameHeader, now: Instant) {
+    pub(super) fn learn(&mut self, view: &View, header: &v1::FrameHeader) {
         let (Some(decision), Some(provenance)) = (header.decision, header.provenance.clone()) else { return };
         let (Ok(decision), Ok(provenance)) = (Decision::try_from(decision), Provenance::try_from(provenance))
         else {
@@ -33,28 +30,18 @@ impl SessionMemory {
         };
         // Light is open in the next order: it rises while the camera stands.
         let provenance = Provenance { plan: provenance.plan.clone().with_light(None), ..provenance };
-        // A view that is warped from direct frames looks like them.
-        let needs_samples = |provenance: &Provenance| provenance.plan.needs_samples();
-        let changed = self.0.as_ref().and_then(|last| {
-            let same = needs_samples(&last.provenance) == needs_samples(&provenance);
-            if same { last.changed } else { Some(now) }
-        });
-        self.0 = Some(Remembered { view: view.clone(), provenance, reason: decision.reason, changed });
+        self.0 = Some(Remembered { view: view.clone(), provenance, reason: decision.reason });
     }
 
     /// The last view, as the planner needs it.
-    pub(super) fn recall(&self, now: Instant) -> Option<Box<LastView>> {
-        let Remembered { view, provenance, reason, changed } = self.0.as_ref()?;
-        let since_change = changed.map(|changed| now.saturating_duration_since(changed));
-        let (view, provenance) = (view.clone(), provenance.clone());
-        Some(Box::new(LastView { view, provenance, reason: *reason, since_change }))
+    pub(super) fn recall(&self) -> Option<Box<LastView>> {
+        let Remembered { view, provenance, reason } = self.0.as_ref()?;
+        Some(Box::new(LastView { view: view.clone(), provenance: provenance.clone(), reason: *reason }))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use argus_scene::{Camera, Plan, PlanRequest, SceneHash, SceneState, Warp};
     use glam::DVec3;
 
@@ -95,32 +82,18 @@ mod tests {
     }
 
     #[test]
-    fn the_time_since_a_change_of_way_counts_from_the_last_change() {
-        let (mut memory, began) = (SessionMemory::default(), Instant::now());
-        let at = |secs| began + Duration::from_secs(secs);
-        let since = |memory: &SessionMemory, secs| memory.recall(at(secs)).and_then(|last| last.since_change);
-        assert_eq!(memory.recall(began), None);
-        memory.learn(&view(), &direct(), at(0));
-        assert_eq!(since(&memory, 1), None, "the first frame changes nothing");
-        memory.learn(&view(), &warp(), at(1));
-        memory.learn(&view(), &warp(), at(2));
-        assert_eq!(since(&memory, 3), Some(Duration::from_secs(2)));
-        memory.learn(&view(), &direct(), at(4));
-        assert_eq!(since(&memory, 3), Some(Duration::ZERO), "a clock that seems to go back counts as now");
-    }
-
-    #[test]
     fn frames_without_a_valid_decision_are_not_remembered() {
-        let (mut memory, now) = (SessionMemory::default(), Instant::now());
-        memory.learn(&view(), &direct(), now);
-        let before = memory.recall(now);
+        let mut memory = SessionMemory::default();
+        memory.learn(&view(), &direct());
+        let before = memory.recall();
+        assert!(before.is_some());
         let requested = v1::FrameHeader { decision: None, ..warp() };
         let unknown = v1::Decision { reason: 99, ..v1::Decision::default() };
         let wrong = v1::FrameHeader { decision: Some(unknown), ..warp() };
         let of_nothing = v1::FrameHeader { provenance: None, ..warp() };
         for header in [requested, wrong, of_nothing] {
-            memory.learn(&view(), &header, now);
-            assert_eq!(memory.recall(now), before);
+            memory.learn(&view(), &header);
+            assert_eq!(memory.recall(), before);
         }
     }
 }

@@ -12,7 +12,6 @@
 //! `scenes`. `lead` keeps the lease. `monitor`, `frame_metrics` and `client_metrics` serve metrics and probes.
 
 mod batch;
-mod batch_plan;
 mod checks;
 mod client_metrics;
 mod cluster;
@@ -29,7 +28,6 @@ mod names;
 mod node_names;
 mod planning_time;
 mod prepare;
-mod recent_estimates;
 mod redirect;
 mod relayed;
 mod scene_table;

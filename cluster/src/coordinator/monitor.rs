@@ -186,13 +186,50 @@ fn cluster(to: &mut ByScene<'_, '_>) -> fmt::Result {
     to.gauge("views_in_flight", "Views waiting or in work", |scene| scene.in_flight as f64)?;
     to.gauge("sessions_open", "Open sessions", |scene| scene.status.counts().sessions_open as f64)?;
     to.gauges(
-        "pressure_processes",
-        "What views ask for, each by its cheapest way within its error bound, and what they lack of it, in processes",
+        "price_of_time",
+        "What a second of a worker is worth, in mean FLIP: to all views, and its parts",
         |SceneStatus { status, .. }| {
-            let pressure = status.pressed();
-            [([("what", "asked")], pressure.asked), ([("what", "lacking")], pressure.lacking)]
+            let market = status.priced();
+            [
+                ([("part", "all")], market.price),
+                ([("part", "queue")], market.price_of_queue),
+                ([("part", "worth")], market.worth),
+                ([("part", "best")], market.best_worth),
+            ]
         },
     )?;
+    to.gauges(
+        "views_processes",
+        "What open views take, in processes: if all were from triangles, and as they are",
+        |SceneStatus { status, .. }| {
+            let market = status.priced();
+            [([("way", "triangles")], market.asked), ([("way", "chosen")], market.carried)]
+        },
+    )?;
+    to.gauge("views_load", "Share of the workers that views would take from triangles", |scene| {
+        scene.status.priced().load
+    })?;
+    to.gauge("views_wait_seconds", "Mean predicted wait of a view", |scene| {
+        scene.status.priced().wait_ms * 1e-3
+    })?;
+    to.gauges(
+        "sources",
+        "Sources that views are warped from: held by workers, bought among these, being rendered",
+        |SceneStatus { status, .. }| {
+            let market = status.priced();
+            [
+                ([("state", "held")], f64::from(market.sources)),
+                ([("state", "bought")], f64::from(market.sources_bought)),
+                ([("state", "coming")], f64::from(market.purchases_coming)),
+            ]
+        },
+    )?;
+    to.gauge("source_accounts", "Places whose views would gain from a source", |scene| {
+        f64::from(scene.status.priced().accounts)
+    })?;
+    to.gauge("source_samplers", "K: most sources that are rendered at a time", |scene| {
+        f64::from(scene.status.priced().most_purchases)
+    })?;
     to.gauges(
         "refinements",
         "Samples at refinements of the rig, where views have holes",
@@ -216,6 +253,7 @@ fn counters(to: &mut ByScene<'_, '_>) -> fmt::Result {
             ([("outcome", "rejected")], counters.views_rejected as f64),
         ]
     })?;
+    to.counter("sources_bought", "Sources that were bought", |scene| scene.status.priced().purchases)?;
     let mut counter = |name: &str, help: &str, count: fn(v1::Counters) -> u64| {
         to.counter(name, help, |scene| count(scene.status.counts()))
     };

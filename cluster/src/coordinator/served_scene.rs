@@ -113,7 +113,7 @@ pub(super) async fn served_scenes(
         let (core, models) = (config.core.clone(), config.models.clone());
         // Tile cameras see everything from above. In an animated scene, occluders move.
         let chooses = matches!(set.rig, Rig::Cell { .. }) && !scene.is_animated();
-        let chosen_by = sight.clone().filter(|_| chooses);
+        let chosen_by = sight.filter(|_| chooses);
         let set = Arc::new(set);
         let fresh = move || {
             Core::new(core.clone(), set.clone()).with_models(models.clone()).with_sight(chosen_by.clone())
@@ -122,7 +122,7 @@ pub(super) async fn served_scenes(
         if names.len() > 1 {
             parts.frame_metrics = parts.frame_metrics.of_scene(&name);
         }
-        let shared = Arc::new(SharedCore::new(config, fresh, source, sight, service, parts));
+        let shared = Arc::new(SharedCore::new(config, fresh, source, service, parts));
         served.push(ServedScene::new(name, shared, effect_plan, names.clone()));
     }
     Ok(served)

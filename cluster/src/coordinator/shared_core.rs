@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_proto::{Fault, v1};
-use argus_scene::rig::{CoverageEstimate, VisibilityQuery};
 use argus_scene::{Prediction, Transforms, View};
 use parking_lot::Mutex;
 use tokio::sync::mpsc::error::TrySendError;
@@ -24,7 +23,6 @@ use super::config::Config;
 use super::frame_metrics::FrameMetrics;
 use super::movers::Movers;
 use super::planning_time::PlanningTime;
-use super::recent_estimates::RecentEstimates;
 use super::tickets::{IssuedRedirect, RedirectTickets};
 use crate::SceneSource;
 use crate::core::{Action, Client, Core, Event, Hello, LastView, Order, Uptime, ViewId, WorkerId};
@@ -41,8 +39,6 @@ pub(super) struct SharedCore {
     pub(super) source: Arc<dyn SceneSource>,
     pub(super) service: ServiceInfo,
     pub(super) channels: Channels,
-    /// Answers rays into the scene, for estimates.
-    pub(super) sight: Option<Arc<dyn VisibilityQuery>>,
     /// Send timeout of response streams.
     pub(super) read_within: Duration,
     /// Metrics of frames.
@@ -51,7 +47,6 @@ pub(super) struct SharedCore {
     /// Counts of the clients' redirect tickets.
     tickets: RedirectTickets,
     planning: PlanningTime,
-    estimates: RecentEstimates,
     /// Cancelled on shutdown, when endless streams must end.
     pub(super) closing: CancellationToken,
     /// Makes the core of a new leadership.
@@ -148,7 +143,6 @@ impl SharedCore {
         config: &Config,
         fresh: impl Fn() -> Core + Send + Sync + 'static,
         source: Arc<dyn SceneSource>,
-        sight: Option<Arc<dyn VisibilityQuery>>,
         service: ServiceInfo,
         parts: ProcessParts,
     ) -> Self {
@@ -167,7 +161,6 @@ impl SharedCore {
         Self {
             source,
             service,
-            sight,
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone())
                 .for_relays(config.core.max_views_per_worker),
             read_within: config.read_within,
@@ -175,7 +168,6 @@ impl SharedCore {
             client_metrics,
             tickets: RedirectTickets::default(),
             planning: PlanningTime::default(),
-            estimates: RecentEstimates::default(),
             closing,
             fresh: Box::new(fresh),
             state: Mutex::new(state),
@@ -353,7 +345,6 @@ impl SharedCore {
     ) -> (ViewId, UnboundedReceiver<CoreReply>) {
         let (sender, replies) = unbounded_channel();
         let planning = self.planning.begin(&view);
-        let estimate = self.estimate(&view, last.as_deref());
         let mut state = self.state.lock();
         let view_id = ViewId(state.next_id);
         state.next_id += 1;
@@ -364,7 +355,7 @@ impl SharedCore {
                 state.views.insert(view_id, sender);
                 self.step_locked(
                     &mut state,
-                    Event::Requested { view_id, client, view: Box::new(view), deadline, estimate, last },
+                    Event::Requested { view_id, client, view: Box::new(view), deadline, last },
                 );
             }
         }
@@ -382,23 +373,6 @@ impl SharedCore {
         if state.core.is_open(view_id) {
             self.step_locked(&mut state, Event::Cancelled { view_id });
         }
-    }
-
-    /// Makes the estimate that the core wants of a new view, without holding the core's lock. An estimate for a camera set is
-    /// taken on another thread, since no client waits for it.
-    fn estimate(self: &Arc<Self>, view: &View, last: Option<&LastView>) -> Option<Box<CoverageEstimate>> {
-        let sight = self.sight.as_ref()?;
-        let (wanted, for_camera_set) =
-            self.read(|core| (core.estimate_wanted(view, last), core.camera_set_estimate_wanted(view)));
-        if let Some(wanted) = for_camera_set {
-            let (shared, sight, view) = (self.clone(), sight.clone(), view.clone());
-            tokio::task::spawn_blocking(move || {
-                let estimate = Box::new(wanted.make(&view, sight.as_ref()));
-                let pixels = u64::from(view.width) * u64::from(view.height);
-                shared.step(Event::Estimated { pixels, estimate });
-            });
-        }
-        wanted.map(|wanted| self.estimates.make(wanted, view, sight.as_ref()))
     }
 
     /// Redirects a client to a worker for a request. `number` counts the session's redirects. `None` if clients

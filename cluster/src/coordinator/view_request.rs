@@ -61,7 +61,7 @@ impl ViewRequest {
                 decision: order.decision.map(Into::into),
                 fallback: order.fallback.as_ref().map(|fallback| v1::Fallback {
                     plan: Some((&fallback.plan).into()),
-                    max_excess: fallback.max_excess,
+                    max_uncovered: fallback.max_uncovered,
                 }),
                 keeps_frame: order.keeps_frame,
                 probe: order.probe.as_ref().map(|plans| v1::Probe {

@@ -7,7 +7,6 @@ use argus_proto::Fault;
 use argus_proto::v1::LightCells;
 use argus_scene::effects::EffectCost;
 use argus_scene::frame::{Decision, Provenance, Reason};
-use argus_scene::rig::CoverageEstimate;
 use argus_scene::{
     FaceMask, FrameSource, LightLevel, Plan, Prediction, SampleId, SceneState, View, Visibility,
 };
@@ -218,8 +217,6 @@ pub struct LastView {
     pub provenance: Provenance,
     /// The planner's reason for its plan.
     pub reason: Reason,
-    /// Time since the session last changed between triangles and samples; `None`: it never did.
-    pub since_change: Option<Duration>,
 }
 
 /// Why an attempt at a view failed.
@@ -269,17 +266,8 @@ pub enum Event {
         view: Box<View>,
         /// Time until the answer is worthless; `None`: no deadline.
         deadline: Option<Duration>,
-        /// An estimate of the view, if [`super::Core::estimate_wanted`] asked for one.
-        estimate: Option<Box<CoverageEstimate>>,
         /// The session's last view, if there is one.
         last: Option<Box<LastView>>,
-    },
-    /// An estimate that [`super::Core::camera_set_estimate_wanted`] asked for was made.
-    Estimated {
-        /// Pixels of the view, with sub-pixels.
-        pixels: u64,
-        /// The estimate.
-        estimate: Box<CoverageEstimate>,
     },
     /// The header of a frame that must be judged arrived. [`Action::Deliver`] or another [`Action::Dispatch`]
     /// follows.
@@ -391,8 +379,8 @@ pub struct Source {
 pub struct Fallback {
     /// A view from triangles, in as much detail as there is time for.
     pub plan: Plan,
-    /// Error beyond which the frame is replaced: mean FLIP above that of a direct view.
-    pub max_excess: f64,
+    /// Share of pixels that no source saw, beyond which the frame is replaced.
+    pub max_uncovered: f64,
 }
 
 /// An order: a view for a worker.

@@ -8,16 +8,16 @@ use std::sync::Arc;
 use argus_proto::Fault;
 use argus_proto::v1::StatusResponse;
 use argus_scene::effects::EffectCost;
-use argus_scene::rig::{CoverageEstimate, VisibilityQuery};
-use argus_scene::{Provenance, SampleSetInfo, Version, View};
+use argus_scene::rig::VisibilityQuery;
+use argus_scene::{SampleSetInfo, Version};
 
 use super::config::Config;
-use super::event::{Action, Event, Hello, LastView, Report, ViewId, WorkerId};
+use super::event::{Action, Event, Hello, Purchase, Report, ViewId, WorkerId};
 use super::quality::Model;
 use super::samples::Samples;
 use super::status;
 use super::time::Uptime;
-use super::views::{Answer, Cluster, EstimateRequest, NewView, Output, Views};
+use super::views::{Answer, Cluster, NewView, Output, Views};
 use super::workers::balance::Split;
 use super::workers::{WorkKind, Worker, Workers};
 
@@ -29,6 +29,8 @@ pub struct Core {
     samples: Samples,
     views: Views,
     tick_began: Uptime,
+    /// Time of the last event.
+    now: Uptime,
 }
 
 impl Core {
@@ -40,6 +42,7 @@ impl Core {
             samples: Samples::new(&config, set),
             views: Views::new(&config),
             tick_began: Uptime::default(),
+            now: Uptime::default(),
             config,
         }
     }
@@ -114,9 +117,9 @@ impl Core {
         self.views.counts().answered
     }
 
-    /// Processes that views ask for, each by its cheapest way within its error bound, at the last tick.
+    /// Processes that views ask for, each from triangles in full, at the last tick.
     pub fn asked(&self) -> f64 {
-        self.views.pressure().asked
+        self.views.asked()
     }
 
     /// Number of workers that answer views.
@@ -168,36 +171,10 @@ impl Core {
         self.views.check_session(client)
     }
 
-    /// The estimate that the planner wants of a view before it is submitted. `None` if it would change nothing: the way
-    /// is not open, or no worker holds a sample nearby.
-    pub fn estimate_wanted(&self, view: &View, last: Option<&LastView>) -> Option<EstimateRequest> {
-        self.cluster().estimate_wanted(view, last)
-    }
-
-    /// The estimate that tells which camera set would have served a view. No client waits for it;
-    /// [`Event::Estimated`] brings the result. `None` for most views: a few per tick are enough.
-    pub fn camera_set_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
-        self.views.camera_set_estimate_wanted(view, self.cluster())
-    }
-
-    /// The estimate that tells which samples would serve a view of a batch.
-    pub fn batch_estimate_wanted(&self, view: &View) -> Option<EstimateRequest> {
-        self.cluster().camera_set_estimate_wanted(view)
-    }
-
-    /// Whether it is known what views cost from triangles and from samples.
-    pub fn has_prices(&self) -> bool {
-        self.workers.first_prices().is_some()
-    }
-
-    /// The pins of a batch's views, which are given with their estimates; `None` for those from triangles.
-    pub fn batch_pins(&self, views: &[(View, Option<CoverageEstimate>)]) -> Vec<Option<Provenance>> {
-        self.cluster().batch_pins(views)
-    }
-
     /// A snapshot of the cluster. The shell knows its scene, term and time of planning.
     pub fn status(&self) -> StatusResponse {
-        status::of(&self.workers, &self.samples, &self.views)
+        let market = self.views.market_status(self.cluster(), self.now);
+        status::of(&self.workers, &self.samples, &self.views, market)
     }
 
     /// Serves the scene with other transforms of nodes from now on. Views that wait show them, too, unless they are pinned. `kept`: the
@@ -214,40 +191,28 @@ impl Core {
     }
 
     fn cluster(&self) -> Cluster<'_> {
-        Cluster {
-            config: &self.config,
-            workers: &self.workers,
-            samples: &self.samples,
-            others_carry: self.views.pressure().others_carry,
-        }
+        Cluster { config: &self.config, workers: &self.workers, samples: &self.samples }
     }
 
     /// The views, to be changed, and the other parts, to be read.
     fn parts(&mut self) -> (&mut Views, Cluster<'_>) {
-        let cluster = Cluster {
-            config: &self.config,
-            workers: &self.workers,
-            samples: &self.samples,
-            others_carry: self.views.pressure().others_carry,
-        };
+        let cluster = Cluster { config: &self.config, workers: &self.workers, samples: &self.samples };
         (&mut self.views, cluster)
     }
 
     /// Processes one event at `now`, which never decreases. The shell executes the actions in order.
     pub fn step(&mut self, event: Event, now: Uptime) -> Vec<Action> {
+        self.now = now;
         let mut actions = Vec::new();
         match event {
             Event::Joined { worker, hello } => self.join(worker, hello, now, &mut actions),
             Event::Reported { worker, report } => self.report(worker, report, now, &mut actions),
             Event::Left { worker } => self.lose(worker, now, &mut actions),
-            Event::Requested { view_id, client, view, deadline, estimate, last } => {
+            Event::Requested { view_id, client, view, deadline, last } => {
                 self.samples.wake(now, self.views.needed_versions());
-                let new = NewView { view_id, client, view: &view, deadline, estimate, last };
+                let new = NewView { view_id, client, view: &view, deadline, last };
                 self.on_views(now, &mut actions, |views, cluster| views.submit(new, cluster, now));
             }
-            Event::Estimated { pixels, estimate } => self.on_views(now, &mut actions, |views, cluster| {
-                views.learn_camera_set_estimate(pixels, &estimate, cluster)
-            }),
             Event::Judged { view_id, attempt, observed, ms } => {
                 self.on_views(now, &mut actions, |views, cluster| {
                     views.judge((view_id, attempt), observed, ms, cluster)
@@ -308,12 +273,16 @@ impl Core {
         let before = worker.report();
         let (held, before) = ((&*report.held, &*report.partial), (&*before.held, &*before.partial));
         let has_news = self.samples.reported(id, held, before);
-        // News are of one report: the last one is kept, and may be processed again.
-        (report.sources, report.probes) = (None, Vec::new());
+        // News are of one report, which is kept as the last one.
+        let (sources, probes) = (report.sources.take(), std::mem::take(&mut report.probes));
+        let done = sources.map_or_else(Vec::new, |news| self.samples.pool_mut().reported(id, &news));
+        self.views.learn(&done, &probes);
         let measured = std::mem::take(&mut report.backend_costs);
         if self.workers.report(id, report, now, || self.views.largest()) {
             self.processes_changed(actions);
         }
+        let (views, cluster) = self.parts();
+        views.meet(cluster);
         let settled = self.workers.settle_visibility(&measured, actions);
         if let Some(version) = settled.and_then(|visibility| self.samples.see_by(visibility)) {
             self.views.move_waiting(version);
@@ -350,9 +319,10 @@ impl Core {
             self.tick_began = now;
             let ticks = elapsed.as_secs_f64() / self.config.tick.as_secs_f64();
             let (views, cluster) = self.parts();
-            let pressure = views.tick(cluster, now);
-            let lacking = (pressure.lacking, pressure.others_carry);
-            let ordered = self.samples.tick(&self.workers, ticks, lacking, now);
+            views.tick(cluster, now);
+            let state = self.samples.set().version.state;
+            self.samples.pool_mut().give_up(state, now);
+            let ordered = self.samples.tick(&self.workers, ticks, now);
             self.workers.count(WorkKind::Samples, ordered as u64);
             self.workers.tick(ticks);
         }
@@ -371,7 +341,7 @@ impl Core {
         let mut round = self.views.begin_round();
         loop {
             let (views, cluster) = self.parts();
-            let Some(given) = views.next(&mut round, cluster, now) else { return };
+            let Some(given) = views.next(&mut round, cluster, now) else { break };
             let (sources, to_render) = self.samples.find(given.worker, &given.samples, &self.workers, now);
             self.workers.count(WorkKind::Samples, to_render);
             given.decided.iter().for_each(|(kind, n)| self.workers.count(*kind, *n));
@@ -380,6 +350,20 @@ impl Core {
             self.workers.begin(given.worker, given.view_id, queued, now);
             self.samples.begin(given.worker, given.samples.iter().map(|(id, _)| *id));
             actions.push(Action::Dispatch { view_id: given.view_id, order });
+        }
+        self.buy(now, actions);
+    }
+
+    /// Orders the sources that are worth their price.
+    fn buy(&mut self, now: Uptime, actions: &mut Vec<Action>) {
+        loop {
+            let (views, cluster) = self.parts();
+            let Some(coming) = views.purchase(cluster, now) else { return };
+            let worker = coming.worker;
+            self.samples.pool_mut().order(coming);
+            let of_worker = self.samples.pool().coming().iter().filter(|coming| coming.worker == worker);
+            let purchases = of_worker.map(|coming| Purchase { source: coming.source, state: coming.state });
+            self.workers.assign_purchases(worker, purchases.collect(), actions);
         }
     }
 
@@ -390,21 +374,15 @@ impl Core {
             Output::Demand(kind) => self.workers.count(kind, 1),
             Output::Used { cameras } => self.samples.note_use(&cameras, now),
             Output::Answered { worker, direct, work } => self.workers.answered(worker, direct, work),
-            Output::KeptFrame { worker, frame } => self.workers.keep_frame(worker, frame),
-            Output::WarpedFrames { worker, frames, well } => {
-                self.workers.warped_frames(worker, &frames, well);
-            }
             Output::Blamed { worker, view_id } => self.workers.blame(worker, view_id, now),
             Output::TakenBack { worker, view_id, samples, answered } => {
-                if self.workers.end(worker, view_id, answered, now) {
+                if self.workers.end(worker, view_id, now) {
                     self.samples.end(worker, &samples, answered);
                 }
             }
             Output::Holes { camera, used, uncovered, pixels } => {
                 self.samples.learn_holes(&camera, &used, uncovered, pixels);
             }
-            Output::Saved { cameras, secs } => self.samples.credit(&cameras, secs, &self.workers),
-            Output::WouldSave { cameras, secs } => self.samples.learn_camera_set(cameras, secs),
         }
     }
 
@@ -443,6 +421,11 @@ impl Core {
 
 #[cfg(test)]
 impl Core {
+    /// Sets K, for tests.
+    pub(super) fn set_most_purchases(&mut self, most: u32) {
+        self.views.set_most_purchases(most);
+    }
+
     /// The workers, for tests.
     pub(super) fn workers(&self) -> &Workers {
         &self.workers

@@ -29,6 +29,7 @@
 mod config;
 mod event;
 mod machine;
+pub mod market;
 pub mod quality;
 mod samples;
 mod scene_balance;
@@ -46,7 +47,7 @@ pub use event::{
 pub use machine::Core;
 pub use scene_balance::{SceneBalance, SceneLoad, SceneMove, scene_for_newcomer};
 pub use time::Uptime;
-pub use views::{EstimateRequest, explicit_plan, planner};
+pub use views::explicit_plan;
 pub use workers::{balance, hysteresis};
 
 #[cfg(test)]

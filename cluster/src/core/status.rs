@@ -12,7 +12,7 @@ use super::workers::balance::Load;
 use super::workers::{Worker, Workers};
 
 /// A snapshot of the three parts. Costs that were not measured are 0.
-pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> StatusResponse {
+pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views, market: v1::Market) -> StatusResponse {
     let (demand, costs, measured) = (workers.demand(), workers.believed_costs(), workers.costs());
     let processes = workers.members().count() as u32;
     let count =
@@ -44,22 +44,9 @@ pub(super) fn of(workers: &Workers, samples: &Samples, views: &Views) -> StatusR
         visibility: visibility.unwrap_or_default(),
         refinements: Some(samples.placement().counts()),
         workers: workers.iter().map(worker_status).collect(),
-        error_factor: samples.error_factor(),
         counters: Some(counters(workers, views)),
-        pressure: Some(pressure(samples, views, workers.queues().anyone().len())),
+        market: Some(market),
         ..StatusResponse::default()
-    }
-}
-
-/// What views ask for, and what is done about it.
-fn pressure(samples: &Samples, views: &Views, answering: usize) -> v1::Pressure {
-    let (pressure, lot) = (views.pressure(), samples.lot());
-    v1::Pressure {
-        asked: pressure.asked,
-        lacking: pressure.lacking,
-        answering: answering as u32,
-        samples_coming: samples.coming() as u32,
-        carried_in_ms: (lot.secs > 0.0).then(|| (lot.secs - lot.passed_secs).max(0.0) * 1e3),
     }
 }
 

@@ -5,7 +5,6 @@
 //! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples. `node` is the state that all of
 //! these share.
 
-mod bound;
 mod cells;
 mod claim;
 mod config;

@@ -7,9 +7,8 @@ use argus_proto::convert::scene_hash;
 use argus_proto::{Fault, v1};
 use argus_scene::frame::{Decision, Reason};
 use argus_scene::{
-    Camera, Difference, FaceMask, Frame, FrameSource, Holes, InvalidField, Output, Outputs, Plan, Provenance,
-    RenderError, SampleCamera, SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version,
-    View, ViewJob, Warp, derived,
+    Camera, Difference, FaceMask, Frame, Holes, InvalidField, Output, Outputs, Plan, Provenance, RenderError,
+    SampleId, SampleSetInfo, SceneState, Search, Specification, Stage, Version, View, ViewJob, Warp, derived,
 };
 use futures::future::try_join_all;
 use tokio::time::Instant;
@@ -19,8 +18,8 @@ use super::from_frames::{self, Gathered};
 use super::histories::MAX_NAME;
 use super::node::Node;
 use super::queue::Rendered;
-use super::{bound, fetch, trace};
-use crate::core::{Fallback, Source, planner};
+use super::{fetch, trace};
+use crate::core::{Fallback, Source};
 use crate::rate_limited_log::RateLimitedLog;
 use crate::wire::{self, Probe};
 
@@ -57,15 +56,6 @@ pub(super) struct Ordered {
     keeps_frame: bool,
     /// What to measure of the view in spare time.
     pub(super) probe: Option<Probe>,
-}
-
-impl Ordered {
-    /// Whether a frame from samples must be within the planner's bound. It is delivered as it is if the request named its plan, or
-    /// if the planner chose it beyond the bound, since there was no time for a better one.
-    fn is_judged(&self) -> bool {
-        let beyond = self.decision.is_some_and(|decision| decision.reason == Reason::TimeFirst);
-        self.fallback.is_some() && !beyond
-    }
 }
 
 /// Validates an order for a view.
@@ -186,11 +176,8 @@ pub(super) async fn good_enough(
     let job = ViewJob { plan: plan.clone(), history: None, rays: None, ..ordered.job.clone() };
     let mut frame = render_direct(node, ordered, job).await?;
     frame.stages.push(Stage::new(Stage::REFUSED, refused_ms));
-    let excess = match plan {
-        Plan::Direct { detail, .. } => planner::excess_of(*detail),
-        Plan::Warp(_) => 0.0,
-    };
-    let fell_short = |decision| Decision { reason: Reason::FrameFellShort, excess, ..decision };
+    // What it replaces was predicted to be off by more than its replacement.
+    let fell_short = |decision| Decision { reason: Reason::FrameFellShort, ..decision };
     Ok(with(frame, ordered.decision.map(fell_short)))
 }
 
@@ -205,17 +192,14 @@ async fn traced(node: &Arc<Node>, ordered: &Ordered, until: Option<Instant>) -> 
     if traces {
         job.outputs = job.outputs.with(Output::Mask);
     }
-    if ordered.is_judged() {
-        // The frame is judged by these images.
-        job.outputs = job.outputs.with(Output::Range).with(Output::Source);
-    }
     let beside = job.outputs.within(Outputs::GEOMETRY);
     job.outputs = job.outputs.outside(Outputs::GEOMETRY);
     let mut frame = render(node, ordered, &ordered.samples, &job).await?;
-    if let Some(Fallback { max_excess, .. }) = ordered.fallback.as_ref().filter(|_| ordered.is_judged())
-        && let Some(reason) = bound::shortfall(&frame, &job.camera, &sample_cameras(ordered)?, *max_excess)
+    if let Some(Fallback { max_uncovered, .. }) = &ordered.fallback
+        && frame.unresolved_fraction > *max_uncovered
     {
-        return Err(Fault::NotFound(reason));
+        let percent = frame.unresolved_fraction * 100.0;
+        return Err(Fault::NotFound(format!("the sources miss {percent:.1}% of the view")));
     }
     let holes = if traces && job.outputs.has(Output::Radiance) { trace::guessed(&frame) } else { Vec::new() };
     let mut filled = traces;
@@ -275,16 +259,6 @@ async fn render_direct(node: &Arc<Node>, ordered: &Ordered, mut job: ViewJob) ->
         from_frames::keep(node, &job, &frame);
     }
     Ok(frame)
-}
-
-/// Cameras of the plan's samples or frames, in the order that the frame's source image counts them.
-fn sample_cameras(ordered: &Ordered) -> Result<Vec<SampleCamera>, Fault> {
-    let frames = ordered.job.plan.frames();
-    if !frames.is_empty() {
-        return Ok(frames.iter().map(FrameSource::sample_camera).collect());
-    }
-    let of_rig = ordered.samples.iter().filter(|source| !source.id.is_reflection_probe());
-    of_rig.map(|source| Ok(ordered.info.camera(source.id.camera)?)).collect()
 }
 
 /// Gets the samples and renders the frame, with stages for both waits. Retries once, in a separate batch, if the

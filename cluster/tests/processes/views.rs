@@ -151,7 +151,7 @@ async fn a_frame_from_insufficient_samples_is_replaced_by_one_from_triangles() {
         term: cluster.status().await.term,
         plan: Some((&warped.provenance.plan).into()),
         decision: Some(decision.into()),
-        fallback: Some(v1::Fallback { plan: Some((&Plan::direct(1)).into()), max_excess: 0.03 }),
+        fallback: Some(v1::Fallback { plan: Some((&Plan::direct(1)).into()), max_uncovered: 0.03 }),
         ..v1::ViewOrder::default()
     };
     let ordered = async || {

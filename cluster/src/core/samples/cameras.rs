@@ -148,8 +148,7 @@ mod tests {
             let view = View::new(camera, [40, 30], plan);
             let (view_id, view) = (ViewId(1), Box::new(view));
             let client = "a client".into();
-            let requested =
-                Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None };
+            let requested = Event::Requested { view_id, client, view, deadline: None, last: None };
             let actions = core.step(requested, Uptime::default());
             assert_eq!(matches!(actions[..], [Action::Refuse { .. }]), max_views == 0, "{actions:?}");
             assert_eq!(counting.0.load(Ordering::Relaxed) > 0, max_views > 0);

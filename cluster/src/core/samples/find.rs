@@ -1,6 +1,6 @@
 //! Sources of the samples of a dispatched view.
 
-use argus_scene::{FaceMask, SampleId};
+use argus_scene::SampleId;
 
 use super::Samples;
 use super::directory::{Directory, Inputs};
@@ -11,8 +11,6 @@ use crate::core::workers::Workers;
 /// How much a view depends on a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::core) enum Access {
-    /// The worker holds it.
-    AtHand,
     /// The view can do without it: it is fetched from a holder, or omitted.
     Dispensable,
     /// It is rendered if no worker holds it.
@@ -32,9 +30,6 @@ impl Samples {
         let mut source = |&(id, access): &(SampleId, Access)| {
             let inputs = Inputs { workers, locations: &self.locations };
             match access {
-                Access::AtHand => {
-                    Source { id, faces: FaceMask::ALL, addresses: Vec::new(), dispensable: true }
-                }
                 Access::Dispensable => Directory::among_holders(id, reader, inputs),
                 Access::Needed => {
                     let (source, is_new) = self.directory.locate(id, reader, inputs, &mut self.trees, now);

@@ -224,12 +224,6 @@ impl SampleLocations {
         around(|place| &place.holders).chain(around(|place| &place.readers))
     }
 
-    /// Workers of [`Self::near`], then workers that have some faces of a sample.
-    pub(in crate::core) fn any_near(&self, id: SampleId, from: WorkerId) -> impl Iterator<Item = WorkerId> {
-        let partial = self.places.get(&id).into_iter().flat_map(|place| place.partial.keys().copied());
-        self.near(id, from).chain(partial)
-    }
-
     /// Number of workers that [`Self::near`] yields.
     pub(in crate::core) fn count_near(&self, id: SampleId) -> usize {
         self.places.get(&id).map_or(0, |place| place.holders.len() + place.readers.len())

@@ -4,21 +4,16 @@
 //! are returned: prefetch lists, where a worker finds a view's samples, how many samples are to be rendered.
 //!
 //! `locations` tracks which workers hold which sample, `directory` which one renders it, and `distribution` how it
-//! reaches other workers. `calibrated_error` corrects predicted errors of views from samples. `cameras` chooses the
-//! rig's cameras for a viewpoint. `placement` and `investments` decide where more samples are worth their price,
+//! reaches other workers. `cameras` chooses the rig's cameras for a viewpoint. `placement` decides where explicit views lack samples,
 //! `copies` which ones get a second copy, and `refine` makes the prefetch lists. `versions` tracks which version is
 //! served, and `moments` what follows from it.
 
-mod calibrated_error;
 mod cameras;
 mod copies;
 mod directory;
 mod distribution;
 mod find;
-mod invest;
-mod investments;
 mod locations;
-mod lot;
 mod moments;
 mod needed;
 mod placement;
@@ -40,14 +35,12 @@ pub(super) use placement::Placement;
 
 use super::config::Config;
 use super::event::{Source, WorkerId};
+use super::market::Pool;
 use super::time::Uptime;
 use super::workers::{SampleCounts, Worker, Workers};
-use calibrated_error::CalibratedError;
 use cameras::Cameras;
 use directory::Directory;
 use distribution::DistributionTrees;
-use investments::Investments;
-use lot::Lot;
 use recent_use::RecentUse;
 use versions::Versions;
 
@@ -62,11 +55,9 @@ pub(super) struct Samples {
     directory: Directory,
     trees: DistributionTrees,
     placement: Placement,
-    investments: Investments,
-    lot: Lot,
     recent: RecentUse,
-    /// Correction of predicted errors of views from samples.
-    error: CalibratedError,
+    /// Sources that views are warped from.
+    pool: Pool,
     versions: Versions,
     /// By camera: a worker that composes from the last version's sample and lacks the next one's.
     slow_workers: BTreeMap<u64, WorkerId>,
@@ -88,10 +79,8 @@ impl Samples {
             directory: Directory::default(),
             trees: DistributionTrees::default(),
             placement: Placement::default(),
-            investments: Investments::default(),
-            lot: Lot::default(),
             recent: RecentUse::default(),
-            error: CalibratedError::default(),
+            pool: Pool::default(),
             versions,
             slow_workers: BTreeMap::new(),
             changed: false,
@@ -217,6 +206,7 @@ impl Samples {
     pub(super) fn forget(&mut self, worker: WorkerId) {
         self.locations.forget(worker);
         self.trees.forget(worker);
+        self.pool.forget(worker);
     }
 
     /// Learns the holes of a view that used the samples of these cameras.
@@ -225,26 +215,21 @@ impl Samples {
         self.placement.learn(rig, camera, used, uncovered, pixels);
     }
 
-    /// Closes a tick: places samples where views lack them and where they are worth their price, and forgets unneeded
-    /// ones. `lacking` is the number of processes that views lack, and whether samplers may leave views to the others. Returns
-    /// the number of samples to render.
-    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, lacking: (f64, bool), now: Uptime) -> usize {
+    /// Closes a tick: places samples where views lack them, and forgets unneeded ones. Returns the number of samples to render.
+    pub(super) fn tick(&mut self, workers: &Workers, ticks: f64, now: Uptime) -> usize {
         let placed = self.place(workers, ticks);
-        let invested = self.invest(workers, ticks, lacking);
         self.directory.prune(&self.locations, now);
-        self.error.relax(ticks * self.config.tick.as_secs_f64());
         self.changed = true;
-        placed + invested
+        placed
     }
 
-    /// Learns from the measured and the predicted error of a view from samples.
-    #[allow(dead_code, reason = "probes of single plans are reported, and not learnt from yet")]
-    pub(super) fn observe_error(&mut self, measured: f64, predicted: f64) {
-        self.error.observe(measured, predicted);
+    /// Sources that views are warped from.
+    pub(super) fn pool(&self) -> &Pool {
+        &self.pool
     }
 
-    /// Factor on predicted errors of views from samples.
-    pub(super) fn error_factor(&self) -> f64 {
-        self.error.factor()
+    /// Sources that views are warped from, to be changed.
+    pub(super) fn pool_mut(&mut self) -> &mut Pool {
+        &mut self.pool
     }
 }

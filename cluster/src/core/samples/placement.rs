@@ -180,27 +180,6 @@ impl Placement {
         }
     }
 
-    /// Places these faces of a camera of a camera set that is worth its price. `pixels` is its worth per view, in pixels of holes.
-    pub(super) fn invest(&mut self, index: u64, faces: FaceMask, pixels: f64) {
-        let site = self.sites.entry(index).or_default();
-        site.pixels += pixels;
-        site.views += 1.0;
-        let placed = site.placed.get_or_insert(Placed { gain: pixels, faces, there: false, waited: 0 });
-        if !placed.faces.contains(faces) {
-            *placed = Placed { faces: placed.faces.union(faces), there: false, waited: 0, ..*placed };
-        }
-    }
-
-    /// Credits the cameras that a view used with the pixels of holes that its savings are worth.
-    pub(super) fn credit(&mut self, used: &[u64], pixels: f64) {
-        for index in used {
-            if let Some(site) = self.sites.get_mut(index).filter(|site| site.placed.is_some()) {
-                site.pixels += pixels.max(0.0);
-                site.views += 1.0;
-            }
-        }
-    }
-
     /// Closes a tick: places samples within the budget. Returns their number.
     pub(super) fn tick(&mut self, budget: Budget) -> usize {
         let fade = 0.5_f64.powf(1.0 / HALF_LIFE_TICKS);

@@ -208,7 +208,7 @@ impl Sim {
             rays: None,
         });
         let client = "a client".into();
-        self.step(Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None });
+        self.step(Event::Requested { view_id, client, view, deadline: None, last: None });
         view_id
     }
 
@@ -249,7 +249,7 @@ impl Sim {
         self.next += 1;
         let view = Box::new(View::new(camera, [200, 150], plan));
         let client = "a client".into();
-        self.step(Event::Requested { view_id, client, view, deadline, estimate: None, last: None });
+        self.step(Event::Requested { view_id, client, view, deadline, last: None });
         view_id
     }
 

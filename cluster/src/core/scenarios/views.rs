@@ -275,7 +275,7 @@ fn a_pinned_device_is_waited_for_or_refused() {
             rays: None,
         });
         let client = "a client".into();
-        sim.step(Event::Requested { view_id, client, view, deadline: None, estimate: None, last: None });
+        sim.step(Event::Requested { view_id, client, view, deadline: None, last: None });
         view_id
     };
     let (same, other, any) = (pinned("device"), pinned("another"), pinned(""));

@@ -10,6 +10,12 @@ pub(in crate::core) struct Cluster<'a> {
     pub(in crate::core) config: &'a Config,
     pub(in crate::core) workers: &'a Workers,
     pub(in crate::core) samples: &'a Samples,
-    /// Whether views lacked time at the last tick, and the workers that do not sample carry them in some way.
-    pub(in crate::core) others_carry: bool,
+}
+
+impl Cluster<'_> {
+    /// A length of the scene, metres: half the diagonal of what viewers look at.
+    pub(super) fn reach(&self) -> f64 {
+        let extent = &self.samples.set().extent;
+        (0.5 * (extent.max - extent.min).length()).max(f64::MIN_POSITIVE)
+    }
 }

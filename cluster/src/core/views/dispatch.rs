@@ -1,16 +1,15 @@
 //! Dispatch of waiting views to workers with room.
 //!
-//! Worker selection is in `choose`. For views that leave the way open it is in `open` and [`super::planner`].
+//! Worker selection is in `choose`. For views that leave the way open it is [`decide`], with what `open` collects.
 
-use argus_scene::{FaceMasks, Plan, Prediction, SampleId};
+use argus_scene::{Detail, FaceMask, FaceMasks, Plan, Prediction, SampleId};
 
-use super::frames::warping_pays;
+use super::open::reported;
 use super::pending::{BLOCKING_QUEUES, Pending};
-use super::planner::{Aim, fallback, least_ms, worth_ms};
-use super::session_memory::choose_after;
 use super::target_search::TargetSearch;
 use super::{Cluster, Views};
 use crate::core::event::{Order, Source, ViewId, WorkerId};
+use crate::core::market::{Asked, OfferKind, decide};
 use crate::core::samples::Access;
 use crate::core::time::Uptime;
 use crate::core::workers::{QueuedView, WorkKind};
@@ -20,6 +19,9 @@ const MOST_BOUND: usize = 64;
 
 /// Attempts that may fail since a refinement was lost. The next attempt renders it for the view.
 const MOST_WITHOUT: u32 = 3;
+
+/// Workers from which a source may be fetched.
+const MOST_HOLDERS: usize = 3;
 
 /// A view that was given to a worker.
 #[derive(Debug, Clone)]
@@ -131,43 +133,65 @@ impl Views {
         let samples = view.samples().iter().map(access).collect();
         if view.attempt == 0 {
             let queued = QueuedView { predicted_ms: 0.0, direct: view.is_direct(), work: view.work() };
-            self.load.asks(cluster.workers.costs().expected_secs(&queued) * 1e3, now);
+            self.market.time.ask(cluster.workers.costs().expected_secs(&queued), now);
         }
         Attempt::Dispatch(Dispatch { view_id, worker, samples, decided: Vec::new() })
     }
 
     /// Chooses plan and worker of a view that leaves the way open.
     fn place_open(&mut self, view_id: ViewId, cluster: Cluster<'_>, now: Uptime) -> Attempt {
-        let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
+        let Some(view) = self.views.get(&view_id) else { return Attempt::Over };
         let Some(open) = &view.open else { return Attempt::Over };
-        let offers = cluster.offers(view, open, now);
-        let (worth_ms, least_ms) = (worth_ms(&offers, &open.aim), least_ms(&offers));
-        let most_ms = worth_ms.map_or(f64::INFINITY, |ms| cluster.most_ms(&self.load, ms, now));
-        let aim = Aim { most_ms, ..open.aim };
-        let fallback = fallback(&offers, &aim);
-        let Some((offer, decision)) = choose_after(offers, &aim, open.memory.as_ref()) else {
-            return Attempt::Full;
+        let hands = cluster.hands(view, &self.market, now);
+        let pixels = view.pixels.saturating_mul(open.direct.samples_per_pixel.into());
+        let (full_secs, workers) = (self.market.full_secs(pixels), cluster.answering());
+        let price = self.market.time.of_view(open.preset, full_secs, workers, now);
+        let (pool, state) = (cluster.samples.pool(), cluster.samples.set().version.state);
+        let allowed = cluster.allowed(view, open, &self.market, now);
+        let near = match allowed.warped {
+            true => pool.near(&open.grid, open.direct.samples_per_pixel, state),
+            false => Vec::new(),
         };
+        let asked = Asked { pixels, allowed, price, near: &near };
+        let Some(decision) = decide(&asked, &hands, &self.market.errors) else { return Attempt::Full };
         if view.attempt == 0 {
-            self.load.asks_openly(worth_ms.unwrap_or(0.0), least_ms.unwrap_or(0.0), now);
-            self.load.took(decision.render_ms, most_ms);
-            self.load.follow((decision.render_ms, most_ms), cluster.work(now), now);
+            self.market.count(open, &decision, &near, (price, cluster), now);
         }
+        let plan = cluster.plan_of(&decision.chosen, &open.direct);
+        let fallback = cluster.fallback(&decision, &open.direct, (&self.market, price));
+        let worker = decision.chosen.worker;
+        let Some(view) = self.views.get_mut(&view_id) else { return Attempt::Over };
         self.in_flight.subtract(view);
-        view.plan = offer.plan;
+        view.plan = plan;
         view.version = cluster.samples.set().version;
         if let Some(open) = &mut view.open {
-            (open.decision, open.fallback) = (Some(decision), fallback);
+            open.decision = Some(reported(&decision, open, !near.is_empty()));
+            (open.fallback, open.chosen, open.warped) = (fallback, Some(decision.chosen), decision.warped);
         }
         self.in_flight.add(view);
-        let micros = worth_ms.map_or(0, |ms| (ms * 1e3) as u64);
         let decided = match view.is_direct() {
             _ if view.attempt > 0 => Vec::new(),
-            true => vec![(WorkKind::DirectAnywhere, 1), (WorkKind::MicrosAnywhere, micros)],
+            true => vec![(WorkKind::DirectAnywhere, 1), (WorkKind::MicrosAnywhere, (full_secs * 1e6) as u64)],
             false => vec![(WorkKind::Views, 1)],
         };
-        let samples = view.samples().iter().map(|id| (*id, Access::AtHand)).collect();
-        Attempt::Dispatch(Dispatch { view_id, worker: offer.worker, samples, decided })
+        Attempt::Dispatch(Dispatch { view_id, worker, samples: Vec::new(), decided })
+    }
+
+    /// Where a worker gets the sources of a view that it lacks.
+    fn missing_sources(&self, view_id: ViewId, worker: WorkerId, cluster: Cluster<'_>) -> Vec<Source> {
+        let chosen = self.views.get(&view_id).and_then(|view| view.open.as_ref()?.chosen.as_ref());
+        let sources = chosen.map_or(&[][..], |chosen| &chosen.sources);
+        let held = sources.iter().filter_map(|id| cluster.samples.pool().get(*id));
+        let missing = held.filter(|held| !held.holders.contains(&worker));
+        let address = |id: &WorkerId| Some(cluster.workers.get(*id)?.hello().address.clone());
+        missing
+            .map(|held| Source {
+                id: held.id,
+                faces: FaceMask::ALL,
+                addresses: held.holders.iter().filter_map(address).take(MOST_HOLDERS).collect(),
+                dispensable: true,
+            })
+            .collect()
     }
 
     /// Replaces refinements in a plan that no worker holds any more.
@@ -194,8 +218,10 @@ impl Views {
         sources: Vec<Source>,
         cluster: Cluster<'_>,
     ) -> Option<(Box<Order>, QueuedView)> {
-        let view = self.views.get_mut(&given.view_id)?;
         let worker = cluster.workers.get(given.worker)?;
+        let mut sources = sources;
+        sources.extend(self.missing_sources(given.view_id, given.worker, cluster));
+        let view = self.views.get_mut(&given.view_id)?;
         // A worker that warps frames of its own holds the triangles.
         let tracers = if view.traces_holes() && view.needs_samples() {
             cluster.tracers(worker.id())
@@ -207,13 +233,20 @@ impl Views {
         let decision = view.open.as_ref().and_then(|open| open.decision);
         let predicted_ms = decision.map_or(usual.unwrap_or(0.0) * 1e3, |decision| decision.render_ms);
         let queued = QueuedView { predicted_ms, direct: view.is_direct(), work: view.work() };
-        let mut sources = sources;
         if let Plan::Warp(warp) = &view.plan {
             sources.iter_mut().for_each(|source| source.faces = warp.faces.of(source.id.camera));
         }
-        let keeps_frame = view.open.is_some() && view.plan.is_whole() && warping_pays(worker, view.work());
+        let warps = worker.report().frame_cost.is_some();
+        let keeps_frame =
+            warps && view.open.as_ref().is_some_and(|open| open.may_warp) && is_full(&view.plan);
         view.attempt += 1;
-        view.keeps_frame = keeps_frame;
+        let probe = match (&view.open, view.open.as_ref().and_then(|open| open.chosen.as_ref())) {
+            (Some(open), Some(chosen)) => {
+                let plan_of = |chosen: &_| cluster.plan_of(chosen, &open.direct);
+                self.market.probe((given.view_id, view.attempt), (open, chosen), plan_of)
+            }
+            _ => None,
+        };
         view.worker = Some(worker.id());
         view.tried.insert(worker.id());
         let order = Order {
@@ -230,10 +263,19 @@ impl Views {
             decision,
             fallback: view.open.as_ref().filter(|_| !view.is_direct()).and_then(|open| open.fallback.clone()),
             keeps_frame,
-            probe: None,
+            probe,
         };
         Some((Box::new(order), queued))
     }
+}
+
+/// Whether a plan renders all of a view from triangles.
+fn is_full(plan: &Plan) -> bool {
+    OfferKind::Direct(Detail::Full)
+        == match plan {
+            Plan::Direct { detail, .. } => OfferKind::Direct(*detail),
+            Plan::Warp(_) => OfferKind::Guessed,
+        }
 }
 
 /// Whether a view can be planned without a sample.

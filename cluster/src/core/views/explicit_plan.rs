@@ -96,7 +96,11 @@ fn check_pin(pin: &Provenance, view: &View, set: &SampleSetInfo) -> Result<(), F
     Ok(check_plan(&pin.plan, set)?)
 }
 
-/// Checks the frames of a pinned plan. They have the size of the view, which limits what one request can cost.
+/// Largest side of a pinned plan's frame, over that of the view, and most samples a pixel: they limit what one request can cost.
+const MOST_SOURCE_SIDE: u32 = 2;
+const MOST_SOURCE_SAMPLES: u32 = 16;
+
+/// Checks the frames of a pinned plan.
 fn check_frames(plan: &Plan, view: &View) -> Result<(), InvalidField> {
     const FIELD: &str = "pin.plan.warp.frames";
     let Plan::Warp(warp) = plan else { return Ok(()) };
@@ -109,11 +113,12 @@ fn check_frames(plan: &Plan, view: &View) -> Result<(), InvalidField> {
         frame
             .validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX })
             .map_err(|at| InvalidField::new(FIELD, format!("{}: {}", at.field, at.reason)))?;
-        let samples_per_pixel = warp.supersampling.saturating_mul(warp.supersampling);
-        if [frame.width, frame.height, frame.samples_per_pixel]
-            != [view.width, view.height, samples_per_pixel]
-        {
-            return Err(InvalidField::new(FIELD, "must have the size and the sampling of the view"));
+        let [width, height] = [view.width, view.height].map(|side| side.saturating_mul(MOST_SOURCE_SIDE));
+        if frame.width > width || frame.height > height || frame.samples_per_pixel > MOST_SOURCE_SAMPLES {
+            let reason = format!(
+                "must have at most {MOST_SOURCE_SIDE} times the view's size and {MOST_SOURCE_SAMPLES} samples a pixel"
+            );
+            return Err(InvalidField::new(FIELD, reason));
         }
     }
     Ok(())

@@ -4,56 +4,45 @@
 //! as [`Output`]s, which the machine applies.
 //!
 //! `admission` holds the limits of clients, and `new_view` admits views. [`plan`] makes the plan of an explicit
-//! request. [`planner`] chooses the plan of a request that leaves the way open, among the offers that `open`
-//! collects, those of `frames` among them, and in the time that `load` leaves; `session_memory` compares them with the
-//! session's last view. `batch` plans the views of a batch together. `targets` handles bounds on the error.
+//! request. A request that leaves the way open gets the offer that [`super::market`] decides, among those that `open` collects.
+//! `market` holds what decisions learn: prices, errors and accounts. `targets` handles bounds on the error.
 //! `dispatch` gives views to the workers that `choose` picks, and `outcome` handles frames and failures.
 
 mod admission;
-mod batch;
 mod cluster;
 mod dispatch;
-mod estimate_request;
 pub mod explicit_plan;
 mod explicit_worker;
-mod frames;
-mod load;
+mod market;
 mod new_view;
 mod open;
 mod open_view;
 mod outcome;
 mod output;
 mod pending;
-pub mod planner;
-mod session_memory;
 mod target_search;
 mod targets;
 
-use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use argus_proto::Fault;
-use argus_scene::rig::CoverageEstimate;
-use argus_scene::{Plan, Version, View};
+use argus_proto::{Fault, v1};
+use argus_scene::{Plan, Version};
 
 pub(super) use cluster::Cluster;
-pub use estimate_request::EstimateRequest;
 pub(super) use new_view::NewView;
 pub(super) use outcome::Answer;
 pub(super) use output::Output;
 
 use super::config::Config;
-use super::event::{Client, ViewId};
+use super::event::{Client, ProbeResult, ViewId};
+use super::market::Coming;
 use super::quality::{Model, Pace};
 use super::samples::NeededVersions;
 use super::time::Uptime;
 use admission::Admission;
-use load::Load;
+use market::Market;
 use pending::{InFlight, Pending, Waiting};
-
-/// Most estimates for camera sets in a tick. Each stands for the views since the last one.
-const MOST_CAMERA_SET_ESTIMATES: u32 = 8;
 
 /// Counts of views since the coordinator started.
 #[derive(Debug, Clone, Copy, Default)]
@@ -72,18 +61,6 @@ pub(super) struct ViewCounts {
     pub(super) frames_refused: u64,
 }
 
-/// What views ask of the cluster, in processes.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pressure {
-    /// By all views, each by its cheapest way within its bound.
-    pub(super) asked: f64,
-    /// By open views, beyond what is carried.
-    pub(super) lacking: f64,
-    /// Whether something is lacking, and the workers that do not sample carry all views in some way: then samplers may leave views
-    /// to them.
-    pub(super) others_carry: bool,
-}
-
 /// All open views, and the usage of clients.
 #[derive(Debug)]
 pub(super) struct Views {
@@ -99,14 +76,10 @@ pub(super) struct Views {
     models: Vec<Arc<Model>>,
     /// Corrections of the models' costs.
     pace: Pace,
-    /// Estimates for camera sets that are left in this tick.
-    camera_set_estimates_left: Cell<u32>,
-    /// Views from triangles since the last estimate for a camera set.
-    without_estimate: u32,
-    /// What is asked of the cluster.
-    load: Load,
-    /// What was asked of it, and lacking, at the last tick.
-    pressure: Pressure,
+    /// Prices, errors, accounts and purchases.
+    market: Market,
+    /// Seconds of one process that all views asked for in a second, each from triangles, at the last tick.
+    asked: f64,
     /// Whether new views are refused.
     draining: bool,
     counts: ViewCounts,
@@ -123,10 +96,8 @@ impl Views {
             due: BTreeSet::new(),
             models: Vec::new(),
             pace: Pace::new(config.smoothing),
-            camera_set_estimates_left: Cell::default(),
-            without_estimate: 0,
-            load: Load::default(),
-            pressure: Pressure::default(),
+            market: Market::new(config.smoothing),
+            asked: 0.0,
             draining: false,
             counts: ViewCounts::default(),
             config: config.clone(),
@@ -222,44 +193,44 @@ impl Views {
     }
 
     /// Ends a tick.
-    pub(super) fn tick(&mut self, cluster: Cluster<'_>, now: Uptime) -> Pressure {
-        self.camera_set_estimates_left.set(MOST_CAMERA_SET_ESTIMATES);
+    pub(super) fn tick(&mut self, cluster: Cluster<'_>, now: Uptime) {
         self.admission.prune(now);
-        let lacking = self.load.lacking(cluster.answering(), now);
-        let others_carry = lacking > 0.0 && self.load.is_carried_somehow(cluster.without_samplers(), now);
-        self.pressure = Pressure { asked: self.load.asked(now), lacking, others_carry };
-        self.pressure
+        self.market.meet(cluster.workers);
+        self.market.tick(cluster.answering() as u32);
+        self.asked = self.market.time.asked_secs(now);
     }
 
-    /// What was asked of the cluster, and lacking, at the last tick.
-    pub(super) fn pressure(&self) -> Pressure {
-        self.pressure
+    /// Seconds of one process that all views asked for in a second, each from triangles, at the last tick.
+    pub(super) fn asked(&self) -> f64 {
+        self.asked
     }
 
-    /// The estimate that tells which camera set would have served a view. `None` for most views: a few per tick
-    /// are enough.
-    pub(super) fn camera_set_estimate_wanted(
-        &self,
-        view: &View,
-        cluster: Cluster<'_>,
-    ) -> Option<EstimateRequest> {
-        let left = self.camera_set_estimates_left.get().checked_sub(1)?;
-        let wanted = cluster.camera_set_estimate_wanted(view)?;
-        self.camera_set_estimates_left.set(left);
-        Some(wanted)
+    /// Learns the first prices of workers.
+    pub(super) fn meet(&mut self, cluster: Cluster<'_>) {
+        self.market.meet(cluster.workers);
     }
 
-    /// Processes an estimate for a camera set. `pixels` counts sub-pixels. The camera set would have saved time for this view
-    /// and for the similar ones since the last estimate.
-    pub(super) fn learn_camera_set_estimate(
-        &mut self,
-        pixels: u64,
-        estimate: &CoverageEstimate,
-        cluster: Cluster<'_>,
-    ) -> Option<Output> {
-        let saved_secs = cluster.saved_secs(pixels)?;
-        let views = f64::from(std::mem::take(&mut self.without_estimate));
-        let cameras = cluster.camera_set(estimate)?;
-        Some(Output::WouldSave { cameras, secs: views * saved_secs })
+    /// Learns from what a worker reported of its purchases and probes.
+    pub(super) fn learn(&mut self, done: &[(Coming, f64)], probes: &[ProbeResult]) {
+        done.iter().for_each(|(coming, secs)| self.market.learn_purchase(coming, *secs));
+        probes.iter().for_each(|probe| self.market.learn_probe(probe));
+    }
+
+    /// The next source to buy, if one is worth its price.
+    pub(super) fn purchase(&mut self, cluster: Cluster<'_>, now: Uptime) -> Option<Coming> {
+        self.market.purchase(cluster, now)
+    }
+
+    /// A snapshot of the market, for people.
+    pub(super) fn market_status(&self, cluster: Cluster<'_>, now: Uptime) -> v1::Market {
+        self.market.status(cluster, now)
+    }
+}
+
+#[cfg(test)]
+impl Views {
+    /// Sets K, for tests.
+    pub(super) fn set_most_purchases(&mut self, most: u32) {
+        self.market.set_most_purchases(most);
     }
 }

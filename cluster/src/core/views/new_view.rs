@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use argus_proto::Fault;
-use argus_scene::rig::CoverageEstimate;
 use argus_scene::{Plan, Preset, SampleId, Version, View};
 
 use super::explicit_plan::plan;
@@ -18,9 +17,13 @@ use crate::core::time::Uptime;
 use crate::core::workers::Worker;
 
 /// Longest time that a view whose way is open may wait, unless it is the time of a few views.
-const MOST_WAIT: Duration = Duration::from_secs(1);
+///
+/// Tuned: 2 s (issue 54, item 1).
+const MOST_WAIT: Duration = Duration::from_secs(2);
 
-/// Views that may be ahead of one, however long they take.
+/// Times its own time that a view may wait, however long that is.
+///
+/// Tuned: 16 (issue 54, item 1).
 const MOST_VIEWS_AHEAD: f64 = 16.0;
 
 /// A new view, and what its client asks of it.
@@ -31,8 +34,6 @@ pub(in crate::core) struct NewView<'a> {
     pub(in crate::core) view: &'a View,
     /// Time until the answer is worthless; `None`: no deadline.
     pub(in crate::core) deadline: Option<Duration>,
-    /// An estimate of the view, if one was made.
-    pub(in crate::core) estimate: Option<Box<CoverageEstimate>>,
     /// The session's last view, if there is one.
     pub(in crate::core) last: Option<Box<LastView>>,
 }
@@ -66,13 +67,13 @@ impl Views {
         cluster: Cluster<'_>,
         now: Uptime,
     ) -> Vec<Output> {
-        let NewView { view_id, client, view, deadline, estimate, last } = new;
+        let NewView { view_id, client, view, deadline, last } = new;
         let Planned { plan, expected, target_search } = planned;
         let longest = self.config.max_view_time;
         let deadline = deadline.unwrap_or(longest).min(longest);
         let pixels = u64::from(view.width) * u64::from(view.height);
         self.admission.enter(&client, plan.sub_pixels(pixels), &self.config, now);
-        let open = OpenView::of(view, estimate, last);
+        let open = OpenView::of(view, last.as_deref());
         let chooses = open.is_none() && view.pin.is_none() && matches!(plan, Plan::Warp(_));
         let pending = Pending {
             own_level: if chooses { cluster.samples.own_level(&view.camera) } else { 0 },
@@ -92,7 +93,6 @@ impl Views {
             attempt: 0,
             worker: None,
             tried: BTreeSet::new(),
-            keeps_frame: false,
         };
         let mut outputs = Vec::new();
         // A view that leaves the way open is counted at dispatch.

@@ -8,7 +8,7 @@ use super::pending::Pending;
 use super::{Cluster, Output, Views};
 use crate::core::event::{Action, Failure, ViewId};
 use crate::core::time::Uptime;
-use crate::core::workers::{RecentFrame, Worker};
+use crate::core::workers::Worker;
 
 /// A view may wait for so many times the usual while a worker measures how samples are rendered.
 const PATIENCE_FOR_A_SET: u32 = 4;
@@ -38,13 +38,11 @@ impl Views {
             outputs.push(Output::Answered { worker, direct: view.is_direct(), work: view.work() });
         }
         outputs.extend(taken_back);
-        outputs.extend(warped_frames(&view, fell_short));
-        outputs.extend(kept_frame(&view, fell_short));
-        match (&view.open, ms) {
-            (Some(_), Some(_)) if view.is_direct() => self.without_estimate += 1,
-            (Some(_), Some(_)) if !view.needs_samples() => {}
-            (Some(open), Some(ms)) => outputs.extend(cluster.savings(&view, open, ms)),
-            _ => outputs.extend(holes(&view, uncovered)),
+        if let Some(ms) = ms.filter(|_| !fell_short) {
+            self.market.learn_answer(&view, uncovered, ms * 1e-3);
+        }
+        if view.needs_samples() {
+            outputs.extend(holes(&view, uncovered));
         }
         outputs
     }
@@ -208,20 +206,6 @@ pub(in crate::core) struct Answer {
     pub(in crate::core) ms: Option<f64>,
     /// Whether the worker rendered it from triangles, since the frame by its plan was not good enough.
     pub(in crate::core) fell_short: bool,
-}
-
-/// The direct frame that an answered view leaves at its worker.
-fn kept_frame(view: &Pending, fell_short: bool) -> Option<Output> {
-    let (worker, open) = view.worker.zip(view.open.as_ref()).filter(|_| view.keeps_frame)?;
-    let frame = RecentFrame { source: open.direct, state: view.version.state };
-    (view.is_direct() || fell_short).then_some(Output::KeptFrame { worker, frame })
-}
-
-/// The use of the frames that a view was warped from.
-fn warped_frames(view: &Pending, fell_short: bool) -> Option<Output> {
-    let frames = view.plan.frames().to_vec();
-    let worker = view.worker.filter(|_| !(frames.is_empty() || view.pinned))?;
-    Some(Output::WarpedFrames { worker, frames, well: !fell_short })
 }
 
 /// The holes of a frame. Pinned plans are not counted, since their samples were not chosen here.

@@ -1,9 +1,9 @@
 //! Outputs of views for the other parts. They are returned here, and applied by the machine.
 
-use argus_scene::{Camera, FaceMask, FrameSource, SampleId};
+use argus_scene::{Camera, FaceMask, SampleId};
 
 use crate::core::event::{Action, ViewId, WorkerId};
-use crate::core::workers::{RecentFrame, WorkKind};
+use crate::core::workers::WorkKind;
 
 /// One output of a view for workers, samples or the shell.
 #[derive(Debug, Clone)]
@@ -25,22 +25,6 @@ pub(in crate::core) enum Output {
         direct: bool,
         /// Pixels that were rendered, with sub-pixels.
         work: u64,
-    },
-    /// A worker keeps a direct frame.
-    KeptFrame {
-        /// The worker.
-        worker: WorkerId,
-        /// The frame.
-        frame: RecentFrame,
-    },
-    /// A view was warped from frames.
-    WarpedFrames {
-        /// The worker.
-        worker: WorkerId,
-        /// The frames.
-        frames: Vec<FrameSource>,
-        /// Whether the result was good enough.
-        well: bool,
     },
     /// A worker failed at a view, and is at fault.
     Blamed {
@@ -70,19 +54,5 @@ pub(in crate::core) enum Output {
         uncovered: u64,
         /// Number of all pixels.
         pixels: u64,
-    },
-    /// Samples saved rendering time.
-    Saved {
-        /// The cameras whose samples the view used.
-        cameras: Vec<u64>,
-        /// Saved seconds of one process.
-        secs: f64,
-    },
-    /// Samples would have saved rendering time.
-    WouldSave {
-        /// The cameras of the camera set, with their faces.
-        cameras: Vec<(u64, FaceMask)>,
-        /// Seconds of one process that would have been saved.
-        secs: f64,
     },
 }

@@ -42,8 +42,6 @@ pub(super) struct Pending {
     pub(super) attempt: u32,
     pub(super) worker: Option<WorkerId>,
     pub(super) tried: BTreeSet<WorkerId>,
-    /// Whether its worker keeps the frame, if it is from triangles.
-    pub(super) keeps_frame: bool,
 }
 
 /// Number of queues whose first view blocks the others.
@@ -153,6 +151,15 @@ impl Pending {
     /// Whether it needs samples of the set. A view that is warped from frames needs triangles alone.
     pub(super) fn needs_samples(&self) -> bool {
         self.plan.needs_samples()
+    }
+
+    /// Pixels of the view in full, with sub-pixels.
+    pub(super) fn full_work(&self) -> u64 {
+        let per_pixel = match &self.plan {
+            Plan::Direct { samples_per_pixel, .. } => *samples_per_pixel,
+            Plan::Warp(warp) => warp.supersampling.saturating_mul(warp.supersampling),
+        };
+        self.pixels.saturating_mul(per_pixel.into())
     }
 
     /// Pixels to render, with sub-pixels.

@@ -3,24 +3,7 @@
 use super::balance::Costs;
 use super::worker::QueuedView;
 use crate::core::event::Report;
-use crate::core::quality::Cost;
 use crate::core::smooth::Smoothed;
-
-/// Prices of views as one worker reported them once it had measured both.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(in crate::core) struct Prices {
-    /// From triangles, in full detail.
-    pub(in crate::core) direct: Cost,
-    /// From samples.
-    pub(in crate::core) warp: Cost,
-}
-
-impl Prices {
-    /// Those of a report; `None` until both are measured.
-    pub(super) fn of(report: &Report) -> Option<Self> {
-        Some(Self { direct: report.direct_cost?, warp: report.warp_cost? })
-    }
-}
 
 /// Smoothed costs over all workers, seconds of one process.
 #[derive(Debug, Clone)]

@@ -1,6 +1,6 @@
 //! Joining, reports and loss of workers.
 
-use super::{Prices, WorkKind, Worker, Workers};
+use super::{WorkKind, Worker, Workers};
 use crate::core::event::{Action, Hello, Report, WorkerId};
 use crate::core::time::Uptime;
 
@@ -39,7 +39,6 @@ impl Workers {
         let is_stuck = self.is_stuck(worker, &report, largest_view);
         let before = worker.report();
         self.costs.learn(&report, before);
-        self.first_prices = self.first_prices.or_else(|| Prices::of(&report));
         // Demand for rays is known only once they are traced.
         if before.applied > 0 {
             self.rates.count(WorkKind::Rays, report.rays_traced.saturating_sub(before.rays_traced));

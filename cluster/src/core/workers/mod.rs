@@ -16,11 +16,9 @@ mod effects;
 pub mod hysteresis;
 mod join;
 mod queues;
-mod recent_frames;
 mod record;
 mod roles;
 mod silence;
-mod slowdown;
 mod suspicion;
 mod visibility;
 mod worker;
@@ -28,17 +26,16 @@ mod worker;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use argus_scene::{FrameSource, LightLevel};
+use argus_scene::LightLevel;
 
-pub(super) use costs::{MeasuredCosts, Prices};
+pub(super) use costs::MeasuredCosts;
 pub(super) use demand::WorkKind;
 pub(super) use queues::{QueueEntry, WorkerQueues};
-pub(super) use recent_frames::RecentFrame;
 pub(super) use roles::SampleCounts;
 pub(super) use worker::{PrefetchLists, QueuedView, Worker};
 
 use super::config::Config;
-use super::event::{Action, ViewId, WorkerId};
+use super::event::{Action, Purchase, ViewId, WorkerId};
 use super::time::Uptime;
 use balance::{Costs, Demand, Split};
 use demand::Rates;
@@ -64,7 +61,6 @@ pub(super) struct Workers {
     queues: WorkerQueues,
     rates: Rates,
     costs: MeasuredCosts,
-    first_prices: Option<Prices>,
     split: Split,
     hysteresis: Hysteresis,
     awake: Awake,
@@ -90,7 +86,6 @@ impl Workers {
             queues: WorkerQueues::default(),
             rates: Rates::new(config.smoothing),
             costs: MeasuredCosts::new(config.smoothing),
-            first_prices: None,
             split: Split::NoWorkers,
             hysteresis: Hysteresis::new(config.margin, config.dwell, idle_secs),
             awake: Awake::default(),
@@ -138,11 +133,6 @@ impl Workers {
     /// The present split of the ready workers between the roles.
     pub(super) fn split(&self) -> Split {
         self.split
-    }
-
-    /// The first prices of views that a worker measured. They stay.
-    pub(super) fn first_prices(&self) -> Option<Prices> {
-        self.first_prices
     }
 
     /// Costs measured by workers.
@@ -193,8 +183,8 @@ impl Workers {
     }
 
     /// Removes a view from a worker's queue. Returns whether it was there.
-    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId, answered: bool, now: Uptime) -> bool {
-        self.change(id, |worker| worker.end(view_id, answered, now)).unwrap_or(false)
+    pub(super) fn end(&mut self, id: WorkerId, view_id: ViewId, now: Uptime) -> bool {
+        self.change(id, |worker| worker.end(view_id, now)).unwrap_or(false)
     }
 
     /// Records that a worker answered a view of `work` pixels, with sub-pixels.
@@ -203,20 +193,15 @@ impl Workers {
         self.change(id, Worker::answered);
     }
 
-    /// Records that a worker keeps a direct frame.
-    pub(super) fn keep_frame(&mut self, id: WorkerId, frame: RecentFrame) {
-        if let Some(worker) = self.workers.get_mut(&id) {
-            worker.frames_mut().keep(frame);
-        }
-    }
-
-    /// Records that a worker warped frames of its own: well enough, or not, and then they are forgotten.
-    pub(super) fn warped_frames(&mut self, id: WorkerId, frames: &[FrameSource], well: bool) {
+    /// Makes the assignment with the sources that a worker shall render.
+    pub(super) fn assign_purchases(
+        &mut self,
+        id: WorkerId,
+        purchases: Vec<Purchase>,
+        actions: &mut Vec<Action>,
+    ) {
         let Some(worker) = self.workers.get_mut(&id) else { return };
-        match well {
-            true => worker.frames_mut().used(frames),
-            false => worker.frames_mut().forget(frames),
-        }
+        actions.push(Action::Assign { worker: id, assignment: worker.assign_purchases(purchases) });
     }
 
     /// Sends changed prefetch lists, the oldest useful version, the suspected workers and the holders of light cells.

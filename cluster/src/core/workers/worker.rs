@@ -3,11 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::queues::{QueueEntry, QueueMembership};
-use super::recent_frames::RecentFrames;
 use super::record::Record;
 use super::silence::Rhythm;
-use super::slowdown::Slowdown;
-use crate::core::event::{Assignment, Hello, Report, Role, Source, ViewId, WorkerId};
+use crate::core::event::{Assignment, Hello, Purchase, Report, Role, Source, ViewId, WorkerId};
 use crate::core::time::Uptime;
 
 /// Most of a view in work that counts as done, as long as it is not answered.
@@ -59,7 +57,6 @@ pub(in crate::core) struct Worker {
     views: BTreeMap<ViewId, QueuedView>,
     /// When it began with the oldest of these.
     works_since: Uptime,
-    slowdown: Slowdown,
     /// Number of views that it ever got, which orders equal workers.
     dispatched: u64,
     /// Busy milliseconds at the start of the current tick.
@@ -68,8 +65,6 @@ pub(in crate::core) struct Worker {
     suspected: bool,
     /// Its failures at views.
     pub(super) record: Record,
-    /// Direct frames that it keeps.
-    frames: RecentFrames,
 }
 
 impl Worker {
@@ -96,12 +91,10 @@ impl Worker {
             measure_sequence: None,
             views: BTreeMap::new(),
             works_since: Uptime::default(),
-            slowdown: Slowdown::default(),
             dispatched: 0,
             busy_at_tick_ms: 0.0,
             suspected: false,
             record: Record::default(),
-            frames: RecentFrames::default(),
         }
     }
 
@@ -123,15 +116,6 @@ impl Worker {
     /// The time of the newest report.
     pub(super) fn last_report(&self) -> Uptime {
         self.last_report
-    }
-
-    /// Direct frames that it keeps.
-    pub(in crate::core) fn frames(&self) -> &RecentFrames {
-        &self.frames
-    }
-
-    pub(super) fn frames_mut(&mut self) -> &mut RecentFrames {
-        &mut self.frames
     }
 
     /// Number of views in its queue.
@@ -251,8 +235,6 @@ impl Worker {
     pub(super) fn serve_set(&mut self) -> Assignment {
         self.assigned.sequence += 1;
         self.assigned.measure_backends = false;
-        // They were rendered by the backend that was expected to be best.
-        self.frames = RecentFrames::default();
         self.set_sequence = Some(self.assigned.sequence);
         self.assigned.clone()
     }
@@ -284,6 +266,13 @@ impl Worker {
         assigned.sequence += 1;
         self.assigned = assigned;
         Some(self.assigned.clone())
+    }
+
+    /// Makes the assignment with the sources that it shall render.
+    pub(super) fn assign_purchases(&mut self, purchases: Vec<Purchase>) -> Assignment {
+        self.assigned.sequence += 1;
+        self.assigned.purchases = purchases;
+        self.assigned.clone()
     }
 
     /// Processes a report. `is_stuck` tells whether it shows a stuck worker.
@@ -332,8 +321,7 @@ impl Worker {
         let oldest_ms = self.views.values().next().map_or(0.0, |view| view.predicted_ms);
         let done_ms = now.since(self.works_since).as_secs_f64() * 1e3;
         // One that takes longer than predicted is not done yet.
-        let slowdown = self.slowdown.factor();
-        slowdown * all - done_ms.min(MOST_DONE * slowdown * oldest_ms)
+        all - done_ms.min(MOST_DONE * oldest_ms)
     }
 
     /// Adds a view to its queue.
@@ -345,23 +333,13 @@ impl Worker {
         self.dispatched += 1;
     }
 
-    /// Removes a view from its queue, which it has answered or not; whether it was there.
-    pub(super) fn end(&mut self, view_id: ViewId, answered: bool, now: Uptime) -> bool {
-        let Some(view) = self.views.remove(&view_id) else { return false };
-        match self.views.is_empty() {
-            true => self.slowdown.relax(),
-            false if answered => {
-                self.slowdown.learn(view.predicted_ms, now.since(self.works_since).as_secs_f64() * 1e3);
-            }
-            false => {}
+    /// Removes a view from its queue; whether it was there.
+    pub(super) fn end(&mut self, view_id: ViewId, now: Uptime) -> bool {
+        let was_there = self.views.remove(&view_id).is_some();
+        if was_there {
+            self.works_since = now;
         }
-        self.works_since = now;
-        true
-    }
-
-    /// Time of a view over its predicted time, while views wait.
-    pub(in crate::core) fn slowdown(&self) -> f64 {
-        self.slowdown.factor()
+        was_there
     }
 
     /// Records that it answered a view.
