@@ -165,7 +165,7 @@ mod tests {
     fn key(x: f64) -> FrameKey {
         let camera = Camera::look_at(DVec3::new(x, 0.0, 0.0), DVec3::NEG_Z);
         let [width, height] = SIZE;
-        let source = FrameSource { camera, width, height, samples_per_pixel: 1, light: None };
+        let source = FrameSource { camera, width, height, samples_per_pixel: 1, band_rows: 0, light: None };
         FrameKey { source, state: SceneState::default(), visibility: Visibility::default() }
     }
 

@@ -34,7 +34,7 @@ pub(super) fn keep(node: &Node, job: &ViewJob, frame: &Frame) {
 /// The direct frame of a job.
 fn source_of(job: &ViewJob, samples_per_pixel: u32) -> FrameSource {
     let (camera, width, height) = (job.camera, job.width, job.height);
-    FrameSource { camera, width, height, samples_per_pixel, light: None }
+    FrameSource { camera, width, height, samples_per_pixel, band_rows: 0, light: None }
 }
 
 /// What a view from frames is composed of.

@@ -127,6 +127,7 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
     let history = name.as_deref().and_then(|name| node.histories.get(name));
     let reflections = info.reflections;
     let job = ViewJob {
+        band_rows: 0,
         camera,
         rays,
         width,

@@ -12,7 +12,14 @@ use crate::core::event::{Fallback, LastView};
 /// The direct frame that would answer a view that leaves the way open.
 pub(super) fn direct_frame(view: &View) -> FrameSource {
     let View { camera, width, height, ref plan, .. } = *view;
-    FrameSource { camera, width, height, samples_per_pixel: samples_per_pixel(plan), light: None }
+    FrameSource {
+        camera,
+        width,
+        height,
+        samples_per_pixel: samples_per_pixel(plan),
+        band_rows: 0,
+        light: None,
+    }
 }
 
 /// What the planner needs to know about one view.

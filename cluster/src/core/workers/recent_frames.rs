@@ -61,7 +61,7 @@ mod tests {
 
     fn source(x: usize) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(x as f64, 0.0, 0.0), DVec3::NEG_Z);
-        FrameSource { camera, width: 4, height: 3, samples_per_pixel: 1, light: None }
+        FrameSource { camera, width: 4, height: 3, samples_per_pixel: 1, band_rows: 0, light: None }
     }
 
     fn frame(x: usize) -> RecentFrame {

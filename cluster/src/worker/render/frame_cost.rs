@@ -49,7 +49,8 @@ impl Renderer {
         SIZES
             .into_iter()
             .map(|[width, height]| {
-                let source = FrameSource { camera, width, height, samples_per_pixel: 1, light: None };
+                let source =
+                    FrameSource { camera, width, height, samples_per_pixel: 1, band_rows: 0, light: None };
                 let direct = view(info, camera, [width, height], source.plan(), visibility);
                 let job = ViewJob { outputs: Outputs::COLOR.with(Output::Range), ..direct };
                 let frames = self.guarded(|own| {

@@ -151,7 +151,8 @@ impl LightCells {
         let mut state = self.state();
         let corners = sorted(numbers.iter().copied().filter_map(CellKey::from_number).collect());
         let ms = state.costs[0] * corners.len() as f64;
-        let are_few = outcome.lacking <= MOST_LACKING && ms <= VIEW_FILLS_MS;
+        let waits = !matches!(state.job.asked, CellUse::Held { .. });
+        let are_few = waits && outcome.lacking <= MOST_LACKING && ms <= VIEW_FILLS_MS;
         let fills = matches!(lookup.wanted, Wanted::Tier(_)) || lookup.wanted != Wanted::Later && are_few;
         if !fills || corners.is_empty() {
             state.queue.add(corners);
@@ -188,7 +189,8 @@ impl Job {
                 None
             }
             (CellUse::Whole { rays, .. }, _) => Some(Wanted::Tier(tier_of(rays))),
-            (CellUse::Open, Some(Some(tier))) => Some(Wanted::Tier(tier)),
+            (CellUse::Open | CellUse::Held { .. }, Some(Some(tier))) => Some(Wanted::Tier(tier)),
+            (CellUse::Held { rays, .. }, None) => Some(Wanted::Best(best.min(tier_of(rays)))),
             (CellUse::Open, None) => Some(Wanted::Best(best)),
         }
     }
@@ -202,10 +204,16 @@ impl Job {
                 self.reflected = Some(reflected);
                 reflected.then_some(Wanted::Tier(0))
             }
-            (CellUse::Open, _) if self.found.flatten().is_none() => Some(Wanted::Later),
-            (CellUse::Open, Some(true)) => Some(Wanted::Tier(0)),
-            (CellUse::Open, Some(false)) => Some(Wanted::Later),
-            (CellUse::Open, None) => Some(Wanted::Best(0)),
+            (CellUse::Held { reflected: false, .. }, _) => {
+                self.reflected = Some(false);
+                None
+            }
+            (CellUse::Open | CellUse::Held { .. }, _) if self.found.flatten().is_none() => {
+                Some(Wanted::Later)
+            }
+            (CellUse::Open | CellUse::Held { .. }, Some(true)) => Some(Wanted::Tier(0)),
+            (CellUse::Open | CellUse::Held { .. }, Some(false)) => Some(Wanted::Later),
+            (CellUse::Open | CellUse::Held { .. }, None) => Some(Wanted::Best(0)),
         }
     }
 }
