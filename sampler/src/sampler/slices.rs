@@ -79,7 +79,7 @@ fn asked(agreed: Option<SurfaceLight>) -> CellUse {
     match agreed {
         None => CellUse::Held { rays: u32::MAX, reflected: true },
         Some(SurfaceLight::Cells { rays, reflected }) => CellUse::Held { rays, reflected },
-        Some(SurfaceLight::Rays | SurfaceLight::OlderCells { .. }) => CellUse::Rays,
+        Some(SurfaceLight::Rays | SurfaceLight::OlderCells { .. }) => CellUse::Later,
     }
 }
 
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(common(cells(64, true), cells(16, true)), cells(16, true));
         assert_eq!(common(cells(16, false), cells(256, true)), cells(16, false));
         assert_eq!(common(cells(64, true), SurfaceLight::Rays), SurfaceLight::Rays);
-        assert_eq!(asked(Some(SurfaceLight::Rays)), CellUse::Rays);
+        assert_eq!(asked(Some(SurfaceLight::Rays)), CellUse::Later);
         assert_eq!(asked(Some(cells(16, false))), CellUse::Held { rays: 16, reflected: false });
     }
 }

@@ -243,6 +243,10 @@ impl LightCells {
     /// The answers of the job's own pixels; `None` if it is lit by rays.
     fn of_pixels(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let light = match (state.job.asked, state.job.found) {
+            (CellUse::Later, _) => {
+                self.ask(state, question);
+                None
+            }
             (CellUse::Rays, _) | (_, Some(None)) => None,
             (CellUse::Whole { rays, .. }, _) => Some((tier_of(rays), None)),
             (CellUse::Held { rays, .. }, None) => {
@@ -271,7 +275,7 @@ impl LightCells {
     /// whose own pixels have cells does not wait for those of its reflections.
     fn of_reflected(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let has_cells = match (state.job.asked, state.job.reflected) {
-            (CellUse::Rays, _) => return None,
+            (CellUse::Rays | CellUse::Later, _) => return None,
             // Nothing is filled from light of an earlier pose.
             (CellUse::Open, _) if state.job.lags => return None,
             (CellUse::Whole { reflected, .. }, _) => Some(reflected),

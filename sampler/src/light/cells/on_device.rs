@@ -184,7 +184,7 @@ impl Job {
     /// What its own pixels want, of which `best` is the best tier; `None` if rays light them.
     fn wanted(&mut self, best: usize) -> Option<Wanted> {
         match (self.asked, self.found) {
-            (CellUse::Rays, _) | (_, Some(None)) => {
+            (CellUse::Rays | CellUse::Later, _) | (_, Some(None)) => {
                 self.found = Some(None);
                 None
             }
@@ -199,7 +199,7 @@ impl Job {
     /// have cells does not wait for those of its reflections.
     fn wanted_of_reflected(&mut self) -> Option<Wanted> {
         match (self.asked, self.reflected) {
-            (CellUse::Rays, _) => None,
+            (CellUse::Rays | CellUse::Later, _) => None,
             (CellUse::Whole { reflected, .. }, _) => {
                 self.reflected = Some(reflected);
                 reflected.then_some(Wanted::Tier(0))
