@@ -188,7 +188,8 @@ pub fn session_messages(requests: Vec<v1::SessionRequest>) {
 pub fn corpus() -> Vec<(&'static str, Vec<u8>)> {
     let id = argus_scene::SampleId { version: 0, camera: 2 };
     let camera = Camera::look_at(glam::DVec3::new(3.0, 2.0, 5.0), glam::DVec3::ZERO);
-    let source = FrameSource { camera, width: 80, height: 60, samples_per_pixel: 4, light: None };
+    let source =
+        FrameSource { camera, width: 80, height: 60, samples_per_pixel: 4, band_rows: 0, light: None };
     let held_id = source.id();
     let held = HeldSource {
         id: held_id,

@@ -16,7 +16,7 @@ use crate::core::{Assignment, Fallback, Hello, Report, Role, Source};
 use crate::sealed::SealKey;
 use crate::security::LoadedSecurity;
 
-pub(crate) use self::sources::{Probe, probe, purchases};
+pub(crate) use self::sources::{MOST_ADDED, Probe, probe, purchases};
 
 /// Longest name of a worker, bytes: it is in every frame and log line.
 const MAX_NAME: usize = 128;

@@ -12,6 +12,7 @@ mod rays;
 mod ready_scene;
 mod role;
 mod samples;
+mod slices;
 mod surface_programs;
 mod tile_loop;
 mod unchanged;

@@ -63,7 +63,12 @@ impl Tile {
         let rows = self.size[1];
         let in_band = (most / (self.size[0] * self.side * self.side).max(1)).max(1);
         // All bands but the last have the same height.
-        let height = rows.div_ceil(rows.div_ceil(in_band).max(1)).max(1);
+        self.rows(rows.div_ceil(rows.div_ceil(in_band).max(1)))
+    }
+
+    /// The tile as bands of so many rows of texels; the last may have fewer.
+    pub(crate) fn rows(self, height: u32) -> impl Iterator<Item = Self> {
+        let (rows, height) = (self.size[1], height.max(1));
         (0..rows).step_by(height as usize).map(move |row| Self {
             begin: [self.begin[0], self.begin[1] + row],
             size: [self.size[0], height.min(rows - row)],

@@ -32,7 +32,7 @@ impl FrameSource {
     /// Rejects a frame that a service would not render as a view, by field.
     ///
     /// # Errors
-    /// The fields of [`Camera::validate`]; `width`, `height`, `samples_per_pixel`.
+    /// The fields of [`Camera::validate`]; `width`, `height`, `samples_per_pixel`, `band_rows`.
     pub fn validate(&self, limits: &Limits) -> Result<(), InvalidField> {
         self.camera.validate()?;
         if !self.camera.is_pinhole() {
@@ -45,6 +45,7 @@ impl FrameSource {
             let reason = format!("must be a square number up to {}, not {n}", Self::MOST_SAMPLES_PER_PIXEL);
             return Err(InvalidField::new("samples_per_pixel", reason));
         }
+        InvalidField::within("band_rows", self.band_rows, 0..=self.height)?;
         let pixels = u64::from(self.width) * u64::from(self.height);
         if pixels > limits.max_pixels
             || pixels.saturating_mul(n.into()) > limits.max_pixels.saturating_mul(16)
@@ -67,7 +68,7 @@ impl FrameSource {
         for value in [eye, target, up].iter().flat_map(glam::DVec3::to_array).chain([fov_deg]) {
             hasher.update(&value.to_bits().to_le_bytes());
         }
-        for value in [self.width, self.height, self.samples_per_pixel] {
+        for value in [self.width, self.height, self.samples_per_pixel, self.band_rows] {
             hasher.update(&value.to_le_bytes());
         }
         if let Some(lens) = lens {
@@ -164,7 +165,7 @@ mod tests {
 
     fn source(width: u32, height: u32) -> FrameSource {
         let camera = Camera::look_at(DVec3::new(1e6, 2.0, 3.0), DVec3::ZERO);
-        FrameSource { camera, width, height, samples_per_pixel: 4, light: None }
+        FrameSource { camera, width, height, samples_per_pixel: 4, band_rows: 0, light: None }
     }
 
     /// A frame of one row that has every 8-bit value, and these ranges first.
@@ -241,6 +242,7 @@ mod tests {
             FrameSource { width: 5, ..usual },
             FrameSource { height: 4, ..usual },
             FrameSource { samples_per_pixel: 1, ..usual },
+            FrameSource { band_rows: 1, ..usual },
             FrameSource { light: Some(SurfaceLight::Rays), ..usual },
             FrameSource { light: Some(SurfaceLight::Cells { rays: 16, reflected: true }), ..usual },
         ];
@@ -257,6 +259,7 @@ mod tests {
         assert_eq!(usual.validate(&limits), Ok(()));
         assert_eq!(field(FrameSource { width: 8193, ..usual }), "width");
         assert_eq!(field(FrameSource { height: 0, ..usual }), "height");
+        assert_eq!(field(FrameSource { band_rows: 4, ..usual }), "band_rows");
         assert_eq!(field(FrameSource { width: 8192, height: 8192, ..usual }), "width");
         for samples_per_pixel in [0, 2, 289] {
             assert_eq!(field(FrameSource { samples_per_pixel, ..usual }), "samples_per_pixel");

@@ -183,7 +183,15 @@ pub struct FrameSource {
     pub height: u32,
     /// Samples per pixel on a regular grid, a square number.
     pub samples_per_pixel: u32,
+    /// Rows of pixels that are rendered together, 0 for all: [`crate::ViewJob::band_rows`]. 0 in a purchase: the worker chooses.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub band_rows: u32,
     /// Where sky and indirect light are from. `None` in an order: as the worker has the frame; its reply says which.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub light: Option<SurfaceLight>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(number: &u32) -> bool {
+    *number == 0
 }

@@ -82,6 +82,9 @@ pub struct ViewJob {
     pub outputs: Outputs,
     /// Method of rendering.
     pub plan: Plan,
+    /// Rows of pixels of a view whose plan is [`Plan::Direct`] that are rendered together; 0: all. A frame in bands can be rendered
+    /// in slices. Rows of one band share rays of light, so the height of bands changes bytes.
+    pub band_rows: u32,
     /// Epoch and light that are shown.
     pub state: SceneState,
     /// Scene time of that epoch, seconds; see [`crate::Scene::at`].
@@ -104,6 +107,7 @@ impl ViewJob {
             height,
             outputs: Outputs::COLOR,
             plan,
+            band_rows: 0,
             state: SceneState::default(),
             time_secs: 0.0,
             visibility: Visibility::default(),
@@ -222,6 +226,24 @@ pub trait Sampler: Send {
 
     /// Renders views whose plan is [`Plan::Direct`], one result each, in order.
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>>;
+
+    /// Renders a view whose plan is [`Plan::Direct`] in slices, with the bytes of [`Self::render_views`] for the light that the frame
+    /// says. It waits for no fill of light cells. `give_way` is called between slices of about 20 ms and may render other views with the
+    /// sampler it receives; it also receives the share that is done, 0 to 1. Only views with [`ViewJob::band_rows`] have slices. The
+    /// default renders the view in one slice.
+    ///
+    /// # Errors
+    /// Those of rendering the view.
+    fn render_view_in_slices(
+        &mut self,
+        view: &ViewJob,
+        cancel: &Cancel,
+        _give_way: &mut dyn FnMut(&mut dyn Sampler, f64),
+    ) -> Result<Frame, RenderError> {
+        let frames = self.render_views(std::slice::from_ref(view), cancel);
+        let missing = || Err(RenderError::Internal("a sampler returned no frame".to_owned()));
+        frames.into_iter().next().unwrap_or_else(missing)
+    }
 
     /// Renders a view with other effects of direct light than the set's, to measure what they cost; it may show another time. `None` where that takes
     /// more than other rays, such as other programs, or is not possible now. The default is for samplers that cannot.

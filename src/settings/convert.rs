@@ -212,7 +212,7 @@ impl Worker {
             max_queued_samples: self.queued_samples,
             frame_bytes: mib(self.frames_mib),
             history_bytes: mib(self.history_mib),
-            recent_frame_bytes: mib(self.recent_frames_mib),
+            source_bytes: mib(self.sources_mib),
             read_within: secs(limits.read_secs),
             max_requests: self.requests,
             max_connections: self.connections,

@@ -187,9 +187,9 @@ pub(crate) struct Worker {
     /// MiB of depth kept for sessions with reprojection; 0: none. 256 MiB hold two thousand sessions of 200×150
     /// pixels, or thirty of 1920×1080.
     pub(crate) history_mib: u64,
-    /// MiB of recent direct frames, from which views nearby are warped; 0: none. 256 MiB hold 290 frames of 320×240
-    /// pixels, or ten of 1920×1080.
-    pub(crate) recent_frames_mib: u64,
+    /// MiB of direct frames, kept or ordered by the coordinator, from which views nearby are warped; 0: none. 256 MiB hold 290 frames
+    /// of 320×240 pixels, or ten of 1920×1080.
+    pub(crate) sources_mib: u64,
     /// Requests in work, from the coordinator and other workers.
     pub(crate) requests: usize,
     /// Open connections. A quarter is reserved for the cluster's own processes.
@@ -217,7 +217,7 @@ impl Default for Worker {
             queued_samples: 4096,
             frames_mib: 2048,
             history_mib: 256,
-            recent_frames_mib: 256,
+            sources_mib: 256,
             requests: 2048,
             connections: 4096,
             rest_secs: 30.0,

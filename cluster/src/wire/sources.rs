@@ -136,7 +136,7 @@ mod tests {
 
     fn source() -> FrameSource {
         let camera = Camera::look_at(DVec3::new(3.0, 2.0, 5.0), DVec3::ZERO);
-        FrameSource { camera, width: 80, height: 60, samples_per_pixel: 4, light: None }
+        FrameSource { camera, width: 80, height: 60, samples_per_pixel: 4, band_rows: 0, light: None }
     }
 
     fn held() -> HeldSource {

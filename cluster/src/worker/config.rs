@@ -67,7 +67,7 @@ pub struct Config {
     pub history_bytes: u64,
     /// Bytes of recent direct frames, from which other views are warped. Beyond this, the least recently used one is
     /// dropped; 0: none is kept.
-    pub recent_frame_bytes: u64,
+    pub source_bytes: u64,
     /// Time limit for reading a chunk of a frame, at most 1 MiB. A slower reader loses the frame.
     pub read_within: Duration,
     /// Resources of an unused role are released after this time.
@@ -119,7 +119,7 @@ impl Config {
             wedged_after: Duration::from_secs(300),
             frame_bytes: 2 << 30,
             history_bytes: 256 << 20,
-            recent_frame_bytes: 256 << 20,
+            source_bytes: 256 << 20,
             read_within: Duration::from_secs(20),
             rest_after: Duration::from_secs(30),
             max_requests: 2048,

@@ -17,7 +17,7 @@ use argus_proto::convert::{scene_hash_bytes, specification_hash_bytes};
 use argus_proto::trace::{TARGET, within};
 use argus_proto::v1::samples_client::SamplesClient;
 use argus_proto::{Fault, v1};
-use argus_scene::{FaceMask, Sample, SampleId, SampleSetInfo};
+use argus_scene::{FaceMask, Sample, SampleId, SampleSetInfo, Version};
 use tokio::time::Instant;
 use tracing::{Instrument, Span, debug_span, warn};
 
@@ -25,6 +25,7 @@ use super::fetches::Purpose;
 use super::node::Node;
 use super::packed::Chunks;
 use super::policy::{self, ANNOUNCED, Need, Seek, Serve};
+use super::sources::SourceKey;
 use super::store::is_on_host;
 use crate::core::{Role, Source};
 use crate::rate_limited_log::RateLimitedLog;
@@ -176,6 +177,32 @@ pub(super) async fn from_other(
     node.unless_suspected(address, answer).await
 }
 
+/// Requests a source from another worker, which sends it if it holds it. Returns its sample and the chunks.
+///
+/// # Errors
+/// [`Fault::Unavailable`] if the worker does not send it in time, does not hold it, or is suspected.
+pub(super) async fn source_from(
+    node: &Node,
+    info: &SampleSetInfo,
+    key: &SourceKey,
+    address: &str,
+) -> Result<(Sample, Chunks), Fault> {
+    let id = key.id();
+    let span = debug_span!(target: TARGET, "fetch source", %id, address);
+    let request = v1::SubscribeRequest {
+        scene_hash: scene_hash_bytes(info.scene),
+        version: Some(Version { number: SampleId::FRAMES, state: key.state }.into()),
+        cameras: vec![id.camera],
+        have: Vec::new(),
+        prefetch: false,
+        specification_hash: specification_hash_bytes(info.specification().hash()),
+        faces: Vec::new(),
+    };
+    let assembler = SampleAssembler::of_frame(id, key.source.sample_camera());
+    let answer = assembled(node, request, assembler, address, &span).instrument(span.clone());
+    node.unless_suspected(address, answer).await
+}
+
 /// Receives a sample from another worker.
 async fn received(
     node: &Node,
@@ -185,7 +212,6 @@ async fn received(
     prefetch: bool,
     span: &Span,
 ) -> Result<(Sample, Chunks), Fault> {
-    let mut client = SamplesClient::new(node.channels.to(address)?);
     let request = v1::SubscribeRequest {
         scene_hash: scene_hash_bytes(info.scene),
         version: Some(info.version.into()),
@@ -195,6 +221,20 @@ async fn received(
         specification_hash: specification_hash_bytes(info.specification().hash()),
         faces: vec![faces.bits()],
     };
+    let assembler = SampleAssembler::new(info.clone(), [id.camera]);
+    let assembler = assembler.with_faces([(id.camera, faces)].into_iter().collect());
+    assembled(node, request, assembler, address, span).await
+}
+
+/// Subscribes to one sample of another worker, and assembles it.
+async fn assembled(
+    node: &Node,
+    request: v1::SubscribeRequest,
+    mut assembler: SampleAssembler,
+    address: &str,
+    span: &Span,
+) -> Result<(Sample, Chunks), Fault> {
+    let mut client = SamplesClient::new(node.channels.to(address)?);
     let unavailable = |status: tonic::Status| Fault::Unavailable(status.message().to_owned());
     let timed_out = |_| Fault::Unavailable(format!("{address} sent nothing within the fetch timeout"));
     let limit = node.config.fetch_timeout;
@@ -203,8 +243,6 @@ async fn received(
     let mut chunks = opened.map_err(unavailable)?.into_inner();
     let mut received_chunks = Vec::new();
     let mut unpacking = Duration::ZERO;
-    let mut assembler = SampleAssembler::new(info.clone(), [id.camera]);
-    assembler = assembler.with_faces([(id.camera, faces)].into_iter().collect());
     loop {
         let chunk =
             tokio::time::timeout(limit, chunks.message()).await.map_err(timed_out)?.map_err(unavailable)?;
@@ -225,7 +263,7 @@ async fn received(
                 node.received(unpacking);
                 return Ok((sample, received_chunks.into()));
             }
-            Some(Received::Unchanged(_)) => {
+            Some(Received::Unchanged(id)) => {
                 return Err(Fault::NotFound(format!(
                     "{address} sent no data, as if this worker held sample {id}"
                 )));

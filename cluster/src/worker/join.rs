@@ -20,7 +20,7 @@ use super::config::RunError;
 use super::node::Node;
 use super::prefetches::WantedSample;
 use super::queue::BackendCosts;
-use super::{policy, prefetch, scene};
+use super::{policy, prefetch, purchases, scene};
 use crate::core::{Purchase, Report, Role};
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::SealKey;
@@ -34,6 +34,9 @@ const DRAIN_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Interval between reports until the coordinator sets one.
 const FIRST_INTERVAL: Duration = Duration::from_millis(250);
+
+/// Least time between two reports.
+const LEAST_INTERVAL: Duration = Duration::from_millis(20);
 
 /// A validated assignment.
 #[derive(Debug, Clone)]
@@ -151,6 +154,8 @@ async fn once(
     // The coordinator sends the states that it keeps again. Those that are known may be of another scene.
     node.transforms.forget();
     node.probes.forget();
+    node.sources.report_all();
+    node.purchases.want(Vec::new());
     // The channel is empty, so this cannot fail.
     let _ = reports.try_send(wire::hello(&node.hello, held));
     node.status.join_coordinator();
@@ -200,6 +205,7 @@ async fn once(
     tokio::select! {
         ended = listen => ended,
         ended = obey(node, opener, channel, newest) => ended,
+        () = purchases::carry_out(node) => Err(Ended::Lost("sources are no longer rendered".to_owned())),
         () = super::cells::take(node) => Err(Ended::Lost("light cells are no longer taken".to_owned())),
         () = report(node, reports, interval.subscribe()) => Err(Ended::Lost("reports cannot be sent".to_owned())),
     }
@@ -264,20 +270,33 @@ async fn report(
     reports: mpsc::Sender<v1::WorkerReport>,
     mut interval: watch::Receiver<Duration>,
 ) {
+    let mut reported = Instant::now();
     loop {
         let pause = *interval.borrow_and_update();
         tokio::select! {
             () = tokio::time::sleep(pause) => {}
-            () = node.news.notified() => {}
+            () = early(node, reported) => {}
             changed = interval.changed() => if changed.is_err() { return },
         }
+        reported = Instant::now();
         node.channels.close_unused();
         let acting = node.status.role().unwrap_or(Role::Both);
-        let report = Report { probes: node.probes.take(), ..node.report() };
+        // The rest of the report first: a view that drops a source afterwards is of the next report.
+        let report = node.report();
+        let report = Report { sources: node.sources.take_news(), probes: node.probes.take(), ..report };
         if reports.send(wire::report(report, acting)).await.is_err() {
             return;
         }
+        if node.sources.has_news() {
+            node.news.notify_one();
+        }
     }
+}
+
+/// Waits until an early report is requested and the last report is not too recent: it may be requested with every view.
+async fn early(node: &Node, reported: Instant) {
+    node.news.notified().await;
+    tokio::time::sleep_until(reported + LEAST_INTERVAL).await;
 }
 
 /// Carries out the newest assignment. A newer assignment replaces one that is not in effect yet.
@@ -342,6 +361,7 @@ async fn carry_out(
     }
     node.status.set_role(duty.role, duty.sequence);
     prefetch::want(node, duty.prefetch, &duty.versions, duty.role == Role::Sampler);
+    node.purchases.want(duty.purchases);
     node.store.retire(duty.kept_from, has_moved);
     Ok(())
 }

@@ -147,6 +147,11 @@ impl Meter {
         sums.unpacking_ms += unpacking.as_secs_f64() * 1e3;
     }
 
+    /// Cost of a view from triangles; `None` until it is measured.
+    pub(super) fn direct_cost(&self) -> Option<Cost> {
+        self.0.lock().view_costs.cost(ViewKind::Direct, Instant::now())
+    }
+
     /// Fills in the measurements of a report.
     pub(super) fn fill(&self, report: &mut Report) {
         let mut sums = self.0.lock();

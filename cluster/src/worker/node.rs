@@ -22,16 +22,18 @@ use self::status::WorkerStatus;
 use super::config::{Config, RETRY};
 use super::fetches::Fetches;
 use super::frame_memory::FrameMemory;
-use super::frames::FrameStore;
 use super::health::Health;
 use super::histories::Histories;
 use super::meter::Meter;
 use super::policy;
 use super::prefetches::Prefetches;
 use super::probes::Probes;
+use super::purchases::Purchases;
 use super::queue::Queue;
+use super::sources::SourceStore;
 use super::store::Store;
 use super::transforms::KnownTransforms;
+use crate::core::quality::Cost;
 use crate::core::{Hello, Report};
 use crate::net::Channels;
 
@@ -63,9 +65,11 @@ pub(super) struct Node {
     pub(super) frame_memory: FrameMemory,
     /// Depth of sessions' last frames, for reprojection.
     pub(super) histories: Arc<Histories>,
-    /// Recent direct frames.
-    pub(super) frames: Arc<FrameStore>,
-    /// Measured and predicted errors of probed frames.
+    /// Direct frames that other views are warped from.
+    pub(super) sources: Arc<SourceStore>,
+    /// Sources that the newest assignment orders.
+    pub(super) purchases: Purchases,
+    /// Errors of frames that were measured.
     pub(super) probes: Probes,
     /// Failures of the render thread's devices.
     pub(super) health: Arc<Health>,
@@ -93,9 +97,9 @@ impl Node {
     ) -> Arc<Self> {
         let news = Arc::new(Notify::new());
         let histories = Arc::new(Histories::new(config.history_bytes));
-        let frames = Arc::new(FrameStore::new(config.recent_frame_bytes));
+        let sources = Arc::new(SourceStore::new(config.source_bytes));
         let served =
-            Arc::new(ServedSet::new(queue.clone(), store.clone(), histories.clone(), frames.clone()));
+            Arc::new(ServedSet::new(queue.clone(), store.clone(), histories.clone(), sources.clone()));
         Arc::new(Self {
             channels: Channels::new(config.connect_timeout, config.security.clone(), config.network.clone()),
             status: WorkerStatus::new(news.clone()),
@@ -109,7 +113,8 @@ impl Node {
             packing: Semaphore::new(policy::threads_beside(hello.cores)),
             frame_memory: FrameMemory::new(config.frame_bytes),
             histories,
-            frames,
+            sources,
+            purchases: Purchases::default(),
             probes: Probes::default(),
             health,
             suspected: watch::Sender::default(),
@@ -176,10 +181,15 @@ impl Node {
         let mut report = self.status.report();
         self.render_thread.fill(&mut report);
         self.meter.fill(&mut report);
-        let (frames_held, frames_bytes) = self.frames.held();
+        let (frames_held, frames_bytes) = self.sources.held();
         (report.frames_held, report.frames_bytes) = (frames_held as u64, frames_bytes);
         report.light_cells = self.health.cells().map(Into::into);
         report
+    }
+
+    /// Cost of a view from triangles; `None` until it is measured.
+    pub(super) fn direct_cost(&self) -> Option<Cost> {
+        self.meter.direct_cost()
     }
 
     /// Counts a sample received from another worker, and the time of unpacking it.

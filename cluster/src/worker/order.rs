@@ -14,7 +14,7 @@ use futures::future::try_join_all;
 use tokio::time::Instant;
 use tracing::{debug, warn};
 
-use super::from_frames::{self, Gathered};
+use super::from_sources::{self, From, Gathered};
 use super::histories::MAX_NAME;
 use super::node::Node;
 use super::queue::Rendered;
@@ -32,6 +32,8 @@ pub(super) struct Ordered {
     info: Arc<SampleSetInfo>,
     /// The plan's samples, in the plan's order.
     samples: Vec<Source>,
+    /// Where other workers hold the plan's frames.
+    frames: Vec<Source>,
     /// Addresses of workers that trace holes, if the plan traces them.
     tracers: Vec<String>,
     /// The plan is pinned: a frame by another plan is an error.
@@ -98,6 +100,15 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
         let v1::SampleSource { addresses, dispensable, .. } = sources.remove(id).unwrap_or_default();
         samples.push(Source { id: *id, faces: faces_of(id.camera), addresses, dispensable });
     }
+    let frames = sources.into_iter().filter(|(id, _)| id.version == SampleId::FRAMES);
+    let frames = frames
+        .map(|(id, v1::SampleSource { addresses, dispensable, .. })| Source {
+            id,
+            faces: FaceMask::ALL,
+            addresses,
+            dispensable,
+        })
+        .collect();
     let View { camera, width, height, outputs, pin, plan: asked_plan, flow_to, rays } = view;
     // A pinned direct view is repeated by the backend that rendered it, even if the cluster uses another one.
     let specification = pin.as_ref().and_then(|pin| pin.specification);
@@ -117,6 +128,7 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
     let history = name.as_deref().and_then(|name| node.histories.get(name));
     let reflections = info.reflections;
     let job = ViewJob {
+        band_rows: 0,
         camera,
         rays,
         width,
@@ -138,6 +150,7 @@ pub(super) fn check(node: &Node, view: Option<v1::View>, order: v1::ViewOrder) -
         job,
         info,
         samples,
+        frames,
         outputs,
         flow_to,
         tracers,
@@ -252,11 +265,11 @@ async fn add_from_triangles(
 /// Renders a view from triangles, and keeps its frame if the order says so.
 async fn render_direct(node: &Arc<Node>, ordered: &Ordered, mut job: ViewJob) -> Result<Frame, Fault> {
     let exposure = ordered.info.lighting.exposure;
-    let to_keep = from_frames::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
+    let to_keep = from_sources::outputs_to_keep(node, &job, exposure).filter(|_| ordered.keeps_frame);
     job.outputs = to_keep.unwrap_or(job.outputs);
     let frame = render(node, ordered, &[], &job).await?;
     if to_keep.is_some() {
-        from_frames::keep(node, &job, &frame);
+        let _ = from_sources::keep(node, &job, &frame, false);
     }
     Ok(frame)
 }
@@ -280,7 +293,7 @@ async fn render(
         match rendered {
             Ok(Rendered { mut frame, queue_ms }) => {
                 if !job.plan.frames().is_empty() {
-                    from_frames::restore_plan(&mut frame, job, frames);
+                    from_sources::restore_plan(&mut frame, job, frames);
                 }
                 let Provenance { plan, specification, device, .. } = &frame.provenance;
                 if !(ordered.device.is_empty() || ordered.device == *device) {
@@ -315,7 +328,7 @@ async fn render(
     }
 }
 
-/// Gets the samples or the frames of a job. The frames of an order with a fallback must be held.
+/// Gets the samples or the frames of a job. The frames of an order with a fallback are not rendered.
 async fn gather(
     node: &Arc<Node>,
     ordered: &Ordered,
@@ -325,7 +338,8 @@ async fn gather(
     if let Plan::Warp(warp) = &job.plan
         && !warp.frames.is_empty()
     {
-        return from_frames::gather(node, job, warp, &ordered.info, ordered.fallback.is_none()).await;
+        let from = From { others: &ordered.frames, renders: ordered.fallback.is_none() };
+        return from_sources::gather(node, job, warp, &ordered.info, from).await;
     }
     let fetches = needed.iter();
     let fetches = fetches.map(|needed| fetch::at_hand(node.clone(), ordered.info.clone(), needed.clone()));

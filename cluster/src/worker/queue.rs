@@ -63,6 +63,13 @@ pub(super) struct PixelTask {
     pub(super) reply: oneshot::Sender<Result<Pixels, RenderError>>,
 }
 
+/// A direct view that no client waits for, rendered in slices.
+pub(super) struct SlicedTask {
+    pub(super) job: ViewJob,
+    pub(super) claimed: Claimed,
+    pub(super) reply: oneshot::Sender<Result<Frame, RenderError>>,
+}
+
 /// Milliseconds of each visibility backend for a tile of a sample.
 pub(super) type BackendCosts = Vec<(Visibility, f64)>;
 
@@ -104,6 +111,8 @@ pub(super) enum Background {
     MeasureEffects(EffectTrial),
     /// Fill light cells that views lacked.
     FillLight,
+    /// Render a direct view for later views.
+    Sliced(SlicedTask),
     /// Upload a sample to the compositor before views need it. `reply` is sent when this is done or abandoned.
     Hold { info: Arc<SampleSetInfo>, sample: Arc<Sample>, reply: Option<oneshot::Sender<()>> },
     /// Report a measurement. It is queued behind samples that must be uploaded first.
@@ -212,6 +221,12 @@ impl Queue {
     pub(super) fn is_idle(&self) -> bool {
         let waiting = self.state.lock().waiting();
         Waiting { background: 0, ..waiting } == Waiting::default()
+    }
+
+    /// Whether work waits that does not go between slices: orders, and awaited samples.
+    pub(super) fn has_urgent_work(&self) -> bool {
+        let state = self.state.lock();
+        !(state.orders.is_empty() && state.samples.is_empty())
     }
 
     /// Queues the rest of background work, a slice of which is done, before other background work.

@@ -8,6 +8,7 @@ mod holding;
 mod light;
 mod measuring;
 mod roles;
+mod sliced;
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -15,7 +15,7 @@ use futures::{Stream, StreamExt, TryStreamExt};
 use tonic::{Request, Response, Status};
 use tracing::{Instrument, debug_span};
 
-use super::node::{Node, check_specification};
+use super::node::{ActiveRequest, Node, check_specification};
 use super::packed::Chunks as Packed;
 use super::{cells, fetch, trace};
 
@@ -46,6 +46,9 @@ impl Samples for SamplesService {
         let request = request.into_inner();
         let state = request.version.and_then(|version| version.state);
         self.node.transforms.known(state.map_or(0, |state| state.revision)).await?;
+        if request.version.is_some_and(|version| version.number == SampleId::FRAMES) {
+            return self.sources(request, active);
+        }
         let info = check(&self.node, &request)?;
         let have: HashMap<u64, Bytes> =
             request.have.into_iter().map(|held| (held.camera, held.hash)).collect();
@@ -92,17 +95,52 @@ impl Samples for SamplesService {
     }
 }
 
+impl SamplesService {
+    /// Sends sources that are held here.
+    fn sources(
+        &self,
+        request: v1::SubscribeRequest,
+        active: ActiveRequest,
+    ) -> Result<Response<Chunks>, Status> {
+        check_scene(&self.node, &request)?;
+        InvalidField::within("cameras", request.cameras.len(), 1..=MAX_CAMERAS).map_err(Fault::from)?;
+        let node = self.node.clone();
+        let one = move |camera: u64| {
+            let node = node.clone();
+            async move {
+                let id = SampleId { version: SampleId::FRAMES, camera };
+                let held = node.sources.sample(id);
+                let held = held.ok_or_else(|| Fault::NotFound(format!("{id} is not held here")))?;
+                let chunks = node.store.packed(held, &node.packing).await?;
+                Ok::<_, Status>(futures::stream::iter((0..chunks.len()).map(move |i| Ok(chunks[i].clone()))))
+            }
+        };
+        let chunks = futures::stream::iter(request.cameras).then(one).try_flatten();
+        let chunks = chunks.inspect(move |_| {
+            let _active_until_sent = &active;
+        });
+        Ok(Response::new(Box::pin(chunks)))
+    }
+}
+
+/// Checks that a request is of the served scene and specification. Returns the served set.
+fn check_scene(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
+    let (served, _) = node.served.set()?;
+    let scene = scene_hash(&request.scene_hash, "scene_hash")?;
+    if scene != served.scene {
+        return Err(Fault::NotFound(format!("this worker serves no samples of scene {scene}")));
+    }
+    let specification = specification_hash(&request.specification_hash, "specification_hash")?;
+    check_specification(&served, specification)?;
+    Ok(served)
+}
+
 /// Checks a request. Returns the sample set in its version.
 fn check(node: &Node, request: &v1::SubscribeRequest) -> Result<Arc<SampleSetInfo>, Fault> {
     let version = request.version.ok_or_else(|| InvalidField::new("version", "must be given"))?;
-    let scene = scene_hash(&request.scene_hash, "scene_hash")?;
     // Before the version is looked up, whose number means something else in another scene.
-    if scene != node.served.set()?.0.scene {
-        return Err(Fault::NotFound(format!("this worker serves no samples of scene {scene}")));
-    }
+    check_scene(node, request)?;
     let (info, _) = node.served.set_in(version.try_into()?)?;
-    let specification = specification_hash(&request.specification_hash, "specification_hash")?;
-    check_specification(&info, specification)?;
     InvalidField::within("cameras", request.cameras.len(), 1..=MAX_CAMERAS)?;
     for camera in &request.cameras {
         info.camera(*camera)?;

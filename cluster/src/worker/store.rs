@@ -115,6 +115,11 @@ impl Store {
         self.packed.of(sample, packing).await
     }
 
+    /// Caches the chunks of a sample that is kept elsewhere, for forwarding.
+    pub(super) fn keep_packed(&self, id: SampleId, chunks: Chunks) {
+        self.packed.keep(id, chunks);
+    }
+
     /// Inserts a sample received from another worker, and caches its chunks for forwarding.
     pub(super) fn insert_received(&self, (sample, chunks): (Sample, Chunks)) -> Arc<Sample> {
         let sample = self.insert(sample);

@@ -106,12 +106,37 @@ pub enum Received {
 /// Reassembles the samples of a subscription.
 #[derive(Debug)]
 pub struct SampleAssembler {
-    info: SampleSetInfo,
+    due: Due,
     /// Requested samples that have not arrived yet.
     missing: BTreeSet<u64>,
     /// Requested faces.
     faces: FaceMasks,
     partial: Option<(Header, Gather)>,
+}
+
+/// What the samples of a subscription must be.
+#[derive(Debug)]
+enum Due {
+    /// Of a set.
+    Set(Box<SampleSetInfo>),
+    /// A direct frame with this camera.
+    Frame(SampleCamera),
+}
+
+impl Due {
+    fn version(&self) -> u64 {
+        match self {
+            Self::Set(info) => info.version.number,
+            Self::Frame(_) => SampleId::FRAMES,
+        }
+    }
+
+    fn camera(&self, number: u64) -> Result<SampleCamera, InvalidField> {
+        match self {
+            Self::Set(info) => info.camera(number),
+            Self::Frame(camera) => Ok(*camera),
+        }
+    }
 }
 
 /// A checked header.
@@ -141,7 +166,13 @@ impl SampleAssembler {
     /// a header can request.
     pub fn new(info: SampleSetInfo, cameras: impl IntoIterator<Item = u64>) -> Self {
         let missing = cameras.into_iter().collect();
-        Self { info, missing, faces: FaceMasks::default(), partial: None }
+        Self { due: Due::Set(Box::new(info)), missing, faces: FaceMasks::default(), partial: None }
+    }
+
+    /// Accepts a direct frame that serves as a sample.
+    pub fn of_frame(id: SampleId, camera: SampleCamera) -> Self {
+        let missing = BTreeSet::from([id.camera]);
+        Self { due: Due::Frame(camera), missing, faces: FaceMasks::default(), partial: None }
     }
 
     /// Accepts only samples that have these faces.
@@ -157,14 +188,14 @@ impl SampleAssembler {
         match (required(chunk.body, "chunk.body")?, &mut self.partial) {
             (v1::sample_chunk::Body::Header(header), None) => {
                 let id = SampleId::from(required(header.id, "sample.id")?);
-                if id.version != self.info.version.number || !self.missing.contains(&id.camera) {
+                if id.version != self.due.version() || !self.missing.contains(&id.camera) {
                     return Err(WireError::field("sample.id", format!("{id} is not waited for")));
                 }
                 if header.unchanged {
                     self.missing.remove(&id.camera);
                     return Ok(Some(Received::Unchanged(id)));
                 }
-                let header = Header::check(id, header, &self.info)?;
+                let header = Header::check(id, header, &self.due)?;
                 let asked = self.faces.of(id.camera).of_camera(&header.camera);
                 if !header.faces.contains(asked) {
                     let (has, asked) = (header.faces.bits(), asked.bits());
@@ -211,9 +242,9 @@ impl SampleAssembler {
 }
 
 impl Header {
-    fn check(id: SampleId, header: v1::SampleHeader, info: &SampleSetInfo) -> Result<Self, InvalidField> {
+    fn check(id: SampleId, header: v1::SampleHeader, due: &Due) -> Result<Self, InvalidField> {
         let camera: SampleCamera = required(header.camera, "sample.camera")?.try_into()?;
-        let due = info.camera(id.camera)?;
+        let due = due.camera(id.camera)?;
         // Compares kind and size, not all fields: the last bit of a tangent may differ between machines.
         if camera.size() != due.size() || std::mem::discriminant(&camera) != std::mem::discriminant(&due) {
             return Err(InvalidField::new(

@@ -141,11 +141,11 @@ pub fn face_masks(cameras: &[u64], bits: &[u32], field: &'static str) -> Result<
 
 impl From<&FrameSource> for v1::FrameSource {
     fn from(source: &FrameSource) -> Self {
-        let FrameSource { camera, width, height, samples_per_pixel, light } = *source;
+        let FrameSource { camera, width, height, samples_per_pixel, band_rows, light } = *source;
         // A frame with older cells serves no other view.
         let (light, reflections_by_rays, _) = wire_surface_light(light);
         let camera = Some((&camera).into());
-        Self { camera, width, height, samples_per_pixel, light, reflections_by_rays }
+        Self { camera, width, height, samples_per_pixel, light, reflections_by_rays, band_rows }
     }
 }
 
@@ -154,10 +154,18 @@ impl TryFrom<v1::FrameSource> for FrameSource {
 
     /// A frame within the limits of every service; a service checks its own limits.
     fn try_from(wire: v1::FrameSource) -> Result<Self, InvalidField> {
-        let v1::FrameSource { camera, width, height, samples_per_pixel, light, reflections_by_rays } = wire;
+        let v1::FrameSource {
+            camera,
+            width,
+            height,
+            samples_per_pixel,
+            light,
+            reflections_by_rays,
+            band_rows,
+        } = wire;
         let camera = required(camera, "camera")?.try_into()?;
         let light = surface_light(light, reflections_by_rays, false)?;
-        let source = Self { camera, width, height, samples_per_pixel, light };
+        let source = Self { camera, width, height, samples_per_pixel, band_rows, light };
         source.validate(&Limits { max_side: u32::MAX, max_pixels: u64::MAX }).map(|()| source)
     }
 }

@@ -43,6 +43,22 @@ impl GpuSampler {
         Ok(light.into())
     }
 
+    /// What a view in slices asks of light cells.
+    ///
+    /// # Errors
+    /// Those of [`Self::cells_of_view`].
+    pub(super) fn cells_of_slices(&self, view: &ViewJob) -> Result<CellUse, InvalidField> {
+        match self.cells_of_view(view)? {
+            CellUse::Open => Ok(CellUse::Held { rays: u32::MAX, reflected: true }),
+            asked => Ok(asked),
+        }
+    }
+
+    /// Whether bands of a view have to agree on their light of sky and surfaces, since its plan does not name it.
+    pub(super) fn must_agree(&self, view: &ViewJob) -> bool {
+        self.has_cells(view) && view.plan.light().is_none()
+    }
+
     /// A view whose plan says where its light of sky and surfaces was from.
     pub(super) fn says_light(&self, view: &ViewJob) -> ViewJob {
         let light = self.has_cells(view).then(|| self.surface_light()).or(view.plan.light());

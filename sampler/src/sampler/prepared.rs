@@ -41,6 +41,7 @@ impl PreparedSampler {
         let mut sampler = GpuSampler::with_methods(gpu, scene.clone(), settings, methods)?;
         let [width, height] = COMPILED_BY;
         let view = ViewJob {
+            band_rows: 0,
             camera: scene.default_camera(),
             width,
             height,

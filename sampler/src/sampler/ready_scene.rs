@@ -41,12 +41,13 @@ pub(super) struct ReadyScene {
     pub(super) lighting: Lighting,
     light: LightLevel,
     ray_divisor: u32,
-    cells: CellUse,
+    pub(super) cells: CellUse,
     pub(super) reflections: ReflectionLookup,
     /// Maps of what a view's reflectors see, if it is looked up there.
     pub(super) maps: Option<Box<dyn ViewMaps>>,
     pub(super) eye: Eye,
     pub(super) backend: Visibility,
+    is_shaded: bool,
     /// Times of the job's stages so far.
     pub(super) stages: Vec<Stage>,
 }
@@ -110,6 +111,7 @@ impl GpuSampler {
             maps,
             eye,
             backend,
+            is_shaded,
             stages,
         })
     }
@@ -136,6 +138,12 @@ impl GpuSampler {
         self.light(&scene.lighting, scene.light, scene.moment.time_secs, may_lag)?;
         self.divide_rays(scene.ray_divisor);
         self.begin_cells(scene.cells);
+        // Or prepared other reflections.
+        let ReadyScene { lighting, light, reflections, moment, .. } = scene;
+        let lit = LitAt { lighting, light: *light, time_secs: moment.time_secs };
+        if scene.is_shaded {
+            self.prepare_reflections(*reflections, lit, &Cancel::default())?;
+        }
         scene.begin += began.elapsed();
         Ok(())
     }

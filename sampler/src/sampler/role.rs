@@ -81,6 +81,18 @@ impl Sampler for GpuSampler {
         views.iter().map(|view| self.render_view(view, cancel)).collect()
     }
 
+    fn render_view_in_slices(
+        &mut self,
+        view: &ViewJob,
+        cancel: &Cancel,
+        between: BetweenTiles<'_>,
+    ) -> Result<Frame, RenderError> {
+        match view.band_rows > 0 && view.plan.is_whole() {
+            true => self.render_all_pixels(view, cancel, Some(between)),
+            false => self.render_view(view, cancel),
+        }
+    }
+
     fn render_with(&mut self, effects: LightEffects, view: &ViewJob) -> Option<Result<Frame, RenderError>> {
         self.render_with_effects(effects, view)
     }

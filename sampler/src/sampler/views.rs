@@ -9,7 +9,8 @@ use argus_scene::{
 };
 
 use super::gpu_sampler::{GpuSampler, Moment};
-use super::ready_scene::JobScene;
+use super::ready_scene::{BetweenTiles, JobScene};
+use super::slices::Slices;
 use super::surface_programs::ReflectionLookup;
 use crate::enlarge::enlarged;
 use crate::pixel_list::pixel_lists;
@@ -30,14 +31,14 @@ impl GpuSampler {
         let [width, height] = detail.size(size);
         let shaded = view.outputs.within(Outputs::SHADED);
         if [width, height] == size || shaded == Outputs::NONE {
-            return self.render_all_pixels(view, cancel);
+            return self.render_all_pixels(view, cancel, None);
         }
         let camera = detail.camera(view.camera, size);
         let small = ViewJob { camera, width, height, outputs: shaded, ..view.clone() };
-        let small = self.render_all_pixels(&small, cancel)?;
+        let small = self.render_all_pixels(&small, cancel, None)?;
         let light = small.provenance.plan.light();
         let outputs = view.outputs.outside(shaded);
-        let mut frame = self.render_all_pixels(&ViewJob { outputs, ..view.clone() }, cancel)?;
+        let mut frame = self.render_all_pixels(&ViewJob { outputs, ..view.clone() }, cancel, None)?;
         // What lit the colours; the other images have no light.
         frame.provenance.plan = frame.provenance.plan.with_light(light);
         timing::add(&mut frame.stages, small.stages);
@@ -54,13 +55,16 @@ impl GpuSampler {
         Ok(frame)
     }
 
-    /// Renders each pixel of a direct view. Range has one ray a pixel, through the pixel's centre.
+    /// Renders each pixel of a direct view. Range has one ray a pixel, through the pixel's centre. With `between`, other work runs between
+    /// the view's bands.
     pub(super) fn render_all_pixels(
         &mut self,
         view: &ViewJob,
         cancel: &Cancel,
+        between: Option<BetweenTiles<'_>>,
     ) -> Result<Frame, RenderError> {
         let side = grid_side(&view.plan)?;
+        let tile_side = side;
         let size = checked_size(view.width, view.height)?;
         let faces = faces_of(view.camera, size);
         let lens = (!view.camera.is_pinhole())
@@ -71,7 +75,10 @@ impl GpuSampler {
             lighting: None,
             light: view.state.light,
             ray_divisor: detail_of(&view.plan).ray_divisor(),
-            cells: self.cells_of_view(view)?,
+            cells: match between {
+                Some(_) => self.cells_of_slices(view)?,
+                None => self.cells_of_view(view)?,
+            },
             reflections: ReflectionLookup::of_view(view.reflections),
             // Rays of other lenses are traced on the CPU.
             visibility: if lens.is_some() { Visibility::Cpu } else { view.visibility },
@@ -82,23 +89,33 @@ impl GpuSampler {
             self.see_reflectors(view, (&faces, lens.as_ref()), &mut scene);
         }
         let defers = matches!(scene.reflections, ReflectionLookup::View(_));
+        let mut slices = between.map(|between| Slices::new(view, between));
         let mut render = |side, outputs: Outputs| -> Result<Images, RenderError> {
             let image = |output: Output| (output, Image::new(size, output.pixel_bytes()));
             let mut images: Vec<(Output, Image)> = outputs.iter().map(image).collect();
             // Rays of reflections are in memory, a tile's at once.
             let bands =
                 |tile: Tile| if defers { tile.bands(REFLECTING_SUB_SAMPLES).collect() } else { vec![tile] };
-            let tiles: Vec<Tile> = tiles(&faces, side).into_iter().flat_map(bands).collect();
+            let tiles: Vec<Tile> = tiles(&faces, side)
+                .into_iter()
+                .flat_map(|tile| bands_of_view(tile, view, tile_side))
+                .flat_map(bands)
+                .collect();
             let output = PartOutput::Pixels(outputs);
             let mut place = |part: &Part, mut pixels: Images| {
                 for (output, image) in &mut images {
                     pixels[*output].take().into_iter().for_each(|pixels| image.place(part.tile(), pixels));
                 }
             };
-            match &lens {
-                None => self.render_image(&mut scene, &Part::of_tiles(tiles), output, cancel, place)?,
+            match (&lens, &mut slices) {
+                (None, Some(slices)) => {
+                    slices.render(self, &mut scene, &Part::of_tiles(tiles), output, cancel, place)?;
+                }
+                (None, None) => {
+                    self.render_image(&mut scene, &Part::of_tiles(tiles), output, cancel, place)?
+                }
                 // One after another, because directions take memory.
-                Some(rays) => {
+                (Some(rays), _) => {
                     for tile in tiles {
                         let part = [Part::Rays(RayTile::new(rays, tile))];
                         self.render_image(&mut scene, &part, output, cancel, &mut place)?;
@@ -126,7 +143,11 @@ impl GpuSampler {
         )?;
         images.take_over(geometry);
         let specification = self.specification(view, scene.backend);
-        let (lit, device) = (self.says_light(view), self.gpu.kind());
+        let lit = match slices {
+            Some(slices) => slices.says_light(view),
+            None => self.says_light(view),
+        };
+        let device = self.gpu.kind();
         Ok(frame(&lit, &self.scene, specification, device, images, scene.into_stages()))
     }
 
@@ -209,6 +230,15 @@ fn checked_size(width: u32, height: u32) -> Result<[u32; 2], InvalidField> {
     match width == 0 || height == 0 {
         true => Err(InvalidField::new("width", "width and height must be at least 1")),
         false => Ok([width, height]),
+    }
+}
+
+/// A tile of a pass of a direct view, in its bands if the view has bands. `side`: sub-samples along a side of a pixel of the view's colours.
+/// Passes with fewer have higher bands.
+fn bands_of_view(tile: Tile, view: &ViewJob, side: u32) -> Vec<Tile> {
+    match view.band_rows {
+        0 => vec![tile],
+        rows => tile.rows(rows * (side / tile.side).max(1).pow(2)).collect(),
     }
 }
 

@@ -25,6 +25,7 @@ mod reflecting;
 mod reflections;
 mod rooms;
 mod sight;
+mod slices;
 mod small_scene;
 mod texels;
 mod textures;

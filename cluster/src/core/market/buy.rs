@@ -74,7 +74,14 @@ pub fn eye_sample(view: &FrameSource, kind: Purchasable) -> FrameSource {
     let grown = |side: u32| (f64::from(side) * BORDER).round().min(f64::from(u32::MAX)) as u32;
     let (width, height) = (grown(view.width).max(1), grown(view.height).max(1));
     let camera = with_size(view.camera, [view.width, view.height], [width, height]);
-    FrameSource { camera, width, height, samples_per_pixel: kind.samples_per_pixel(), light: None }
+    FrameSource {
+        camera,
+        width,
+        height,
+        samples_per_pixel: kind.samples_per_pixel(),
+        band_rows: 0,
+        light: None,
+    }
 }
 
 /// A pinhole camera whose image of another size has the same pixels in its middle.
@@ -226,7 +233,7 @@ mod tests {
 
     fn view(x: f64) -> FrameSource {
         let camera = Camera::look_at(DVec3::X * x, DVec3::NEG_Z);
-        FrameSource { camera, width: 200, height: 150, samples_per_pixel: 1, light: None }
+        FrameSource { camera, width: 200, height: 150, samples_per_pixel: 1, band_rows: 0, light: None }
     }
 
     fn gain(error: f64, secs: f64) -> [Gain; 2] {

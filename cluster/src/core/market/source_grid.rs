@@ -237,7 +237,14 @@ mod tests {
     }
 
     fn source(camera: Camera) -> FrameSource {
-        FrameSource { camera, width: SIZE[0], height: SIZE[1], samples_per_pixel: 1, light: None }
+        FrameSource {
+            camera,
+            width: SIZE[0],
+            height: SIZE[1],
+            samples_per_pixel: 1,
+            band_rows: 0,
+            light: None,
+        }
     }
 
     /// The grid of a source at `eye` that looks along −z at a wall at this distance, on one half perhaps at another one.

@@ -268,8 +268,14 @@ impl Run {
         }
         if order.keeps_frame && kind == Kind::Full {
             let camera = self.camera(viewer);
-            let source =
-                FrameSource { camera, width: SIZE[0], height: SIZE[1], samples_per_pixel: 1, light: None };
+            let source = FrameSource {
+                camera,
+                width: SIZE[0],
+                height: SIZE[1],
+                samples_per_pixel: 1,
+                band_rows: 0,
+                light: None,
+            };
             self.keep(id, source, order.state, (false, 0.0));
         }
         self.take_orders();

@@ -50,7 +50,7 @@ pub(super) fn ask_after(sim: &mut Sim, view: &View, last: Option<LastView>) -> V
 /// A worker reports that it holds a source at the eye of a view, five metres before a wall.
 fn hold(sim: &mut Sim, worker: WorkerId, view: &View, samples_per_pixel: u32) -> FrameSource {
     let View { camera, width, height, .. } = *view;
-    let source = FrameSource { camera, width, height, samples_per_pixel, light: None };
+    let source = FrameSource { camera, width, height, samples_per_pixel, band_rows: 0, light: None };
     let held = HeldSource {
         id: SampleId { version: SampleId::FRAMES, camera: source.number() },
         source,

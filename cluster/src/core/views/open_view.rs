@@ -47,8 +47,14 @@ impl OpenView {
             return None;
         }
         let View { camera, width, height, ref plan, .. } = *view;
-        let direct =
-            FrameSource { camera, width, height, samples_per_pixel: samples_per_pixel(plan), light: None };
+        let direct = FrameSource {
+            camera,
+            width,
+            height,
+            samples_per_pixel: samples_per_pixel(plan),
+            band_rows: 0,
+            light: None,
+        };
         let stands = |last: &LastView| {
             let same = |a: &View| (a.camera, a.width, a.height, a.plan) == (camera, width, height, *plan);
             same(&last.view).then(|| {

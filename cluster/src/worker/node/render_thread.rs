@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use argus_proto::Fault;
 use argus_proto::trace::{self, TARGET};
-use argus_scene::{FaceMask, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, ViewJob};
+use argus_scene::{FaceMask, Frame, PixelJob, Pixels, RenderError, Sample, SampleId, SampleSetInfo, ViewJob};
 use tokio::sync::{Notify, oneshot};
 use tracing::{Span, debug_span};
 
@@ -15,7 +15,7 @@ use crate::worker::claim::claim;
 use crate::worker::config::RETRY;
 use crate::worker::policy::Waiting;
 use crate::worker::queue::{
-    BackendCosts, Background, PixelTask, Queue, Rendered, SampleTask, ViewTask, Work,
+    BackendCosts, Background, PixelTask, Queue, Rendered, SampleTask, SlicedTask, ViewTask, Work,
 };
 use crate::worker::store::Store;
 
@@ -92,6 +92,25 @@ impl RenderThread {
         let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
         drop(waiting);
         self.served.check_scene(&info)?;
+        Ok(rendered?)
+    }
+
+    /// Renders a direct view that no client waits for, in slices between views. Dropping the future cancels it.
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`] if other work needs the render thread; [`Fault::Unavailable`] if another scene is served meanwhile;
+    /// else the error of rendering.
+    pub(in crate::worker) async fn render_in_slices(
+        &self,
+        job: ViewJob,
+        info: &Arc<SampleSetInfo>,
+    ) -> Result<Frame, Fault> {
+        let (reply, done) = oneshot::channel();
+        let (waiting, claimed) = claim();
+        self.queue.push_background(Background::Sliced(SlicedTask { job, claimed, reply }));
+        let rendered = done.await.unwrap_or_else(|_| Err(stopped()));
+        drop(waiting);
+        self.served.check_scene(info)?;
         Ok(rendered?)
     }
 

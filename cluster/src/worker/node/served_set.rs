@@ -9,9 +9,9 @@ use argus_scene::{
 };
 use parking_lot::Mutex;
 
-use crate::worker::frames::FrameStore;
 use crate::worker::histories::Histories;
 use crate::worker::queue::{Queue, Work};
+use crate::worker::sources::SourceStore;
 use crate::worker::store::Store;
 
 /// Greatest number of versions that are kept: those of views in work, and the next ones.
@@ -22,7 +22,7 @@ pub(in crate::worker) struct ServedSet {
     queue: Arc<Queue>,
     store: Arc<Store>,
     histories: Arc<Histories>,
-    frames: Arc<FrameStore>,
+    sources: Arc<SourceStore>,
     state: Mutex<State>,
 }
 
@@ -43,9 +43,9 @@ impl ServedSet {
         queue: Arc<Queue>,
         store: Arc<Store>,
         histories: Arc<Histories>,
-        frames: Arc<FrameStore>,
+        sources: Arc<SourceStore>,
     ) -> Self {
-        Self { queue, store, histories, frames, state: Mutex::default() }
+        Self { queue, store, histories, sources, state: Mutex::default() }
     }
 
     /// The served set, and the limits of a view's size.
@@ -149,7 +149,7 @@ impl ServedSet {
             self.store.clear();
             state.versions.iter().for_each(|set| self.store.begin_version(set.version));
             self.histories.clear();
-            self.frames.clear();
+            self.sources.clear();
         } else if state.set.as_ref().is_some_and(|old| old.version.number < set.version.number) {
             state.set = Some(set);
         }

@@ -14,7 +14,7 @@ use tracing::{debug, warn};
 
 use super::{Renderer, ms_since};
 use crate::core::quality::Cost;
-use crate::worker::frames::set_of_frames;
+use crate::worker::sources::set_of_sources;
 use crate::worker::view_costs::ViewKind;
 use crate::worker::warm::{SIZES, fastest, view};
 
@@ -32,7 +32,7 @@ impl Renderer {
         let frames = frames.inspect_err(|error| warn!(%error, "views from frames cannot be measured"));
         let Ok(frames) = frames else { return };
         let began = Instant::now();
-        let set = Arc::new(set_of_frames(info, self.queue.usual_visibility()));
+        let set = Arc::new(set_of_sources(info, self.queue.usual_visibility()));
         let cost =
             self.composing(|compositor, between| measured(compositor, &set, frames, between)).flatten();
         debug!(ms = ms_since(began), ?cost, "views from frames measured");
@@ -49,7 +49,8 @@ impl Renderer {
         SIZES
             .into_iter()
             .map(|[width, height]| {
-                let source = FrameSource { camera, width, height, samples_per_pixel: 1, light: None };
+                let source =
+                    FrameSource { camera, width, height, samples_per_pixel: 1, band_rows: 0, light: None };
                 let direct = view(info, camera, [width, height], source.plan(), visibility);
                 let job = ViewJob { outputs: Outputs::COLOR.with(Output::Range), ..direct };
                 let frames = self.guarded(|own| {

@@ -114,6 +114,7 @@ impl Renderer {
             Background::MeasureDirect => self.measure_direct(),
             Background::MeasureEffects(trial) => self.measure_effects(trial),
             Background::FillLight => self.fill_light(),
+            Background::Sliced(task) => self.sliced(task),
             Background::Measured { warp_cost, backend_costs, reply } => {
                 self.meter.set_cost(ViewKind::Warp, warp_cost);
                 // The receiver is gone if a newer assignment arrived.

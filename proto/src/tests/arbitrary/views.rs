@@ -73,6 +73,7 @@ fn frame_source() -> impl Strategy<Value = FrameSource> {
         width,
         height,
         samples_per_pixel: side * side,
+        band_rows: height / side,
         light: None,
     })
 }

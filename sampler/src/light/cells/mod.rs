@@ -243,8 +243,15 @@ impl LightCells {
     /// The answers of the job's own pixels; `None` if it is lit by rays.
     fn of_pixels(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let light = match (state.job.asked, state.job.found) {
+            (CellUse::Later, _) => {
+                self.ask(state, question);
+                None
+            }
             (CellUse::Rays, _) | (_, Some(None)) => None,
             (CellUse::Whole { rays, .. }, _) => Some((tier_of(rays), None)),
+            (CellUse::Held { rays, .. }, None) => {
+                self.held(state, question, tier_of(rays)).map(|(tier, answers)| (tier, Some(answers)))
+            }
             (_, Some(Some(tier))) if state.job.shows_older => {
                 Some((tier, Some(self.older_answers(state, question, tier))))
             }
@@ -268,16 +275,20 @@ impl LightCells {
     /// whose own pixels have cells does not wait for those of its reflections.
     fn of_reflected(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let has_cells = match (state.job.asked, state.job.reflected) {
-            (CellUse::Rays, _) => return None,
+            (CellUse::Rays | CellUse::Later, _) => return None,
             // Nothing is filled from light of an earlier pose.
             (CellUse::Open, _) if state.job.lags => return None,
             (CellUse::Whole { reflected, .. }, _) => Some(reflected),
+            (CellUse::Held { reflected: false, .. }, _) => Some(false),
+            (CellUse::Held { .. }, _) if state.job.found.flatten().is_none() => Some(false),
+            (CellUse::Held { .. }, known) => known,
             (CellUse::Open, _) if state.job.found.flatten().is_none() => Some(false),
             (CellUse::Open, known) => known,
         };
         let answers = match has_cells {
             Some(true) => self.answers(state, question, 0, f64::INFINITY),
             Some(false) => None,
+            None if state.job.asked != CellUse::Open => self.answers(state, question, 0, 0.0),
             None => self.answers_soon(state, question, 0, &self.corners_of(state, question)),
         };
         if state.job.asked == CellUse::Open && has_cells == Some(false) {
@@ -285,6 +296,12 @@ impl LightCells {
         }
         state.job.reflected = Some(answers.is_some());
         answers
+    }
+
+    /// The best tier up to `most` that a view has without filling anything, with its answers.
+    fn held(&self, state: &mut State, question: Question<'_>, most: usize) -> Option<(usize, Vec<Answer>)> {
+        let most = most.min(tier_of(self.settings.rays));
+        (0..=most).rev().find_map(|tier| Some((tier, self.answers(state, question, tier, 0.0)?)))
     }
 
     /// The best tier that a view has, with its answers; `None` if it has none and waits for none.

@@ -151,7 +151,8 @@ impl LightCells {
         let mut state = self.state();
         let corners = sorted(numbers.iter().copied().filter_map(CellKey::from_number).collect());
         let ms = state.costs[0] * corners.len() as f64;
-        let are_few = outcome.lacking <= MOST_LACKING && ms <= VIEW_FILLS_MS;
+        let waits = !matches!(state.job.asked, CellUse::Held { .. });
+        let are_few = waits && outcome.lacking <= MOST_LACKING && ms <= VIEW_FILLS_MS;
         let fills = matches!(lookup.wanted, Wanted::Tier(_)) || lookup.wanted != Wanted::Later && are_few;
         if !fills || corners.is_empty() {
             state.queue.add(corners);
@@ -183,12 +184,13 @@ impl Job {
     /// What its own pixels want, of which `best` is the best tier; `None` if rays light them.
     fn wanted(&mut self, best: usize) -> Option<Wanted> {
         match (self.asked, self.found) {
-            (CellUse::Rays, _) | (_, Some(None)) => {
+            (CellUse::Rays | CellUse::Later, _) | (_, Some(None)) => {
                 self.found = Some(None);
                 None
             }
             (CellUse::Whole { rays, .. }, _) => Some(Wanted::Tier(tier_of(rays))),
-            (CellUse::Open, Some(Some(tier))) => Some(Wanted::Tier(tier)),
+            (CellUse::Open | CellUse::Held { .. }, Some(Some(tier))) => Some(Wanted::Tier(tier)),
+            (CellUse::Held { rays, .. }, None) => Some(Wanted::Best(best.min(tier_of(rays)))),
             (CellUse::Open, None) => Some(Wanted::Best(best)),
         }
     }
@@ -197,15 +199,21 @@ impl Job {
     /// have cells does not wait for those of its reflections.
     fn wanted_of_reflected(&mut self) -> Option<Wanted> {
         match (self.asked, self.reflected) {
-            (CellUse::Rays, _) => None,
+            (CellUse::Rays | CellUse::Later, _) => None,
             (CellUse::Whole { reflected, .. }, _) => {
                 self.reflected = Some(reflected);
                 reflected.then_some(Wanted::Tier(0))
             }
-            (CellUse::Open, _) if self.found.flatten().is_none() => Some(Wanted::Later),
-            (CellUse::Open, Some(true)) => Some(Wanted::Tier(0)),
-            (CellUse::Open, Some(false)) => Some(Wanted::Later),
-            (CellUse::Open, None) => Some(Wanted::Best(0)),
+            (CellUse::Held { reflected: false, .. }, _) => {
+                self.reflected = Some(false);
+                None
+            }
+            (CellUse::Open | CellUse::Held { .. }, _) if self.found.flatten().is_none() => {
+                Some(Wanted::Later)
+            }
+            (CellUse::Open | CellUse::Held { .. }, Some(true)) => Some(Wanted::Tier(0)),
+            (CellUse::Open | CellUse::Held { .. }, Some(false)) => Some(Wanted::Later),
+            (CellUse::Open | CellUse::Held { .. }, None) => Some(Wanted::Best(0)),
         }
     }
 }

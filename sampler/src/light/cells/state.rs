@@ -35,8 +35,18 @@ const FIRST_GUESS_MS: f64 = 0.05;
 pub(crate) enum CellUse {
     /// Rays from each pixel.
     Rays,
+    /// Rays from each pixel. Cells that lack are filled beside views.
+    Later,
     /// Cells of the best tier that all of the view has, or soon would have; else rays.
     Open,
+    /// Cells of the best tier that all of the view has, at most of so many rays; else rays. Nothing is filled for it, and what lacks is
+    /// filled beside views.
+    Held {
+        /// As in [`Self::Whole`].
+        rays: u32,
+        /// Whether reflected points may take cells.
+        reflected: bool,
+    },
     /// Cells of so many rays. Those that lack are filled first.
     Whole {
         /// 16, 64 or 256; others count as the next lower one.

@@ -40,6 +40,7 @@ pub(crate) fn view_job(camera: Camera, size: [u32; 2], samples_per_pixel: u32) -
         height: size[1],
         outputs: Outputs::COLOR.with(Output::Range),
         plan: Plan::direct(samples_per_pixel),
+        band_rows: 0,
         state: SceneState::default(),
         time_secs: 0.0,
         reflections: None,
