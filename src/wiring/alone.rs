@@ -101,6 +101,7 @@ impl Alone {
             time_secs: epoch as f64 * set.epoch_secs,
             visibility: self.sampler.usual_visibility(),
             reflections: set.reflections,
+            band_rows: 0,
             history: None,
             rays: view.rays.clone(),
         };
