@@ -35,6 +35,8 @@ pub struct Plot {
     pub guides: Vec<(f64, String)>,
     /// Whether the legend is at the upper left, where rising series leave space, or at the upper right.
     pub rises: bool,
+    /// Space above the series for the legend, as a share of their height.
+    pub headroom: f64,
 }
 
 /// An axis of a plot.
@@ -197,6 +199,7 @@ impl Plot {
         let guides = self.guides.iter().map(|guide| guide.0);
         let x = Scale::over(&self.x, points().map(|p| p.0).chain(guides));
         let y = Scale::over(&self.y, points().map(|p| p.1));
+        let y = Scale { most: y.most + self.headroom * (y.most - y.least), ..y };
         let place = |&(px, py): &(f64, f64)| Some((x.at(px)?, y.at(py)?));
         area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)

@@ -207,8 +207,9 @@ pub(crate) async fn run(args: Args) -> anyhow::Result<()> {
     tokio::task::spawn_blocking(move || cluster.stop()).await??;
     progress.finish_and_clear();
 
+    let named = scene.rsplit(['/', std::path::MAIN_SEPARATOR]).next().unwrap_or(&scene);
     let title = format!(
-        "{scene}: {viewers} viewers of {}x{}, walk {}, {workers} workers",
+        "{named}: {viewers} viewers of {}x{}, walk {}, {workers} workers",
         size[0], size[1], args.walk
     );
     pictures::write_images(&args.out, &title, &sheet)?;

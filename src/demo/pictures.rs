@@ -54,9 +54,11 @@ pub(crate) fn write_curves<'a>(
         p50.extend(shifted(timeline.latency(0.5)));
         p99.extend(shifted(timeline.latency(0.99)));
         excess.extend(shifted(timeline.excess()));
-        guides.push((begin, format!("{:.1} times what triangles carry", phase.rate.times())));
+        guides.push((begin, format!("{:.1} times", phase.rate.times())));
         begin += phase.outcome.seconds;
     }
+    // Both plots end there.
+    guides.push((begin, String::new()));
     let line = |name: &str, points: Vec<(f64, f64)>| Series { name: name.to_owned(), points, line: true };
     let mut latency = vec![line("as Argus decides, p50", p50), line("as Argus decides, p99", p99)];
     if let Some(direct) = direct {
@@ -73,6 +75,7 @@ pub(crate) fn write_curves<'a>(
             y: Axis::log("latency, milliseconds"),
             series: latency,
             guides: guides.clone(),
+            headroom: 0.4,
             ..Plot::default()
         },
         Plot {
@@ -82,6 +85,7 @@ pub(crate) fn write_curves<'a>(
             y: Axis::linear("mean FLIP, excess"),
             series: vec![line("as Argus decides", excess), zero],
             guides: guides.into_iter().map(|(at, _)| (at, String::new())).collect(),
+            headroom: 0.4,
             ..Plot::default()
         },
     ];

@@ -46,15 +46,18 @@ fn a_second_run_with_equal_rates_needs_no_new_references() {
     let folder = tempfile::tempdir().unwrap();
     let (out, kept) = (folder.path().join("out"), folder.path().join("kept"));
     let run = || {
-        let rates = ["--walk", "roam", "--rate", "4,8", "--seconds", "1", "--judged", "4", "--no-direct", "--quick"];
+        let rates =
+            ["--walk", "roam", "--rate", "4,8", "--seconds", "1", "--judged", "4", "--no-direct", "--quick"];
         let mut arguments = vec!["demo", "--scene", SMALL, "--out", out.to_str().unwrap(), "--json"];
         arguments.extend(rates);
         arguments.extend(["--references", kept.to_str().unwrap()]);
         let figures = json(&arguments);
         assert!(figures["direct"].is_null() && figures["more"].as_array().unwrap().len() == 1, "{figures:#}");
         let scenes = std::fs::read_dir(&kept).unwrap().map(|scene| scene.unwrap().path());
-        let mut files: Vec<_> =
-            scenes.flat_map(|scene| std::fs::read_dir(scene).unwrap()).map(|file| file.unwrap().path()).collect();
+        let mut files: Vec<_> = scenes
+            .flat_map(|scene| std::fs::read_dir(scene).unwrap())
+            .map(|file| file.unwrap().path())
+            .collect();
         files.retain(|file| file.extension().is_some_and(|kind| kind == "png"));
         files.len()
     };
