@@ -10,7 +10,7 @@ use crate::demo::judge::Row;
 use crate::demo::phase::{Outcome, Phase};
 use crate::{output, sheet};
 
-/// Writes the images of all rows and the contact sheet into a folder: a column for each phase.
+/// Writes the images of all rows and the contact sheet into a folder.
 pub(crate) fn write_images(folder: &Path, title: &str, phases: &[(String, Vec<Row>)]) -> anyhow::Result<()> {
     for (i, row) in phases.iter().flat_map(|(_, rows)| rows).enumerate() {
         write(folder, &format!("view-{i:02}.png"), &row.shown)?;
@@ -29,8 +29,13 @@ pub(crate) fn write_images(folder: &Path, title: &str, phases: &[(String, Vec<Ro
         ],
         caption: row.caption.clone(),
     };
-    let columns: Vec<(String, Vec<sheet::Entry>)> =
-        phases.iter().map(|(heading, rows)| (heading.clone(), rows.iter().map(entry).collect())).collect();
+    // One phase takes two columns, so that the sheet is not twice as high.
+    let parts = if phases.len() == 1 { 2 } else { 1 };
+    let columns = phases.iter().flat_map(|(heading, rows)| {
+        let part = rows.len().div_ceil(parts).max(1);
+        rows.chunks(part).map(|rows| (heading.clone(), rows.iter().map(entry).collect::<Vec<_>>()))
+    });
+    let columns: Vec<_> = columns.collect();
     write(folder, "contact-sheet.png", &sheet::draw(title, HEADINGS, MISSING, &columns))
 }
 
