@@ -17,7 +17,7 @@ pub(crate) use self::camera::{Picture, Viewpoint, flags_of};
 pub(crate) use self::lens::LensArgs;
 pub use self::passed_on::PassedOn;
 pub use self::plan::search;
-pub(crate) use self::plan::{Plan, output};
+pub(crate) use self::plan::{Plan, output, walk};
 pub(crate) use self::pose::{Axes, placed, pose_of};
 pub use self::samples::Rig;
 pub(crate) use self::samples::{Rendering, Samples, effects, exposure, light};

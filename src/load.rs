@@ -1,11 +1,10 @@
 //! `argus load`: many clients at once, and the outcome of their views.
 
 use std::collections::HashSet;
-use std::sync::Arc;
 use std::time::Duration;
 
 use argus_client::load::{
-    self, CameraPath, Ended, IN_FLIGHT, LatencyMs, LoadOptions, LoadReport, Mode, burst, path_views,
+    self, Ended, IN_FLIGHT, LatencyMs, LoadOptions, LoadReport, Mode, WalkKind, burst, path_views,
 };
 use argus_client::{Client, RenderOptions};
 use argus_scene::FrameDigest;
@@ -17,7 +16,7 @@ use crate::{args, output};
 
 /// Loads a service with many clients, and counts how many views are answered and how late.
 ///
-/// Each client walks its own path around the scene's suggested viewpoints. Views are due at fixed times, and latency counts from
+/// The clients walk through the scene's free space, which range views show beforehand. Views are due at fixed times, and latency counts from
 /// the due time, so that a stall of the service shows in full. With --views, a fixed number of views is requested as fast as they
 /// are answered.
 #[derive(clap::Args)]
@@ -46,6 +45,10 @@ pub(crate) struct Args {
     /// Views a second of each client
     #[arg(long, value_name = "FPS", default_value = "10", value_parser = args::positive)]
     rate: f64,
+    /// How the clients move: loop (each about a viewpoint), roam (groups walk through the scene and do not come back the same way),
+    /// jumps (each stands for three seconds, then elsewhere) or rest (each stands at a viewpoint)
+    #[arg(long, value_name = "WALK", default_value_t = WalkKind::Loop, value_parser = args::walk(), conflicts_with = "views")]
+    walk: WalkKind,
     /// Use one session a client: a newer camera supersedes an older one, so that a slow client gets fewer frames
     #[arg(long)]
     sessions: bool,
@@ -125,15 +128,14 @@ async fn steady(client: &Client, args: &Args) -> anyhow::Result<Report> {
         deadline: duration(args.timeout),
         ..LoadOptions::default()
     };
-    let description = client.description().clone();
-    let cameras = move |index, secs| CameraPath::new(&description, index).camera(secs);
+    let cameras = load::walk(client, args.walk, options.duration).await?;
     let mut distinct = HashSet::new();
     let seen = |ended: Ended| {
         if let Ok(frame) = &ended.outcome {
             distinct.insert(frame.images.digest());
         }
     };
-    let load = load::run_along(client, &options, Arc::new(cameras), seen).await?;
+    let load = load::run_along(client, &options, cameras, seen).await?;
     Ok(Report { load, total_secs: seconds, distinct_frames: distinct.len(), digest: None })
 }
 

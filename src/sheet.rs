@@ -9,6 +9,7 @@ use embedded_graphics::mono_font::MonoTextStyle;
 use embedded_graphics::mono_font::ascii::FONT_9X15;
 use embedded_graphics::pixelcolor::{Rgb888, RgbColor};
 use embedded_graphics::text::{Baseline, Text};
+use image::imageops::FilterType;
 use image::{GenericImage, Rgb, RgbImage};
 
 /// Pixels between images.
@@ -18,46 +19,69 @@ const LINE: u32 = 20;
 const PAPER: Rgb<u8> = Rgb([24, 25, 28]);
 const INK: Rgb888 = Rgb888::new(225, 225, 225);
 
-/// One viewer's row: three images of the same size and a caption.
-pub(crate) struct Entry<'a> {
-    /// The view that is judged.
-    pub(crate) shown: &'a RgbImage,
-    /// Its reference.
-    pub(crate) reference: &'a RgbImage,
-    /// Their FLIP map.
-    pub(crate) difference: &'a RgbImage,
+/// A row of the sheet: images that belong together, and a caption.
+pub(crate) struct Entry {
+    /// The images; a missing one leaves its place to a note.
+    pub(crate) images: [Option<RgbImage>; 4],
     /// A short caption; the part that does not fit is cut off.
     pub(crate) caption: String,
 }
 
-/// Arranges entries of equal image size under a title, in a nearly square sheet.
-pub(crate) fn draw(title: &str, entries: &[Entry<'_>]) -> RgbImage {
-    let (width, height) = entries
-        .iter()
-        .fold((1, 1), |(w, h), entry| (entry.shown.width().max(w), entry.shown.height().max(h)));
-    let (entry_width, entry_height) = (3 * (width + GAP) + 3 * GAP, height + LINE + 2 * GAP);
-    let columns = columns(entries.len() as u32, entry_width, entry_height);
-    let rows = (entries.len() as u32).div_ceil(columns);
+/// Arranges rows in columns, each under its own heading, below a title. `headings` say what the images of a row are, `missing` stands in
+/// the place of an image that there is none of. Images larger than the second of the first row are scaled to its size.
+pub(crate) fn draw(
+    title: &str,
+    headings: [&str; 4],
+    missing: [&str; 2],
+    columns: &[(String, Vec<Entry>)],
+) -> RgbImage {
+    let shown = columns.iter().flat_map(|(_, entries)| entries).find_map(|entry| entry.images[1].as_ref());
+    let (width, height) = shown.map_or((1, 1), RgbImage::dimensions);
+    // Words need a least width.
+    let cell = width.max(18 * FONT_9X15.character_size.width);
+    let (entry_width, entry_height) = (4 * (cell + GAP) + 6 * GAP, height + LINE + 3 * GAP);
+    let rows = columns.iter().map(|(_, entries)| entries.len() as u32).max().unwrap_or_default();
+    let top = 3 * LINE + 5 * GAP;
     let mut canvas = Canvas(RgbImage::from_pixel(
-        columns * entry_width + 2 * GAP,
-        rows * entry_height + 2 * LINE + 4 * GAP,
+        columns.len() as u32 * entry_width + 2 * GAP,
+        top + rows * entry_height + GAP,
         PAPER,
     ));
+    let most = |width: u32| (width / FONT_9X15.character_size.width) as usize;
+    let fitting = |text: &str, width: u32| text.chars().take(most(width)).collect::<String>();
     canvas.text(title, 2 * GAP, 2 * GAP);
-    for column in 0..columns {
-        for (i, heading) in ["by default", "reference", "FLIP error"].into_iter().enumerate() {
-            canvas.text(heading, column * entry_width + 2 * GAP + i as u32 * (width + GAP), LINE + 2 * GAP);
+    for (column, (heading, entries)) in (0..).zip(columns) {
+        let left = column * entry_width + 2 * GAP;
+        canvas.text(&fitting(heading, entry_width - 6 * GAP), left, LINE + 3 * GAP);
+        for (i, heading) in (0..).zip(headings) {
+            canvas.text(&fitting(heading, cell), left + i * (cell + GAP), 2 * LINE + 3 * GAP);
         }
-    }
-    for (i, entry) in (0..).zip(entries) {
-        let left = (i % columns) * entry_width + 2 * GAP;
-        let top = (i / columns) * entry_height + 2 * LINE + 2 * GAP;
-        for (j, image) in (0..).zip([entry.shown, entry.reference, entry.difference]) {
-            canvas.image(image, left + j * (width + GAP), top);
+        for (row, entry) in (0..).zip(entries) {
+            let top = top + row * entry_height;
+            for (i, image) in (0..).zip(&entry.images) {
+                let left = left + i * (cell + GAP);
+                match image {
+                    Some(image) => canvas.image(&fit(image, width, height), left, top),
+                    None => (0..).zip(missing).for_each(|(line, text)| {
+                        canvas.text(text, left, top + height / 2 - LINE + line * LINE);
+                    }),
+                }
+            }
+            canvas.text(&fitting(&entry.caption, entry_width - 6 * GAP), left, top + height + 2);
         }
-        canvas.text(&entry.caption, left, top + height + 2);
     }
     canvas.0
+}
+
+/// An image that is no larger than a size.
+fn fit(image: &RgbImage, width: u32, height: u32) -> RgbImage {
+    if image.width() <= width && image.height() <= height {
+        return image.clone();
+    }
+    let scale =
+        (f64::from(width) / f64::from(image.width())).min(f64::from(height) / f64::from(image.height()));
+    let scaled = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
+    image::imageops::resize(image, scaled(image.width()), scaled(image.height()), FilterType::Triangle)
 }
 
 /// Arranges images under their captions, in rows of `columns`. A caption that does not fit is cut off.
@@ -76,15 +100,6 @@ pub fn tiles(tiles: &[(String, RgbImage)], columns: u32) -> RgbImage {
         canvas.image(image, left, top + LINE);
     }
     canvas.0
-}
-
-/// The number of columns that makes the sheet closest to a square.
-fn columns(entries: u32, width: u32, height: u32) -> u32 {
-    let stretch = |columns: u32| {
-        let rows = entries.max(1).div_ceil(columns);
-        (f64::from(columns * width) / f64::from(rows * height)).ln().abs()
-    };
-    (1..=entries.max(1)).min_by(|&a, &b| stretch(a).total_cmp(&stretch(b))).unwrap_or(1)
 }
 
 /// An image for drawing text.
@@ -134,25 +149,37 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_image_and_caption_is_on_the_sheet() {
-        let fill = |r| RgbImage::from_pixel(20, 15, Rgb([r, 0, 0]));
-        let images: Vec<[RgbImage; 3]> =
-            (0..5).map(|i| [fill(50 + i), fill(100 + i), fill(150 + i)]).collect();
-        let entries: Vec<Entry<'_>> = images
-            .iter()
-            .map(|[shown, reference, difference]| Entry {
-                shown,
-                reference,
-                difference,
-                caption: "0.01".into(),
-            })
-            .collect();
-        let sheet = draw("title", &entries);
-        for image in images.iter().flatten() {
+    fn every_image_is_on_the_sheet_and_a_missing_one_leaves_its_place() {
+        let fill = |r| RgbImage::from_pixel(200, 150, Rgb([r, 0, 0]));
+        let entry = |i: u8| Entry {
+            images: [
+                (i != 3).then(|| fill(40 + i)),
+                Some(fill(80 + i)),
+                Some(fill(120 + i)),
+                Some(fill(160 + i)),
+            ],
+            caption: "0.01".to_owned(),
+        };
+        let columns = [
+            ("3 times".to_owned(), vec![entry(0), entry(1), entry(2)]),
+            ("10 times".to_owned(), vec![entry(3)]),
+        ];
+        let sheet = draw("title", ["a", "b", "c", "d"], ["no", "source"], &columns);
+        for image in
+            columns.iter().flat_map(|(_, entries)| entries).flat_map(|entry| entry.images.iter().flatten())
+        {
             let color = image.get_pixel(0, 0);
-            assert_eq!(sheet.pixels().filter(|pixel| *pixel == color).count(), 20 * 15, "{color:?}");
+            assert_eq!(sheet.pixels().filter(|pixel| *pixel == color).count(), 200 * 150, "{color:?}");
         }
+        assert!(!sheet.pixels().any(|pixel| pixel.0 == [43, 0, 0]));
         assert!(sheet.pixels().any(|pixel| pixel.0 == [225; 3]));
+    }
+
+    #[test]
+    fn an_image_with_a_border_is_scaled_to_its_place() {
+        let image = RgbImage::from_pixel(250, 188, Rgb([9, 9, 9]));
+        assert_eq!(fit(&image, 200, 150).dimensions(), (199, 150));
+        assert_eq!(fit(&image, 300, 200).dimensions(), (250, 188));
     }
 
     #[test]
@@ -167,12 +194,5 @@ mod tests {
             let shown = sheet.pixels().filter(|pixel| *pixel == image.get_pixel(0, 0)).count();
             assert_eq!(shown, image.pixels().len());
         }
-    }
-
-    #[test]
-    fn sixteen_views_make_a_nearly_square_sheet() {
-        assert_eq!(columns(16, 620, 180), 2);
-        assert_eq!(columns(1, 620, 180), 1);
-        assert_eq!(columns(0, 620, 180), 1);
     }
 }

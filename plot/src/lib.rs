@@ -35,6 +35,8 @@ pub struct Plot {
     pub guides: Vec<(f64, String)>,
     /// Whether the legend is at the upper left, where rising series leave space, or at the upper right.
     pub rises: bool,
+    /// Space above the series for the legend, as a share of their height.
+    pub headroom: f64,
 }
 
 /// An axis of a plot.
@@ -197,6 +199,7 @@ impl Plot {
         let guides = self.guides.iter().map(|guide| guide.0);
         let x = Scale::over(&self.x, points().map(|p| p.0).chain(guides));
         let y = Scale::over(&self.y, points().map(|p| p.1));
+        let y = Scale { most: y.most + self.headroom * (y.most - y.least), ..y };
         let place = |&(px, py): &(f64, f64)| Some((x.at(px)?, y.at(py)?));
         area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(area)
@@ -283,6 +286,44 @@ impl Plot {
     }
 }
 
+/// Plots below one another as SVG text, each of its own size.
+///
+/// # Errors
+/// An error of the drawing library.
+pub fn stacked_svg(plots: &[Plot]) -> Result<String> {
+    let mut text = String::new();
+    stack(plots, SVGBackend::with_string(&mut text, stacked_size(plots)))?;
+    Ok(text)
+}
+
+/// Plots below one another as an image of the same size as [`stacked_svg`].
+///
+/// # Errors
+/// An error of the drawing library.
+pub fn stacked_image(plots: &[Plot]) -> Result<RgbImage> {
+    let (width, height) = stacked_size(plots);
+    let mut image = RgbImage::new(width, height);
+    stack(plots, Raster(&mut image))?;
+    Ok(image)
+}
+
+/// Height of a plot among others, pixels.
+const STACKED_HEIGHT: u32 = 400;
+
+fn stacked_size(plots: &[Plot]) -> (u32, u32) {
+    (SIZE.0, STACKED_HEIGHT * plots.len().max(1) as u32)
+}
+
+fn stack<B: DrawingBackend>(plots: &[Plot], backend: B) -> Result<()>
+where
+    B::ErrorType: 'static,
+{
+    let areas = backend.into_drawing_area().split_evenly((plots.len().max(1), 1));
+    plots.iter().zip(&areas).try_for_each(|(plot, area)| {
+        plot.draw(area).map_err(|error| anyhow!("cannot draw {}: {error}", plot.name))
+    })
+}
+
 /// The shape of the `index`-th series.
 fn mark(index: usize, (x, y): (i32, i32), size: i32, color: RGBAColor) -> Polygon<(i32, i32)> {
     let ring = |corners: u32, turn: f64, size: f64| -> Vec<(i32, i32)> {
@@ -361,6 +402,19 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn stacked_plots_share_one_picture() {
+        let plot = |title: &str| Plot {
+            title: title.to_owned(),
+            series: vec![Series { name: "a".to_owned(), points: vec![(0.0, -0.1), (1.0, 2.0)], line: true }],
+            ..Plot::default()
+        };
+        let plots = [plot("first"), plot("second")];
+        let svg = stacked_svg(&plots).unwrap();
+        assert!(svg.contains("first") && svg.contains("second") && svg.matches("<svg").count() == 1);
+        assert_eq!(stacked_image(&plots).unwrap().dimensions(), (900, 800));
     }
 
     #[test]

@@ -86,9 +86,9 @@ pub fn wandering(bounds: Bounds, kind: RigKind, seed: u64) -> impl Iterator<Item
     .filter(|camera| camera.validate().is_ok())
 }
 
-/// Uniform numbers in 0..1: Steele, Lea and Flood's SplitMix64 (*Fast splittable pseudorandom number generators*,
+/// Endless uniform numbers in 0..1, the same for the same seed: Steele, Lea and Flood's SplitMix64 (*Fast splittable pseudorandom number generators*,
 /// OOPSLA 2014).
-fn uniform(seed: u64) -> impl FnMut() -> f64 {
+pub fn uniform(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);

@@ -1,5 +1,6 @@
 //! Flags of how a view is answered.
 
+use argus_client::load::WalkKind;
 use argus_scene::{Detail, Holes, Output, PlanRequest, Preset, Search};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -69,6 +70,12 @@ impl Plan {
 pub fn search() -> impl TypedValueParser<Value = Search> {
     PossibleValuesParser::new(Search::ALL.map(Search::name))
         .map(|name| Search::ALL.into_iter().find(|s| s.name() == name).unwrap_or_default())
+}
+
+/// Parses the name of a walk.
+pub(crate) fn walk() -> impl TypedValueParser<Value = WalkKind> {
+    PossibleValuesParser::new(WalkKind::ALL.map(WalkKind::name))
+        .map(|name| WalkKind::ALL.into_iter().find(|kind| kind.name() == name).unwrap_or_default())
 }
 
 fn detail() -> impl TypedValueParser<Value = Detail> {

@@ -9,14 +9,21 @@ use argus_scene::PlanRequest;
 use futures::future::try_join_all;
 use serde::Serialize;
 
-/// The crowd's views a second, as a multiple of those that the workers carry from triangles.
-const TIMES: f64 = 3.0;
 /// Most views a second: the clients share the machine with the service.
 const MOST_PER_SEC: f64 = 2000.0;
 /// Views in flight at each worker while it is measured: one is rendered, one waits.
 const IN_FLIGHT: usize = 2;
 
-/// The crowd's rate, and what it follows from.
+/// How much one phase of the crowd asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Asked {
+    /// A multiple of what the workers carry from triangles.
+    Times(f64),
+    /// Views a second of all viewers together.
+    PerSec(f64),
+}
+
+/// A crowd's rate, and what it follows from.
 #[derive(Clone, Copy, Serialize)]
 pub(crate) struct Rate {
     /// Views a second of all viewers together.
@@ -26,7 +33,7 @@ pub(crate) struct Rate {
 }
 
 impl Rate {
-    /// The rate that makes a crowd on this machine: for a time, as many views from triangles are requested as are answered. Prices
+    /// Measures the views a second that the workers carry from triangles: for a time, as many are requested as are answered. Prices
     /// that workers measured alone would promise more, since they share the machine.
     ///
     /// # Errors
@@ -36,7 +43,7 @@ impl Rate {
         workers: usize,
         size: [u32; 2],
         time: Duration,
-    ) -> anyhow::Result<Self> {
+    ) -> anyhow::Result<f64> {
         let direct = PlanRequest { direct: true, ..PlanRequest::default() };
         let askers = IN_FLIGHT * workers;
         let views = path_views(client.description(), askers as u32, size, direct);
@@ -52,12 +59,16 @@ impl Rate {
             Ok::<(), ClientError>(())
         });
         try_join_all(asking).await?;
-        Ok(Self::of(answered.into_inner() as f64 / began.elapsed().as_secs_f64()))
+        Ok(answered.into_inner() as f64 / began.elapsed().as_secs_f64())
     }
 
-    /// The rate where so many views a second are carried.
-    fn of(carried_per_sec: f64) -> Self {
-        Self { asked_per_sec: (TIMES * carried_per_sec).min(MOST_PER_SEC), carried_per_sec }
+    /// The rate of a phase where so many views a second are carried.
+    pub(crate) fn of(asked: Asked, carried_per_sec: f64) -> Self {
+        let asked_per_sec = match asked {
+            Asked::Times(times) => times * carried_per_sec,
+            Asked::PerSec(per_sec) => per_sec,
+        };
+        Self { asked_per_sec: asked_per_sec.min(MOST_PER_SEC), carried_per_sec }
     }
 
     /// The rate over that of views from triangles.
@@ -71,10 +82,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_crowd_asks_for_three_times_what_triangles_carry_up_to_a_limit() {
-        let rate = Rate::of(150.0);
+    fn a_crowd_asks_for_a_multiple_of_what_triangles_carry_or_for_a_rate_up_to_a_limit() {
+        let rate = Rate::of(Asked::Times(3.0), 150.0);
         assert!((rate.asked_per_sec - 450.0).abs() < 1e-9 && (rate.times() - 3.0).abs() < 1e-9);
-        let fast = Rate::of(4000.0);
+        let rate = Rate::of(Asked::PerSec(30.0), 150.0);
+        assert!((rate.asked_per_sec - 30.0).abs() < 1e-9 && (rate.times() - 0.2).abs() < 1e-9);
+        let fast = Rate::of(Asked::Times(3.0), 4000.0);
         assert!(fast.asked_per_sec == MOST_PER_SEC && fast.times() < 1.0);
     }
 }

@@ -11,12 +11,14 @@ mod report;
 mod requests;
 mod schedule;
 mod sessions;
+mod walk;
 
 pub use burst::{BurstReport, IN_FLIGHT, burst, path_views, patient};
 pub use direct::direct_view;
 pub use path::CameraPath;
 pub use report::{LatencyMs, LoadReport};
 pub use schedule::{Cameras, Ended, LoadOptions, Mode};
+pub use walk::{WalkKind, walk};
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::*;
 use argus_proto::Description;
 
-fn description(eyes: &[DVec3]) -> Description {
+pub(super) fn description(eyes: &[DVec3]) -> Description {
     let camera = |eye: &DVec3| NamedCamera {
         name: String::new(),
         camera: Camera::look_at(*eye, DVec3::new(0.0, 1.0, 0.5)),
