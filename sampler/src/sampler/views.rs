@@ -157,8 +157,8 @@ impl GpuSampler {
             light: job.state.light,
             ray_divisor: 1,
             cells: self.cells_of_samples(),
-            // As views from samples, into which the pixels go.
-            reflections: ReflectionLookup::probes(job.reflections),
+            // As direct views: nothing is rendered for later pixels while a view waits for these.
+            reflections: ReflectionLookup::of_list(job.reflections),
             // Lists are traced on the CPU.
             visibility: Visibility::Cpu,
             is_shaded: true,
