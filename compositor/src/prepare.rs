@@ -200,22 +200,23 @@ impl PreparedView {
         let view = self.uniform(&piece, &ChunkOffsets::default());
         let mut blocks = Vec::new();
         let splats = self.splats(&piece, 0, &mut blocks);
-        let sources = self.samples.iter().zip(view.samples).enumerate().filter_map(|(index, (held, sample))| {
-            let tiles = self.sources.iter().filter(|source| source.sample == index);
-            // A frame that is not splatted is read like one at the distance of the view's eye.
-            let [dense, sparse] = match tiles.clone().next() {
-                Some(_) => spacings(tiles.flat_map(|source| &source.tiles), self.geometry.size),
-                None => [1.0 / f64::from(self.footprint_in(held)); 2],
-            };
-            let level = level_of(sparse) as usize;
-            Some(HostSource {
-                sample,
-                frame: held.host()?,
-                footprint: self.footprint_in(held),
-                level,
-                between: level_of(dense) > level as f64,
-            })
-        });
+        let sources =
+            self.samples.iter().zip(view.samples).enumerate().filter_map(|(index, (held, sample))| {
+                let tiles = self.sources.iter().filter(|source| source.sample == index);
+                // A frame that is not splatted is read like one at the distance of the view's eye.
+                let [dense, sparse] = match tiles.clone().next() {
+                    Some(_) => spacings(tiles.flat_map(|source| &source.tiles), self.geometry.size),
+                    None => [1.0 / f64::from(self.footprint_in(held)); 2],
+                };
+                let level = level_of(sparse) as usize;
+                Some(HostSource {
+                    sample,
+                    frame: held.host()?,
+                    footprint: self.footprint_in(held),
+                    level,
+                    between: level_of(dense) > level as f64,
+                })
+            });
         Ok(HostInputs {
             view,
             sources: sources.collect(),

@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Camera, Cancel, Compositor, Detail, Frame, LightEffects, LightLevel, Output, Outputs, PixelJob, Plan, ProbeSource,
-    ReflectionProbeSet, Reflections, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
-    Scene, SceneState, Version, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor, Detail, Frame, LightEffects, LightLevel, Output, Outputs, PixelJob, Plan,
+    ProbeSource, ReflectionProbeSet, Reflections, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo,
+    Sampler, Scene, SceneState, Version, ViewJob, Visibility, Warp,
 };
 
 use crate::core::quality::Cost;

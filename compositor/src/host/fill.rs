@@ -28,10 +28,12 @@ impl Rows {
             source.fill(0);
             return;
         };
-        let inner = q[1..].iter_mut().zip(&mut source[1..]);
-        for ((q, source), cell) in inner.zip(row) {
-            let depth = depth_of_cell(*cell);
-            (*q, *source) = (depth.q, depth.source);
+        let count = row.len();
+        let (q, source) = (&mut q[1..=count], &mut source[1..=count]);
+        for i in 0..count {
+            let depth = depth_of_cell(row[i]);
+            q[i] = depth.q;
+            source[i] = depth.source;
         }
     }
 }
@@ -85,13 +87,22 @@ fn fill_row(above: Row<'_>, own: Row<'_>, below: Row<'_>, out: &mut [u32]) {
         (&own.0[..width], &own.1[..width]),
         (&below.0[..width], &below.1[..width]),
     );
-    for (c, out) in out.iter_mut().enumerate() {
-        let at = |row: Row<'_>, c: usize| Depth { q: row.0[c], source: row.1[c] };
-        let middle = at(own, c + 1);
-        let (left, right) = (at(own, c), at(own, c + 2));
-        let (up, down) = (at(above, c + 1), at(below, c + 1));
-        let (up_left, up_right) = (at(above, c), at(above, c + 2));
-        let (down_left, down_right) = (at(below, c), at(below, c + 2));
+    for c in 0..out.len() {
+        let middle = Depth { q: own.0[c + 1], source: own.1[c + 1] };
+        let (left, right) =
+            (Depth { q: own.0[c], source: own.1[c] }, Depth { q: own.0[c + 2], source: own.1[c + 2] });
+        let (up, down) = (
+            Depth { q: above.0[c + 1], source: above.1[c + 1] },
+            Depth { q: below.0[c + 1], source: below.1[c + 1] },
+        );
+        let (up_left, up_right) = (
+            Depth { q: above.0[c], source: above.1[c] },
+            Depth { q: above.0[c + 2], source: above.1[c + 2] },
+        );
+        let (down_left, down_right) = (
+            Depth { q: below.0[c], source: below.1[c] },
+            Depth { q: below.0[c + 2], source: below.1[c + 2] },
+        );
         let straight = nearer(between(left, right), between(up, down));
         let across = nearer(between(up_left, down_right), between(up_right, down_left));
         let surface = nearer(straight, across);
@@ -101,7 +112,7 @@ fn fill_row(above: Row<'_>, own: Row<'_>, below: Row<'_>, out: &mut [u32]) {
         let corners = farther(farther(up_left, down_right), farther(up_right, down_left));
         let edge = farther(edges, corners);
         let guess = Depth { q: -edge.q, source: edge.source };
-        *out = bits_of(if depth.q == 0.0 { guess } else { depth });
+        out[c] = bits_of(if depth.q == 0.0 { guess } else { depth });
     }
 }
 
@@ -116,7 +127,8 @@ pub(super) fn mask_sky(view: &View<'_>, columns: usize, first_row: usize, depths
             if !is_empty {
                 continue;
             }
-            let middle = [first as f32 + 0.5 * side as f32, (first_row + i * side) as f32 + 0.5 * side as f32];
+            let middle =
+                [first as f32 + 0.5 * side as f32, (first_row + i * side) as f32 + 0.5 * side as f32];
             let position =
                 [0, 1].map(|axis| (middle[axis] + view.of.cell_origin[axis] as f32) * view.of.cell);
             if ray_is_sky(view, view.direction_of(position)) {

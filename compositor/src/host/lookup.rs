@@ -1,8 +1,6 @@
 //! `shaders/shared/fetch.wgsl` and `shaders/shared/cells.wgsl`: the depth-corrected fetch, for eight points at once, and how cells
 //! hold depths.
 
-use std::array::from_fn;
-
 use super::source::HostFrame;
 use super::view::View;
 
@@ -123,97 +121,102 @@ impl Fetches {
         if self.agreement[lane] > WHOLE {
             return [self.x[lane], self.y[lane]];
         }
-        let weights = self.weights.map(|weights| weights[lane]);
+        let [a, b, c, d] = &self.weights;
+        let [p, q, r, s] = &self.four;
         let [x, y] = match self.agreement[lane] > 0.0 {
-            true => agreeing_offset(weights, self.agreement[lane]),
-            false => farthest_offset(self.four.map(|four| four[lane])),
+            true => agreeing_offset([a[lane], b[lane], c[lane], d[lane]], self.agreement[lane]),
+            false => farthest_offset([p[lane], q[lane], r[lane], s[lane]]),
         };
         [self.base[0][lane] + x, self.base[1][lane] + y]
     }
 }
 
 /// Looks up, in frame `index`, the points at inverse depths `q` in directions `d`.
+///
+/// Loops over lanes hold plain arithmetic alone, which the compiler computes eight lanes at a time: it does not inline closures into
+/// functions for wider vectors.
 #[inline(always)]
 pub(super) fn fetch(view: &View<'_>, index: usize, d: &[Lanes; 3], q: &Lanes) -> Fetches {
     let source = &view.sources[index];
     let (sample, frame) = (&source.sample, source.frame);
-    let eye = sample.eye_from_center;
-    let (rows, forward) =
-        ([sample.u_from_world, sample.v_from_world, sample.w_from_world], view.of.forward);
+    let [ex, ey, ez] = sample.eye_from_center;
+    let ([ux, uy, uz], [vx, vy, vz], [wx, wy, wz]) =
+        (sample.u_from_world, sample.v_from_world, sample.w_from_world);
+    let [fx, fy, fz] = view.of.forward;
     let (width, height) = (frame.width as f32, frame.height as f32);
-    let mut unit = [0.0; LANES];
-    let mut expected = [0.0; LANES];
-    let mut base = [[0.0; LANES]; 2];
-    let mut f = [[0.0; LANES]; 2];
+    let [dx, dy, dz] = d;
+    let [mut unit, mut expected, mut base_x, mut base_y, mut share_x, mut share_y] = [[0.0f32; LANES]; 6];
     let mut inside = [false; LANES];
     for i in 0..LANES {
-        let ray = [0, 1, 2].map(|axis| d[axis][i] + eye[axis] * q[i]);
-        let h = rows.map(|row| dot3(row, ray));
-        let by_w = 1.0 / h[2].max(1e-30);
-        let (u, v) = (h[0] * by_w, h[1] * by_w);
-        inside[i] = (h[2] > 0.0) & (u >= 0.0) & (u <= 1.0) & (v >= 0.0) & (v <= 1.0);
-        unit[i] = 1.0 / dot3(ray, ray).max(1e-30).sqrt();
+        let (rx, ry, rz) = (dx[i] + ex * q[i], dy[i] + ey * q[i], dz[i] + ez * q[i]);
+        let w = wx * rx + wy * ry + wz * rz;
+        let by_w = 1.0 / w.max(1e-30);
+        let (u, v) = ((ux * rx + uy * ry + uz * rz) * by_w, (vx * rx + vy * ry + vz * rz) * by_w);
+        inside[i] = (w > 0.0) & (u >= 0.0) & (u <= 1.0) & (v >= 0.0) & (v <= 1.0);
+        unit[i] = 1.0 / (rx * rx + ry * ry + rz * rz).max(1e-30).sqrt();
         expected[i] = q[i] * unit[i];
         let (x, y) = (u * width - 0.5, v * height - 0.5);
-        (base[0][i], base[1][i]) = (x.floor(), y.floor());
-        (f[0][i], f[1][i]) = (x - base[0][i], y - base[1][i]);
+        base_x[i] = x.floor();
+        base_y[i] = y.floor();
+        share_x[i] = x - base_x[i];
+        share_y[i] = y - base_y[i];
     }
+    let base = [base_x, base_y];
     let four = gathered(frame, &base);
-    let mut shares = [[0.0; LANES]; 4];
-    let mut weights = [[0.0; LANES]; 4];
-    let [mut agreement, mut past, mut residual, mut pixels] = [[0.0; LANES]; 4];
+    let [s0, s1, s2, s3] = &four;
+    let [mut w0, mut w1, mut w2, mut w3, mut mean] = [[0.0f32; LANES]; 5];
+    let [mut agreement, mut past, mut residual, mut pixels] = [[0.0f32; LANES]; 4];
+    let (most, footprint) = (view.of.tolerance, source.footprint);
     for i in 0..LANES {
-        let (x, y) = (f[0][i], f[1][i]);
-        let own = [(1.0 - x) * y, x * y, x * (1.0 - y), (1.0 - x) * (1.0 - y)];
-        let tolerance = view.of.tolerance * expected[i];
-        let (mut sum, mut beyond, mut stored) = (0.0, 0.0, 0.0);
-        for k in 0..4 {
-            shares[k][i] = own[k];
-            let agrees = (four[k][i] - expected[i]).abs() <= tolerance;
-            weights[k][i] = if agrees { own[k] } else { 0.0 };
-            sum += weights[k][i];
-            stored += weights[k][i] * four[k][i];
-            beyond += if four[k][i] < expected[i] - tolerance { own[k] } else { 0.0 };
-        }
+        let (x, y) = (share_x[i], share_y[i]);
+        let (a, b, c, e) = ((1.0 - x) * y, x * y, x * (1.0 - y), (1.0 - x) * (1.0 - y));
+        let tolerance = most * expected[i];
+        let least = expected[i] - tolerance;
+        w0[i] = if (s0[i] - expected[i]).abs() <= tolerance { a } else { 0.0 };
+        w1[i] = if (s1[i] - expected[i]).abs() <= tolerance { b } else { 0.0 };
+        w2[i] = if (s2[i] - expected[i]).abs() <= tolerance { c } else { 0.0 };
+        w3[i] = if (s3[i] - expected[i]).abs() <= tolerance { e } else { 0.0 };
+        let sum = w0[i] + w1[i] + w2[i] + w3[i];
+        let stored = w0[i] * s0[i] + w1[i] * s1[i] + w2[i] * s2[i] + w3[i] * s3[i];
+        let beyond = if s0[i] < least { a } else { 0.0 }
+            + if s1[i] < least { b } else { 0.0 }
+            + if s2[i] < least { c } else { 0.0 }
+            + if s3[i] < least { e } else { 0.0 };
         agreement[i] = if inside[i] { sum } else { 0.0 };
         past[i] = if inside[i] { beyond } else { 0.0 };
         residual[i] = ((stored / sum.max(1e-30) - expected[i]).abs() / tolerance.max(1e-30)).min(1.0);
-        pixels[i] = q[i] / (source.footprint * expected[i]).max(1e-30);
+        pixels[i] = q[i] / (footprint * expected[i]).max(1e-30);
+        mean[i] = a * s0[i] + b * s1[i] + c * s2[i] + e * s3[i];
     }
     // Where all four texels agree, the depth is that at which the ray meets the plane through them.
-    let [mut px, mut py, mut refined] = [[0.0; LANES]; 3];
+    let [mut px, mut py, mut refined] = [[0.0f32; LANES]; 3];
     for i in 0..LANES {
-        let ray = [0, 1, 2].map(|axis| d[axis][i] + eye[axis] * q[i]);
-        let mean = shares[0][i] * four[0][i]
-            + shares[1][i] * four[1][i]
-            + shares[2][i] * four[2][i]
-            + shares[3][i] * four[3][i];
-        let along = unit[i] / mean;
-        let depth = dot3(forward, [0, 1, 2].map(|axis| ray[axis] * along - eye[axis]));
+        let (rx, ry, rz) = (dx[i] + ex * q[i], dy[i] + ey * q[i], dz[i] + ez * q[i]);
+        let along = unit[i] / mean[i];
+        let depth = fx * (rx * along - ex) + fy * (ry * along - ey) + fz * (rz * along - ez);
         let (least, most) = (0.9 * q[i], 1.1 * q[i]);
         let closer = (1.0 / depth.max(1e-30)).max(least).min(most);
-        let again = [0, 1, 2].map(|axis| d[axis][i] + eye[axis] * closer);
-        let h = rows.map(|row| dot3(row, again));
-        let by_w = 1.0 / h[2].max(1e-30);
-        let (gx, gy) =
-            (h[0] * by_w * width - 0.5 - base[0][i], h[1] * by_w * height - 0.5 - base[1][i]);
-        let there = (1.0 - gx) * gy * four[0][i]
-            + gx * gy * four[1][i]
-            + gx * (1.0 - gy) * four[2][i]
-            + (1.0 - gx) * (1.0 - gy) * four[3][i];
-        let first = mean - expected[i];
-        let second = there - closer / dot3(again, again).max(1e-30).sqrt();
-        let (x, y) = (f[0][i], f[1][i]);
-        let near = ((gx - x).abs() < MOST_APART)
-            & ((gy - y).abs() < MOST_APART)
+        let (ax, ay, az) = (dx[i] + ex * closer, dy[i] + ey * closer, dz[i] + ez * closer);
+        let by_w = 1.0 / (wx * ax + wy * ay + wz * az).max(1e-30);
+        let gx = (ux * ax + uy * ay + uz * az) * by_w * width - 0.5 - base_x[i];
+        let gy = (vx * ax + vy * ay + vz * az) * by_w * height - 0.5 - base_y[i];
+        let there = (1.0 - gx) * gy * s0[i]
+            + gx * gy * s1[i]
+            + gx * (1.0 - gy) * s2[i]
+            + (1.0 - gx) * (1.0 - gy) * s3[i];
+        let first = mean[i] - expected[i];
+        let second = there - closer / (ax * ax + ay * ay + az * az).max(1e-30).sqrt();
+        let near = ((gx - share_x[i]).abs() < MOST_APART)
+            & ((gy - share_y[i]).abs() < MOST_APART)
             & ((first - second).abs() > 1e-6 * expected[i]);
         let root = (first / (first - second)).max(0.0).min(MOST_STEPS);
         let steps = if near { root } else { 1.0 };
-        px[i] = base[0][i] + mix(x, gx, steps);
-        py[i] = base[1][i] + mix(y, gy, steps);
+        px[i] = base_x[i] + mix(share_x[i], gx, steps);
+        py[i] = base_y[i] + mix(share_y[i], gy, steps);
         let whole = mix(q[i], closer, steps).max(least).min(most);
         refined[i] = if agreement[i] > WHOLE { whole } else { q[i] };
     }
+    let weights = [w0, w1, w2, w3];
     Fetches { x: px, y: py, base, four, weights, q: refined, agreement, past, residual, pixels, inside }
 }
 
@@ -280,6 +283,6 @@ pub(super) fn splat(one: f32) -> Lanes {
 
 /// One direction for all lanes.
 #[inline(always)]
-pub(super) fn splat3(one: [f32; 3]) -> [Lanes; 3] {
-    from_fn(|axis| splat(one[axis]))
+pub(super) fn splat3([x, y, z]: [f32; 3]) -> [Lanes; 3] {
+    [splat(x), splat(y), splat(z)]
 }

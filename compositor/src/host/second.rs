@@ -32,8 +32,7 @@ fn look_up(view: &View<'_>, d: [f32; 3], q: f32) -> Found {
         let is_better = match &best {
             None => next.inside[0],
             Some(so_far) => {
-                let agrees_more =
-                    next.agreement[0] > so_far.agreement[0] && so_far.agreement[0] < SETTLED;
+                let agrees_more = next.agreement[0] > so_far.agreement[0] && so_far.agreement[0] < SETTLED;
                 agrees_more || (sees(&next) && !sees(so_far))
             }
         };
@@ -56,7 +55,16 @@ pub(super) fn pixel(view: &View<'_>, cells: &[u32], at: usize, bits: u32, d: [f3
     let was = depth_of_cell(cells[at]);
     let cell = |at: usize| cells.get(at).map_or(Depth { q: 0.0, source: 0 }, |cell| depth_of_cell(*cell));
     // A piece has a ring of cells around those of its pixels.
-    let around = [at - 1, at + 1, at - columns, at + columns, at - columns - 1, at - columns + 1, at + columns - 1, at + columns + 1];
+    let around = [
+        at - 1,
+        at + 1,
+        at - columns,
+        at + columns,
+        at - columns - 1,
+        at - columns + 1,
+        at + columns - 1,
+        at + columns + 1,
+    ];
     let behind = around.into_iter().fold(was, |so_far, at| {
         let next = cell(at);
         if next.q > 0.0 { farther(so_far, next) } else { so_far }

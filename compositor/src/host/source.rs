@@ -66,8 +66,7 @@ impl HostFrame {
             u32::from(*known)
         };
         let texel = |bytes: &[u8; 8]| {
-            let [r, g, b] =
-                [0, 1, 2].map(|i| byte_of(u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]])));
+            let [r, g, b] = [0, 1, 2].map(|i| byte_of(u16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]])));
             r | g << 8 | b << 16
         };
         let texels: Vec<u32> = texels.as_chunks::<8>().0.iter().map(texel).collect();
@@ -100,8 +99,7 @@ impl HostFrame {
             let texels = (0..own[0] * own[1]).map(|at| coarsened(&finer, &ranges, size, own, at));
             let (means, means_of_range): (Vec<Vec3>, Vec<f32>) = texels.unzip();
             let shown = |mean: &Vec3| {
-                let [r, g, b] =
-                    mean.to_array().map(|linear| (encoded(linear) * 255.0 + 0.5).floor() as u32);
+                let [r, g, b] = mean.to_array().map(|linear| (encoded(linear) * 255.0 + 0.5).floor() as u32);
                 r | g << 8 | b << 16
             };
             levels.push(Level { width: own[0], height: own[1], texels: means.iter().map(shown).collect() });
@@ -180,6 +178,7 @@ fn coarsened(
 pub(super) fn encoded(linear: f32) -> f32 {
     let x = if linear > 0.0 { linear.min(1.0) } else { 0.0 };
     let r = x.sqrt().sqrt();
-    let curve = -0.064_611_55 + r * (0.196_135_95 + r * (1.122_681_4 + r * (-0.335_501_2 + r * 0.081_329_83)));
+    let curve =
+        -0.064_611_55 + r * (0.196_135_95 + r * (1.122_681_4 + r * (-0.335_501_2 + r * 0.081_329_83)));
     if x <= 0.003_130_8 { 12.92 * x } else { curve }
 }

@@ -21,13 +21,15 @@ pub(super) fn splat(call: &SplatCall, blocks: &[u32], frame: &HostFrame, cells: 
     for block in &blocks[first..first + call.block_count as usize] {
         let (left, top, stride) = (block & 0x3fff, block >> 14 & 0x3fff, (block >> 28) as usize);
         let (left, top) = (left as usize, top as usize);
-        for y in (top..frame.height).step_by(stride).take(BLOCK) {
-            match call.sparse {
-                false => points(&call.splat, frame, (left, y, stride), cells),
-                true => (left..frame.width)
-                    .step_by(stride)
-                    .take(BLOCK)
-                    .for_each(|x| square(&call.splat, frame, [x as i64, y as i64], stride as i64, cells)),
+        for row in 0..BLOCK {
+            let y = top + row * stride;
+            if y >= frame.height {
+                break;
+            }
+            if call.sparse {
+                squares(&call.splat, frame, (left, y, stride), cells);
+            } else {
+                points(&call.splat, frame, (left, y, stride), cells);
             }
         }
     }
@@ -39,28 +41,44 @@ fn points(splat: &Splat, frame: &HostFrame, (left, y, stride): (usize, usize, us
     let to = &splat.projection;
     let row = &frame.inverse_range[y * frame.width..][..frame.width];
     // Beyond the image is sky, which is not splatted.
-    let stored: Lanes = match stride {
-        1 if left + LANES <= row.len() => std::array::from_fn(|i| row[left + i]),
-        _ => std::array::from_fn(|i| row.get(left + i * stride).copied().unwrap_or(0.0)),
-    };
+    let mut stored: Lanes = [0.0; LANES];
+    if stride == 1 && left + LANES <= row.len() {
+        stored.copy_from_slice(&row[left..left + LANES]);
+    } else {
+        for i in 0..LANES {
+            let x = left + i * stride;
+            if x < row.len() {
+                stored[i] = row[x];
+            }
+        }
+    }
     let dy = (y as f32 + 0.5) * to.scale[1] + to.bias[1];
     let mut places = [u32::MAX; LANES];
     let mut values = [0u32; LANES];
     let (columns, rows) = (to.cell_columns as f32, to.cell_rows as f32);
     let (first_column, first_row) = (to.origin_column as f32, to.origin_row as f32);
+    let ([ax, ay, az, aw], [bx, by, bz, bw], [cx, cy, cz, cw]) = (to.column, to.row, to.depth);
+    let (scale, bias) = (to.scale[0], to.bias[0]);
     for i in 0..LANES {
-        let dx = ((left + i * stride) as f32 + 0.5) * to.scale[0] + to.bias[0];
+        let dx = ((left + i * stride) as f32 + 0.5) * scale + bias;
         let inverse_depth = stored[i] * (dx * dx + dy * dy + 1.0).sqrt();
-        let p = [dx, -dy, -1.0, inverse_depth];
-        let (x, y, w) = (dot4(to.column, p), dot4(to.row, p), dot4(to.depth, p));
+        let x = ax * dx - ay * dy - az + aw * inverse_depth;
+        let y = bx * dx - by * dy - bz + bw * inverse_depth;
+        let w = cx * dx - cy * dy - cz + cw * inverse_depth;
         let by_w = 1.0 / w.max(1e-30);
         let q = inverse_depth * by_w;
         let column = (x * by_w).floor() - first_column;
         let row = (y * by_w).floor() - first_row;
-        let inside = (w > 0.0) & (q > 0.0) & (q <= f32::MAX)
-            & (column >= 0.0) & (row >= 0.0) & (column < columns) & (row < rows);
-        // The comparison above excludes what a conversion would saturate.
-        let place = (row as i32).wrapping_mul(to.cell_columns).wrapping_add(column as i32) as u32;
+        let inside = (w > 0.0)
+            & (q > 0.0)
+            & (q <= f32::MAX)
+            & (column >= 0.0)
+            & (row >= 0.0)
+            & (column < columns)
+            & (row < rows);
+        // Within these, the conversions are exact.
+        let place = (row.max(0.0).min(rows) as i32).wrapping_mul(to.cell_columns);
+        let place = place.wrapping_add(column.max(0.0).min(columns) as i32) as u32;
         places[i] = if inside { place } else { u32::MAX };
         values[i] = cell_of(q, splat.source);
     }
@@ -68,6 +86,13 @@ fn points(splat: &Splat, frame: &HostFrame, (left, y, stride): (usize, usize, us
         if let Some(cell) = cells.get_mut(place as usize) {
             *cell = (*cell).max(value);
         }
+    }
+}
+
+/// Splats a row of a block whose texels are farther apart than cells.
+fn squares(splat: &Splat, frame: &HostFrame, (left, y, stride): (usize, usize, usize), cells: &mut [u32]) {
+    for x in (left..frame.width).step_by(stride).take(BLOCK) {
+        square(splat, frame, [x as i64, y as i64], stride as i64, cells);
     }
 }
 
@@ -132,10 +157,8 @@ fn sides_beyond(to: &CellProjection, h: [f32; 3]) -> u32 {
 fn square(splat: &Splat, frame: &HostFrame, [x, y]: [i64; 2], stride: i64, cells: &mut [u32]) {
     let to = &splat.projection;
     let direction = |x: i64, y: i64| {
-        let [dx, dy] = [
-            (x as f32 + 0.5) * to.scale[0] + to.bias[0],
-            (y as f32 + 0.5) * to.scale[1] + to.bias[1],
-        ];
+        let [dx, dy] =
+            [(x as f32 + 0.5) * to.scale[0] + to.bias[0], (y as f32 + 0.5) * to.scale[1] + to.bias[1]];
         [dx, -dy, -1.0]
     };
     let inverse_depth = |x: i64, y: i64| {
@@ -157,7 +180,9 @@ fn square(splat: &Splat, frame: &HostFrame, [x, y]: [i64; 2], stride: i64, cells
     let rows = places_between(plus(middle, down.begin, below), plus(middle, down.end, below));
     let beyond = [down.begin, down.end]
         .into_iter()
-        .flat_map(|row| [across.begin, across.end].map(|column| plus(plus(middle, row, below), column, right)))
+        .flat_map(|row| {
+            [across.begin, across.end].map(|column| plus(plus(middle, row, below), column, right))
+        })
         .fold(!0, |all, corner| all & sides_beyond(to, corner));
     if beyond != 0 {
         return;

@@ -85,7 +85,11 @@ impl View<'_> {
     #[inline(always)]
     pub(super) fn direction_of(&self, [x, y]: [f32; 2]) -> [f32; 3] {
         let ViewUniform { corner, right, down, .. } = self.of;
-        std::array::from_fn(|axis| corner[axis] + right[axis] * x + down[axis] * y)
+        [
+            corner[0] + right[0] * x + down[0] * y,
+            corner[1] + right[1] * x + down[1] * y,
+            corner[2] + right[2] * x + down[2] * y,
+        ]
     }
 
     /// A pixel of the sky.
@@ -117,8 +121,7 @@ impl View<'_> {
         if !fetched.is_fine(self, lane) {
             return Pixel { color, source: UNRESOLVED, confidence: 0, range: 0.0 };
         }
-        let [x, y, z] = d.map(|axis| axis / q);
-        let range = (x * x + y * y + z * z).sqrt();
+        let range = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / q;
         let confidence = if self.confident { self.confidence(fetched, lane, source, d) } else { 0 };
         Pixel { color, source: source as u32 + 1, confidence, range }
     }
@@ -154,12 +157,15 @@ impl View<'_> {
         if !*between && *own == 0 && !self.linear {
             return self.bilinear(frame.level(0), place);
         }
+        self.color_between(source, place, level())
+    }
+
+    /// The colour at a place of a frame where coarser levels count, or linear radiance.
+    fn color_between(&self, source: usize, place: [f32; 2], level: f32) -> [f32; 3] {
+        let HostSource { frame, level: own, between, .. } = &self.sources[source];
         let (finer, share) = match (self.linear, *between) {
-            (true, _) => {
-                let level = level();
-                (level as usize, level.fract())
-            }
-            (false, true) => (*own, (level() * COARSER - *own as f32).clamp(0.0, 1.0)),
+            (true, _) => (level as usize, level.fract()),
+            (false, true) => (*own, (level * COARSER - *own as f32).clamp(0.0, 1.0)),
             (false, false) => (*own, 0.0),
         };
         let at = |level: usize| {
@@ -185,20 +191,35 @@ impl View<'_> {
         let (fx, fy) = (x - base_x, y - base_y);
         let (left, right) = neighbours(base_x, level.width);
         let (top, bottom) = neighbours(base_y, level.height);
-        let (above, below) =
-            (&level.texels[top * level.width..][..level.width], &level.texels[bottom * level.width..][..level.width]);
+        let (above, below) = (
+            &level.texels[top * level.width..][..level.width],
+            &level.texels[bottom * level.width..][..level.width],
+        );
         let texels = [above[left], above[right], below[left], below[right]];
         let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
-        let mut sum = [0.0; 4];
-        for (texel, weight) in texels.into_iter().zip(weights) {
-            let channels = texel.to_le_bytes();
+        if self.linear {
+            return self.linear_mean(texels, weights);
+        }
+        let mut sum = [0.0f32; 4];
+        for k in 0..4 {
+            let channels = texels[k].to_le_bytes();
             for i in 0..4 {
-                let value =
-                    if self.linear { self.radiance[usize::from(channels[i])] } else { f32::from(channels[i]) };
-                sum[i] += weight * value;
+                sum[i] += weights[k] * f32::from(channels[i]);
             }
         }
         [sum[0], sum[1], sum[2]]
+    }
+
+    /// The mean linear radiance of texels.
+    fn linear_mean(&self, texels: [u32; 4], weights: [f32; 4]) -> [f32; 3] {
+        let mut sum = [0.0; 3];
+        for (texel, weight) in texels.into_iter().zip(weights) {
+            let channels = texel.to_le_bytes();
+            sum.iter_mut()
+                .zip(channels)
+                .for_each(|(sum, channel)| *sum += weight * self.radiance[usize::from(channel)]);
+        }
+        sum
     }
 }
 
@@ -227,11 +248,12 @@ impl Rows<'_> {
     #[inline(always)]
     pub(super) fn store(&mut self, at: usize, pixel: &Pixel) {
         let Pixel { color, source, confidence, range } = *pixel;
+        let [r, g, b] = color;
         if let Some(linear) = self.linear.get_mut(at) {
-            *linear = color.map(|channel| channel.clamp(0.0, 65504.0));
+            *linear = [r.clamp(0.0, 65504.0), g.clamp(0.0, 65504.0), b.clamp(0.0, 65504.0)];
             self.srgb[at] = source << 24;
         } else {
-            let [r, g, b] = color.map(|channel| (channel + 0.5) as u32);
+            let (r, g, b) = ((r + 0.5) as u32, (g + 0.5) as u32, (b + 0.5) as u32);
             self.srgb[at] = r | g << 8 | b << 16 | source << 24;
         }
         if let Some(stored) = self.range.get_mut(at) {
@@ -342,9 +364,8 @@ impl HostInputs<'_> {
             for row in (0..side).map(|row| &images.linear[first + row * width..][..side]) {
                 row.iter().for_each(|sub| sum.iter_mut().zip(sub).for_each(|(sum, sub)| *sum += sub));
             }
-            let [r, g, b] = sum.map(|sum| {
-                (encoded(sum / (side * side) as f32 * exposure) * 255.0 + 0.5).floor() as u32
-            });
+            let [r, g, b] =
+                sum.map(|sum| (encoded(sum / (side * side) as f32 * exposure) * 255.0 + 0.5).floor() as u32);
             r | g << 8 | b << 16 | images.srgb[first + middle] & 0xff00_0000
         };
         let at_middle = |image: &[u32]| -> Bytes {
@@ -400,7 +421,13 @@ fn compose_band(view: &View<'_>, cells: &[u32], band: Band<'_>) {
         fill(cells, view.columns, first_cell_row, &mut depths);
         mask_sky(view, view.columns, first_cell_row, &mut depths);
         for row in 0..rows.srgb.len() / width {
-            warp::row(view, cells, (&depths, first_cell_row), first_pixel_row + row, (&mut rows, row * width));
+            warp::row(
+                view,
+                cells,
+                (&depths, first_cell_row),
+                first_pixel_row + row,
+                (&mut rows, row * width),
+            );
         }
     }
     #[cfg(target_arch = "x86_64")]

@@ -18,22 +18,32 @@ pub(super) fn row(
     let [left, top] = view.of.cell_origin;
     let cell_row = ((y / side) as i32 - top) as usize;
     let own = &depths[(cell_row - first_cell_row) * view.columns..][..view.columns];
-    for x in (0..width).step_by(LANES) {
+    let start = view.direction_of([0.0, y as f32 + 0.5]);
+    for first_lane in 0..width.div_ceil(LANES) {
+        let x = first_lane * LANES;
         let count = LANES.min(width - x);
-        let column = |i: usize| (((x + i.min(count - 1)) / side) as i32 - left) as usize;
-        let mut bits = [0; LANES];
-        let mut d = [[0.0; LANES]; 3];
-        let mut q = [0.0; LANES];
+        let mut bits = [0u32; LANES];
+        let mut columns = [0usize; LANES];
+        for i in 0..LANES {
+            columns[i] = (((x + i.min(count - 1)) / side) as i32 - left) as usize;
+            bits[i] = own[columns[i]];
+        }
+        let ([cx, cy, cz], [rx, ry, rz]) = (start, view.of.right);
+        let [mut dx, mut dy, mut dz, mut q] = [[0.0f32; LANES]; 4];
         let mut open = [0u32; LANES];
         for i in 0..LANES {
-            bits[i] = own[column(i)];
-            let position = [(x + i) as f32 + 0.5, y as f32 + 0.5];
-            let direction = view.direction_of(position);
-            (0..3).for_each(|axis| d[axis][i] = direction[axis]);
+            let at = (x + i) as f32 + 0.5;
+            dx[i] = cx + rx * at;
+            dy[i] = cy + ry * at;
+            dz[i] = cz + rz * at;
             q[i] = depth_of(bits[i]).q.max(0.0);
-            open[i] = u32::from((q[i] > 0.0) | (bits[i] == SKY)) << (bits[i] & 7);
+            open[i] = (((q[i] > 0.0) | (bits[i] == SKY)) as u32) << (bits[i] & 7);
         }
-        let mut present = open[..count].iter().fold(0, |all, one| all | one);
+        let d = [dx, dy, dz];
+        let mut present = 0;
+        for one in open.iter().take(count) {
+            present |= *one;
+        }
         while present != 0 {
             let source = present.trailing_zeros();
             present &= present - 1;
@@ -57,8 +67,11 @@ pub(super) fn row(
                 to.store(first + x + i, &pixel);
             }
         }
-        for i in (0..count).filter(|i| open[*i] == 0) {
-            let at = cell_row * view.columns + column(i);
+        for i in 0..count {
+            if open[i] != 0 {
+                continue;
+            }
+            let at = cell_row * view.columns + columns[i];
             let pixel = second::pixel(view, cells, at, bits[i], [d[0][i], d[1][i], d[2][i]]);
             to.store(first + x + i, &pixel);
         }
