@@ -33,7 +33,7 @@ pub(crate) struct HostFrame {
     pub(crate) height: usize,
     /// 1/metres; 0 for the sky.
     pub(crate) inverse_range: Vec<f32>,
-    finest: Level,
+    pub(crate) finest: Level,
     /// Made when a view first needs one.
     coarser: OnceLock<Vec<Level>>,
 }

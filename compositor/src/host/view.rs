@@ -63,6 +63,8 @@ pub(super) struct View<'a> {
     pub(super) columns: usize,
     pub(super) linear: bool,
     pub(super) confident: bool,
+    /// Whether range is asked for.
+    ranged: bool,
     lighting: &'a Lighting,
     /// Linear radiance of each value of a channel.
     radiance: [f32; 256],
@@ -116,12 +118,14 @@ impl View<'_> {
     /// The pixel of a settled fetch; unresolved if the frame's texels are too coarse for it.
     #[inline(always)]
     pub(super) fn surface(&self, fetched: &Fetches, lane: usize, source: usize, d: [f32; 3]) -> Pixel {
-        let q = fetched.q[lane].max(1e-30);
         let color = self.color(source, fetched.place(lane), || fetched.level(lane));
         if !fetched.is_fine(self, lane) {
             return Pixel { color, source: UNRESOLVED, confidence: 0, range: 0.0 };
         }
-        let range = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / q;
+        let range = match self.ranged {
+            true => (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / fetched.q[lane].max(1e-30),
+            false => 0.0,
+        };
         let confidence = if self.confident { self.confidence(fetched, lane, source, d) } else { 0 };
         Pixel { color, source: source as u32 + 1, confidence, range }
     }
@@ -155,7 +159,7 @@ impl View<'_> {
     fn color(&self, source: usize, place: [f32; 2], level: impl FnOnce() -> f32) -> [f32; 3] {
         let HostSource { frame, level: own, between, .. } = &self.sources[source];
         if !*between && *own == 0 && !self.linear {
-            return self.bilinear(frame.level(0), place);
+            return self.bilinear(&frame.finest, place);
         }
         self.color_between(source, place, level())
     }
@@ -191,10 +195,8 @@ impl View<'_> {
         let (fx, fy) = (x - base_x, y - base_y);
         let (left, right) = neighbours(base_x, level.width);
         let (top, bottom) = neighbours(base_y, level.height);
-        let (above, below) = (
-            &level.texels[top * level.width..][..level.width],
-            &level.texels[bottom * level.width..][..level.width],
-        );
+        let above = &level.texels[top * level.width..][..level.width];
+        let below = &level.texels[bottom * level.width..][..level.width];
         let texels = [above[left], above[right], below[left], below[right]];
         let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
         if self.linear {
@@ -311,6 +313,7 @@ impl HostInputs<'_> {
             columns,
             linear: self.linear,
             confident,
+            ranged: self.outputs.has(Output::Range),
             lighting: self.lighting,
             radiance: if self.linear { std::array::from_fn(radiance) } else { [0.0; 256] },
         };
