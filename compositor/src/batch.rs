@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use argus_scene::{Frame, Provenance, RenderError, Stage, ViewJob};
+use argus_scene::{Cancel, Frame, Provenance, RenderError, Stage, ViewJob};
+use rayon::prelude::*;
 
 use crate::frames::{ChunkImages, FrameAssembly};
-use crate::layout::{Chunk, Piece, ViewExtent, chunks};
+use crate::layout::{Chunk, Piece, Rect, ViewExtent, chunks};
 use crate::prepare::PreparedView;
 use crate::settings::CompositorSettings;
 
@@ -62,7 +63,33 @@ impl<'a> Batch<'a> {
         &self.jobs[self.view(piece).job]
     }
 
-    /// The views cut into chunks.
+    /// Computes the views on the processor that are not for the device.
+    pub(crate) fn compose_on_host(&mut self, cancel: &Cancel) {
+        let own: Vec<usize> = (0..self.views.len()).filter(|index| self.views[*index].on_host).collect();
+        if own.is_empty() {
+            return;
+        }
+        let began = Instant::now();
+        let compose = |index: &usize| {
+            let view = &self.views[*index];
+            match cancel.is_cancelled() {
+                true => Err(RenderError::Cancelled),
+                false => Ok(view.host_inputs(self.jobs[view.job].outputs)?.compose()),
+            }
+        };
+        let composed: Vec<Result<ChunkImages, RenderError>> = own.par_iter().map(compose).collect();
+        for (index, images) in own.into_iter().zip(composed) {
+            let ViewJob { width, height, .. } = self.jobs[self.views[index].job];
+            let part = Rect { x: 0, y: 0, width, height };
+            let piece = Piece { view: index, part, target: [0, 0], side: self.views[index].side };
+            let chunk = Chunk { pieces: vec![piece], size: [width, height] };
+            let outcome = images.map(|images| self.add_pieces(&chunk, &images));
+            self.end_chunk(&chunk, outcome.map(|()| Vec::new()));
+        }
+        self.add_stage(Stage::new("warp frames", milliseconds(began)));
+    }
+
+    /// The views for the device, cut into chunks.
     pub(crate) fn chunks(&self, settings: &CompositorSettings) -> Vec<Chunk> {
         let extent = |view: &PreparedView| {
             let ViewJob { width, height, .. } = self.jobs[view.job];
@@ -71,8 +98,12 @@ impl<'a> Batch<'a> {
             let PreparedView { side, linear, pool, .. } = *view;
             ViewExtent { width, height, side, linear, pool, probes, environment }
         };
-        let extents: Vec<ViewExtent> = self.views.iter().map(extent).collect();
-        chunks(&extents, settings)
+        let own: Vec<usize> = (0..self.views.len()).filter(|index| !self.views[*index].on_host).collect();
+        let extents: Vec<ViewExtent> = own.iter().map(|index| extent(&self.views[*index])).collect();
+        let mut chunks = chunks(&extents, settings);
+        // Among all views of the batch.
+        chunks.iter_mut().flat_map(|chunk| &mut chunk.pieces).for_each(|piece| piece.view = own[piece.view]);
+        chunks
     }
 
     /// Adds the pieces of a chunk to their frames.

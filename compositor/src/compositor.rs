@@ -7,7 +7,7 @@ use std::time::Instant;
 use argus_gpu::wgpu::util::DeviceExt;
 use argus_gpu::{Commands, EnvironmentTexture, Gpu, ReflectionProbes, wgpu};
 use argus_scene::{
-    Cancel, Compositor, Frame, Output, RenderError, SampleId, SampleSet, Search, Stage, ViewJob,
+    Cancel, Compositor, Frame, Output, Plan, RenderError, SampleId, SampleSet, Search, Stage, ViewJob, Warp,
 };
 
 use crate::autotune::Autotune;
@@ -85,6 +85,8 @@ impl GpuCompositor {
             let reason = format!("the device `{}` has no immediates (push constants)", gpu.kind());
             return Err(RenderError::Internal(reason));
         }
+        // Compute programs take four times as long there.
+        let frames_on_host = gpu.is_software() && settings.search_backend == SearchBackend::Auto;
         let sampler = |filter| {
             gpu.device.create_sampler(&wgpu::SamplerDescriptor {
                 mag_filter: filter,
@@ -96,7 +98,7 @@ impl GpuCompositor {
         };
         Ok(Self {
             settings,
-            sample_store: SampleStore::default(),
+            sample_store: SampleStore::new(frames_on_host),
             targets: TargetPool::default(),
             fixed: FixedBindings {
                 nearest: sampler(wgpu::FilterMode::Nearest),
@@ -147,8 +149,13 @@ impl GpuCompositor {
 
     /// Prepares the views of a batch.
     pub(crate) fn prepare<'a>(&mut self, jobs: &'a [ViewJob]) -> Batch<'a> {
-        let Self { gpu, build_pyramid, sample_store, settings, .. } = self;
+        let Self { gpu, bounds, mips, build_pyramid, sample_store, settings, .. } = self;
         Batch::new(jobs, |index, job| {
+            if let Plan::Warp(Warp { search, samples, .. }) = &job.plan
+                && *search != Search::Splat
+            {
+                sample_store.hold_on_device(&UploadContext { gpu, bounds, mips, settings }, samples)?;
+            }
             let view = PreparedView::new(index, job, sample_store, settings)?;
             if view.search == Search::Pyramid {
                 sample_store.make_pyramids(gpu, build_pyramid, settings, &view.samples)?;
@@ -172,6 +179,7 @@ impl GpuCompositor {
         cancel: &Cancel,
         compose_chunk: ComposeChunk<'_>,
     ) -> Vec<Result<Frame, RenderError>> {
+        batch.compose_on_host(cancel);
         for chunk in batch.chunks(&self.settings) {
             let outcome = match cancel.is_cancelled() {
                 true => Err(RenderError::Cancelled),

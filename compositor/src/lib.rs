@@ -34,6 +34,7 @@ mod cull;
 mod draw_batch;
 mod frames;
 mod geometry;
+mod host;
 mod layout;
 mod lights;
 mod pass_plan;

@@ -4,16 +4,20 @@ use std::sync::Arc;
 
 use argus_gpu::{EnvironmentTexture, ReflectionProbes};
 use argus_scene::camera::Face;
-use argus_scene::{FaceMask, InvalidField, Output, Plan, RenderError, SampleId, Search, ViewJob, Warp};
+use argus_scene::{
+    FaceMask, InvalidField, Output, Outputs, Plan, RenderError, SampleId, Search, ViewJob, Warp,
+};
 use argus_shaders::layout::compositor::{
     CellProjection, Fill, MAX_SAMPLES, Reproject, Splat, ViewSample, ViewUniform,
 };
 use bytemuck::Zeroable;
 use glam::DVec2;
 
+use crate::arrays::PoolClass;
 use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
 use crate::draw_batch::SplatCall;
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
+use crate::host::{HostInputs, HostSource};
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
 use crate::reprojection::Reprojection;
@@ -33,6 +37,8 @@ pub(crate) struct PreparedView {
     /// The faces that are used of each sample. Directions in other faces are not seen by it.
     masks: Vec<FaceMask>,
     pub(crate) pool: usize,
+    /// Whether it is computed on the processor: from frames that are in memory alone, or that differ in size.
+    pub(crate) on_host: bool,
     pub(crate) omni: bool,
     pub(crate) glossy: bool,
     /// Reflection probes that the samples look up.
@@ -65,6 +71,11 @@ const COARSE: f32 = 16.0;
 
 /// Cells of a splat that seeds a search are this many times larger than those of the splat search.
 const SEED_CELL_FACTOR: u32 = 4;
+
+/// Mip level of texels that are so many pixels apart; it has a fraction.
+fn level_of(spacing: f64) -> f64 {
+    (LEVEL_TEXELS / spacing.max(1e-6)).log2().max(0.0)
+}
 
 /// A face that a view is splatted from.
 #[derive(Debug)]
@@ -107,9 +118,16 @@ impl PreparedView {
         let used = |held: &Arc<HeldSample>, id: &SampleId| faces.of(id.camera).of_camera(&held.camera);
         let masks = samples.iter().zip(&of_rig).map(|(held, id)| used(held, id)).collect();
         let pool = samples.first().map_or(0, |held| held.pool);
-        let class = sample_store.pool(pool)?.class;
+        let on_host = sample_store.serves_on_host(*search, &samples);
+        if !on_host && samples.iter().any(|held| held.pool != pool) {
+            let reason = "samples of one plan must be of one size and format, unless they are frames that are splatted";
+            return Err(InvalidField::new("plan.samples", reason).into());
+        }
+        // Frames have colour and range alone.
+        let class = if on_host { None } else { Some(sample_store.pool(pool)?.class) };
+        let is = |of: fn(&PoolClass) -> bool| class.as_ref().is_some_and(of);
         // Samples without a Reflector plane look up no probes.
-        let of_probes = of_probes.first().filter(|_| class.reflects);
+        let of_probes = of_probes.first().filter(|_| is(|class| class.reflects));
         let probes = of_probes.map(|&id| Ok::<_, RenderError>((id, sample_store.probes(id)?))).transpose()?;
         let environment = samples.first().and_then(|held| sample_store.environment(&held.info));
         let geometry = ViewGeometry::new(&job.camera, job.width, job.height, *supersampling);
@@ -121,8 +139,9 @@ impl PreparedView {
             samples,
             masks,
             pool,
-            omni: class.omni,
-            glossy: class.glossy,
+            on_host,
+            omni: is(|class| class.omni),
+            glossy: is(|class| class.glossy),
             probes,
             environment,
             level: 0,
@@ -164,9 +183,51 @@ impl PreparedView {
         let [dense, spacing] = spacings(tiles, self.geometry.size);
         let coarser = if self.search == Search::Seeded { SEED_CELL_FACTOR } else { 1 };
         self.cell = cell_size(spacing, self.geometry.size).saturating_mul(coarser);
-        let level = |spacing: f64| (LEVEL_TEXELS / spacing.max(1e-6)).log2().max(0.0);
-        self.level = level(spacing) as u32;
-        self.between_levels = self.search == Search::Splat && level(dense) > f64::from(self.level);
+        self.level = level_of(spacing) as u32;
+        self.between_levels = self.search == Search::Splat && level_of(dense) > f64::from(self.level);
+    }
+
+    /// What the view is computed from on the processor.
+    ///
+    /// # Errors
+    /// [`RenderError::Internal`] for a view without samples.
+    pub(crate) fn host_inputs(&self, outputs: Outputs) -> Result<HostInputs<'_>, RenderError> {
+        let none = || RenderError::Internal("a view from frames has none".to_owned());
+        let lighting = &self.samples.first().ok_or_else(none)?.info.lighting;
+        let [width, height] = self.geometry.size.to_array().map(|sub_pixels| sub_pixels as u32 / self.side);
+        let piece =
+            Piece { view: 0, part: Rect { x: 0, y: 0, width, height }, target: [0, 0], side: self.side };
+        let view = self.uniform(&piece, &ChunkOffsets::default());
+        let mut blocks = Vec::new();
+        let splats = self.splats(&piece, 0, &mut blocks);
+        let sources =
+            self.samples.iter().zip(view.samples).enumerate().filter_map(|(index, (held, sample))| {
+                let tiles = self.sources.iter().filter(|source| source.sample == index);
+                // A frame that is not splatted is read like one at the distance of the view's eye.
+                let [dense, sparse] = match tiles.clone().next() {
+                    Some(_) => spacings(tiles.flat_map(|source| &source.tiles), self.geometry.size),
+                    None => [1.0 / f64::from(self.footprint_in(held)); 2],
+                };
+                let level = level_of(sparse) as usize;
+                Some(HostSource {
+                    sample,
+                    frame: held.host()?,
+                    footprint: self.footprint_in(held),
+                    level,
+                    between: level_of(dense) > level as f64,
+                })
+            });
+        Ok(HostInputs {
+            view,
+            sources: sources.collect(),
+            splats,
+            blocks,
+            fill: self.fill(&piece, 0),
+            lighting,
+            side: self.side,
+            linear: self.linear,
+            outputs,
+        })
     }
 
     /// Factor from linear radiance to display-linear.
@@ -256,7 +317,12 @@ impl PreparedView {
 
     /// Texels of the nearest sample along the edge of a sub-pixel, at equal distance from both cameras.
     fn footprint(&self) -> f32 {
-        let face = self.samples.first().and_then(|held| held.faces.first());
+        self.samples.first().map_or(1.0, |held| self.footprint_in(held))
+    }
+
+    /// Texels of a sample along the edge of a sub-pixel, at equal distance from both cameras.
+    fn footprint_in(&self, held: &HeldSample) -> f32 {
+        let face = held.faces.first();
         let texel = |face: &Face| face.texel().min_element();
         // The shorter edges of both, because blur is worse than slight aliasing.
         face.map_or(1.0, |face| (self.geometry.pixel_at_unit_depth().min_element() / texel(face)) as f32)

@@ -2,16 +2,18 @@
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, Weak};
+use std::sync::{Arc, OnceLock, Weak};
 
 use argus_gpu::{EnvironmentTexture, Gpu, ReflectionProbes};
 use argus_scene::camera::Face;
 use argus_scene::{
     FaceMask, FaceMasks, InvalidField, RenderError, Sample, SampleCamera, SampleId, SampleSet, SampleSetInfo,
+    Search,
 };
 
 use crate::arrays::PoolClass;
 use crate::cull::FaceTiles;
+use crate::host::HostFrame;
 use crate::passes::build_pyramid::BuildPyramidPass;
 use crate::pool::Pool;
 use crate::sample_upload::{SampleUpload, Submission, UploadContext};
@@ -30,9 +32,30 @@ pub(crate) struct HeldSample {
     pub(crate) faces: Vec<Face>,
     /// One entry a face.
     pub(crate) tiles: Vec<FaceTiles>,
-    /// Index of its pool.
+    /// Index of its pool; [`NO_POOL`] if it is in memory alone.
     pub(crate) pool: usize,
     pub(crate) layer: u32,
+    /// The planes in memory, once a view is computed from them; `None` within if they are elsewhere or of another kind.
+    host: OnceLock<Option<Arc<HostFrame>>>,
+}
+
+/// Index of the pool of samples that are in memory alone.
+pub(crate) const NO_POOL: usize = usize::MAX;
+
+impl HeldSample {
+    /// Whether it is a frame.
+    fn is_frame(&self) -> bool {
+        self.info.version.number == SampleId::FRAMES
+    }
+
+    /// Its planes in memory; `None` if it is no frame.
+    pub(crate) fn host(&self) -> Option<&Arc<HostFrame>> {
+        let frame = || {
+            let sample = self.sample.upgrade().filter(|sample| sample.id.version == SampleId::FRAMES)?;
+            HostFrame::new(&sample, self.info.lighting.exposure).map(Arc::new)
+        };
+        self.host.get_or_init(frame).as_ref()
+    }
 }
 
 fn within_memory(bytes: u64, settings: &CompositorSettings) -> Result<(), RenderError> {
@@ -50,6 +73,8 @@ const WORTH_SUBMITTING: u64 = 1 << 21;
 /// Samples by id, and their texture arrays.
 #[derive(Debug, Default)]
 pub(crate) struct SampleStore {
+    /// Whether views from frames are computed on the processor, so that frames stay in memory.
+    frames_on_host: bool,
     held: BTreeMap<SampleId, Arc<HeldSample>>,
     /// Samples that are being uploaded.
     uploads: BTreeMap<SampleId, SampleUpload>,
@@ -65,6 +90,22 @@ pub(crate) struct SampleStore {
 }
 
 impl SampleStore {
+    /// An empty store. `frames_on_host`: views from frames are computed on the processor, and frames stay in memory.
+    pub(crate) fn new(frames_on_host: bool) -> Self {
+        Self { frames_on_host, ..Self::default() }
+    }
+
+    /// Whether a view by this search is computed on the processor from these samples: from frames, where that is faster or where
+    /// they differ in size. This depends on the plan and the device alone.
+    pub(crate) fn serves_on_host(&self, search: Search, samples: &[Arc<HeldSample>]) -> bool {
+        let differ = || samples.iter().any(|held| held.camera.size() != samples[0].camera.size());
+        search == Search::Splat
+            && !samples.is_empty()
+            && samples.iter().all(|held| held.is_frame())
+            && (self.frames_on_host || differ())
+            && samples.iter().all(|held| held.host().is_some())
+    }
+
     /// The reflection probes of an id.
     ///
     /// # Errors
@@ -77,7 +118,7 @@ impl SampleStore {
     ///
     /// # Errors
     /// [`RenderError::MissingSample`] for the first that is not held, or lacks a face. [`RenderError::Invalid`] if they differ in scene,
-    /// epoch, generation, size or format.
+    /// epoch or generation; samples that are no frames, if they differ in size or format.
     pub(crate) fn of_plan(
         &self,
         ids: &[SampleId],
@@ -91,8 +132,8 @@ impl SampleStore {
         let samples = ids.iter().map(find).collect::<Result<Vec<_>, _>>()?;
         if let Some((first, rest)) = samples.split_first() {
             let together = |other: &Arc<HeldSample>| {
-                other.pool == first.pool
-                    && (Arc::ptr_eq(&other.info, &first.info) || other.info == first.info)
+                let is_alike = other.pool == first.pool || (other.host().is_some() && first.host().is_some());
+                is_alike && (Arc::ptr_eq(&other.info, &first.info) || other.info == first.info)
             };
             if !rest.iter().all(together) {
                 let reason = "samples of one plan must be of one scene, version, size and format";
@@ -145,7 +186,7 @@ impl SampleStore {
         // Of several samples with one id the last one is uploaded.
         let missing: BTreeMap<SampleId, &Arc<Sample>> =
             set.samples.iter().filter(|sample| !self.is_held(&set.info, sample)).map(|s| (s.id, s)).collect();
-        let done = self.hold_missing(context, &set.info, &missing, is_over);
+        let done = self.hold_missing(context, &set.info, &missing, !self.frames_on_host, is_over);
         if done.is_err() {
             self.abandon(&missing.keys().copied().collect::<Vec<_>>());
         }
@@ -157,10 +198,13 @@ impl SampleStore {
         context: &UploadContext<'_>,
         info: &Arc<SampleSetInfo>,
         missing: &BTreeMap<SampleId, &Arc<Sample>>,
+        to_device: bool,
         is_over: &dyn Fn() -> bool,
     ) -> Result<bool, RenderError> {
         let (of_probes, of_rig): (Vec<&Arc<Sample>>, Vec<&Arc<Sample>>) =
             missing.values().partition(|sample| sample.id.is_reflection_probe());
+        let stays = |sample: &&Arc<Sample>| !to_device && sample.id.version == SampleId::FRAMES;
+        let (frames, of_rig): (Vec<&Arc<Sample>>, Vec<&Arc<Sample>>) = of_rig.into_iter().partition(stays);
         let classes = of_rig.iter().map(|sample| class_of(sample)).collect::<Result<Vec<_>, _>>()?;
         let probes = of_probes
             .iter()
@@ -179,6 +223,9 @@ impl SampleStore {
             self.bytes += probes.bytes();
             self.probes.insert(sample.id, (Arc::downgrade(sample), probes));
         }
+        for sample in frames {
+            self.hold_in_memory(info, sample)?;
+        }
         for (sample, class) in of_rig.iter().zip(classes) {
             if self.uploads.get(&sample.id).is_some_and(|upload| upload.is_of(info, sample)) {
                 continue;
@@ -196,6 +243,49 @@ impl SampleStore {
             self.uploads.insert(sample.id, upload);
         }
         self.take_steps(context, &of_rig, is_over)
+    }
+
+    /// Holds a frame without a copy on the device.
+    fn hold_in_memory(&mut self, info: &Arc<SampleSetInfo>, sample: &Arc<Sample>) -> Result<(), RenderError> {
+        class_of(sample)?;
+        self.release(&[sample.id]);
+        let (camera, faces) = (sample.camera, sample.camera.faces());
+        let frame = HostFrame::new(sample, info.lighting.exposure).map(Arc::new);
+        let tiles = frame.iter().flat_map(|frame| faces.iter().map(|face| frame.tiles(face))).collect();
+        if frame.is_none() {
+            let reason = "a frame has other planes than colour and range, or none in memory";
+            return Err(InvalidField::new("sample.planes", reason).into());
+        }
+        let held = HeldSample {
+            sample: Arc::downgrade(sample),
+            info: info.clone(),
+            camera,
+            mask: sample.faces,
+            faces,
+            tiles,
+            pool: NO_POOL,
+            layer: 0,
+            host: OnceLock::from(frame),
+        };
+        self.held.insert(sample.id, Arc::new(held));
+        Ok(())
+    }
+
+    /// Copies frames that are in memory alone to the device, for a search that runs there.
+    ///
+    /// # Errors
+    /// The errors of [`Self::hold`].
+    pub(crate) fn hold_on_device(
+        &mut self,
+        context: &UploadContext<'_>,
+        ids: &[SampleId],
+    ) -> Result<(), RenderError> {
+        for id in ids {
+            let Some(held) = self.held.get(id).filter(|held| held.pool == NO_POOL).cloned() else { continue };
+            let Some(sample) = held.sample.upgrade() else { continue };
+            self.hold_missing(context, &held.info, &BTreeMap::from([(*id, &sample)]), true, &|| false)?;
+        }
+        Ok(())
     }
 
     /// Runs upload steps.
@@ -243,7 +333,8 @@ impl SampleStore {
             };
             self.release(&[id]);
             if let Some((camera, mask)) = sample.upgrade().map(|sample| (sample.camera, sample.faces)) {
-                let held = HeldSample { sample, info, camera, mask, faces, tiles, pool, layer };
+                let host = OnceLock::new();
+                let held = HeldSample { sample, info, camera, mask, faces, tiles, pool, layer, host };
                 self.held.insert(id, Arc::new(held));
                 self.bytes += self.bytes_of(id);
             } else {
@@ -323,12 +414,12 @@ impl SampleStore {
 
     /// Bytes of one sample of a pool.
     fn layer_bytes(&self, pool: usize) -> u64 {
-        self.pools[pool].as_ref().map_or(0, |pool| pool.class.layer_bytes())
+        self.pools.get(pool).and_then(Option::as_ref).map_or(0, |pool| pool.class.layer_bytes())
     }
 
     fn free(&mut self, layers: impl IntoIterator<Item = (usize, u32)>) {
         for (index, layer) in layers {
-            let Some(pool) = &mut self.pools[index] else { continue };
+            let Some(Some(pool)) = self.pools.get_mut(index) else { continue };
             pool.free_layer(layer);
         }
     }

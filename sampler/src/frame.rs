@@ -1,6 +1,6 @@
 //! A frame: an image on its way through the stages that shade and light it. Their list is in [`crate::stages`].
 
-use argus_gpu::{Commands, GpuError, wgpu};
+use argus_gpu::{Commands, GpuError, PendingReadback, Submitted, wgpu};
 use argus_scene::{Cancel, RenderError, Stage};
 use bytes::Bytes;
 
@@ -87,6 +87,24 @@ impl<'a> Frame<'a> {
         Ok(pending.map(|pending| finished.take(pending)))
     }
 
+    /// Submits what is recorded, with reads of the first bytes of buffers. Later stages record commands with a label.
+    pub(crate) fn begin_read(&mut self, buffers: &[(&wgpu::Buffer, u64)], label: &str) -> BegunRead {
+        let pending =
+            buffers.iter().map(|(buffer, bytes)| self.commands.read_buffer(buffer, 0..*bytes)).collect();
+        let commands = std::mem::replace(&mut self.commands, self.context.gpu.commands(label));
+        BegunRead { pending, submitted: commands.submit() }
+    }
+
+    /// Waits for a read.
+    ///
+    /// # Errors
+    /// The errors of the device.
+    pub(crate) fn end_read(&mut self, begun: BegunRead) -> Result<Vec<Bytes>, GpuError> {
+        let mut finished = begun.submitted.wait()?;
+        timing::add(self.stages, std::mem::take(&mut finished.stages));
+        Ok(begun.pending.into_iter().map(|pending| finished.take(pending)).collect())
+    }
+
     /// Number of sub-samples.
     pub(crate) fn sub_samples(&self) -> u64 {
         self.context.tile.sub_samples().map(u64::from).iter().product()
@@ -108,6 +126,12 @@ impl<'a> Frame<'a> {
         let is_image = self.is_view || matches!(self.sharing, LightSharing::Texels { .. });
         is_image || self.footprint != Footprint::Pixels
     }
+}
+
+/// A read that was submitted.
+pub(crate) struct BegunRead {
+    pending: Vec<PendingReadback>,
+    submitted: Submitted,
 }
 
 /// What sub-samples stand for on surfaces.

@@ -7,6 +7,8 @@ use crate::tile::{Tile, tiles};
 
 /// Pixels in a row of the compact image that a list is shaded in.
 const ROW: u32 = 256;
+/// Fewest columns of that image.
+const LEAST_COLUMNS: u32 = 64;
 /// Pixels on a side of the squares by which lists are sorted, so that neighbours share packets of rays.
 const SQUARE: u32 = 16;
 
@@ -50,9 +52,12 @@ impl PixelList {
         (row * side + i / side) * self.compact.sub_samples()[0] + column * side + i % side
     }
 
-    /// The positions, packed for the device.
+    /// The positions, packed for the device: one for each pixel of the compact image. Beyond the list is its last one.
     pub(crate) fn words(&self) -> Vec<u32> {
-        self.places.iter().map(|[x, y]| x | y << 16).collect()
+        let last = self.places.last().copied().unwrap_or_default();
+        let count = (self.compact.size[0] * self.compact.size[1]) as usize;
+        let all = self.places.iter().copied().chain(std::iter::repeat(last));
+        all.take(count).map(|[x, y]| x | y << 16).collect()
     }
 }
 
@@ -78,8 +83,11 @@ pub(crate) fn pixel_lists(face: &Face, side: u32, pixels: &[u32]) -> Result<Vec<
         // A list has at most the pixels of a tile.
         for part in inside.chunks((tiles_most(side) * ROW) as usize) {
             let (asked, places): (Vec<u32>, Vec<[u32; 2]>) = part.iter().copied().unzip();
-            let columns = (places.len() as u32).min(ROW);
-            let compact = Tile { size: [columns, (places.len() as u32).div_ceil(ROW)], ..tile };
+            // Of few sizes, because targets are kept by size: making and clearing them takes longer than to shade a list.
+            let count = places.len() as u32;
+            let columns = count.next_power_of_two().clamp(LEAST_COLUMNS, ROW);
+            let rows = count.div_ceil(ROW).next_power_of_two().min(tiles_most(side));
+            let compact = Tile { size: [columns, rows], ..tile };
             pixel_lists.push(PixelList { tile, compact, asked, places });
         }
     }

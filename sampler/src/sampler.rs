@@ -4,6 +4,7 @@ mod gpu_sampler;
 mod identify;
 mod light;
 mod light_cells;
+mod lists;
 mod method_samples;
 mod point_probes;
 mod prepared;

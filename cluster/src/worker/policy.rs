@@ -252,8 +252,9 @@ impl Policy {
 
     fn turn(&self, kind: Kind) -> Turn {
         let most = match kind {
-            Kind::Warped => self.limits.warped,
-            Kind::Direct | Kind::Pixels => self.limits.direct,
+            // Lists of pixels share their submissions, as views from samples do.
+            Kind::Warped | Kind::Pixels => self.limits.warped,
+            Kind::Direct => self.limits.direct,
             // One sample at a time where batching saves nothing: the first requester can continue while the next
             // sample is rendered. The set decides how many samples are efficient to render together.
             Kind::Sample => usize::MAX,

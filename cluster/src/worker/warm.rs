@@ -9,9 +9,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use argus_scene::{
-    Camera, Cancel, Compositor, Detail, Frame, LightEffects, LightLevel, Output, Outputs, Plan, ProbeSource,
-    ReflectionProbeSet, Reflections, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo, Sampler,
-    Scene, SceneState, Version, ViewJob, Visibility, Warp,
+    Camera, Cancel, Compositor, Detail, Frame, LightEffects, LightLevel, Output, Outputs, PixelJob, Plan,
+    ProbeSource, ReflectionProbeSet, Reflections, RenderError, SampleId, SampleJob, SampleSet, SampleSetInfo,
+    Sampler, Scene, SceneState, Version, ViewJob, Visibility, Warp,
 };
 
 use crate::core::quality::Cost;
@@ -48,7 +48,8 @@ const SAMPLES: usize = 4;
 /// Version number of the measured samples, which no set reaches.
 const LAST_VERSION: u64 = u64::MAX;
 
-/// Renders a small view from triangles, which compiles its programs.
+/// Renders a small view from triangles and a list of its pixels, which compiles their programs and builds what they trace. So the
+/// first view whose holes are traced waits for nothing else.
 ///
 /// # Errors
 /// The error of rendering.
@@ -57,8 +58,18 @@ pub(super) fn sampler(
     scene: &Scene,
     info: &SampleSetInfo,
 ) -> Result<(), RenderError> {
-    direct_view(sampler, scene.default_camera(), info, (SIZES[0], Detail::Full)).map(drop)
+    let (camera, [width, height]) = (scene.default_camera(), SIZES[0]);
+    direct_view(sampler, camera, info, (SIZES[0], Detail::Full))?;
+    let ViewJob { state, time_secs, reflections, .. } =
+        view(info, camera, SIZES[0], Plan::direct(1), sampler.usual_visibility());
+    let pixels = (0..width * height).step_by(PIXELS_APART).collect();
+    let samples_per_pixel = 1;
+    let job = PixelJob { camera, width, height, pixels, samples_per_pixel, state, time_secs, reflections };
+    sampler.render_pixels(&[job], &Cancel::default()).into_iter().try_for_each(|pixels| pixels.map(drop))
 }
+
+/// Pixels from one to the next of the list that is traced before views wait.
+const PIXELS_APART: usize = 16;
 
 /// Measures the cost of views from triangles in some detail, by the pixels that are rendered, of a sampler whose programs are
 /// compiled. `seen` gets each frame. Calls `between` between views.

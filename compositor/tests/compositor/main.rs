@@ -6,6 +6,7 @@ mod batches;
 mod confidence;
 mod extent;
 mod faces;
+mod frames;
 mod radiance;
 mod reprojection;
 mod search_backends;

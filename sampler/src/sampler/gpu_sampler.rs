@@ -60,6 +60,8 @@ pub struct GpuSampler {
     pub(super) blend: Option<Blend>,
     pub(super) scratch: Scratch,
     pub(super) layer_scratch: Scratch,
+    /// One a list of pixels that is rendered beside others.
+    pub(super) list_scratch: Vec<Scratch>,
     /// Where points of reflections are shaded.
     pub(super) point_scratch: Scratch,
     pub(super) lights: Lights,
@@ -119,6 +121,7 @@ impl GpuSampler {
             resolve_view: ResolveView::new(&gpu),
             scratch: Scratch::default(),
             layer_scratch: Scratch::default(),
+            list_scratch: Vec::new(),
             point_scratch: Scratch::default(),
             animated: scene.is_animated(),
             lighting: exposed(scene.at(0.0).lighting, &settings),

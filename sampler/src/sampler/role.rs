@@ -98,6 +98,6 @@ impl Sampler for GpuSampler {
     }
 
     fn render_pixels(&mut self, jobs: &[PixelJob], cancel: &Cancel) -> Vec<Result<Pixels, RenderError>> {
-        jobs.iter().map(|job| self.render_list(job, cancel)).collect()
+        self.render_lists(jobs, cancel)
     }
 }

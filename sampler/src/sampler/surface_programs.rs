@@ -1,7 +1,7 @@
 //! Programs that shade surfaces, and what reflections of a job are taken from.
 
 use argus_gpu::Gpu;
-use argus_scene::ReflectionProbeSet;
+use argus_scene::{ProbeSource, ReflectionProbeSet};
 
 use crate::SamplerSettings;
 use crate::passes::{ProbeBindings, ResolveSample, Shade, ShadeSample};
@@ -38,9 +38,17 @@ pub(super) enum ReflectionLookup {
 }
 
 impl ReflectionLookup {
-    /// What samples and lists of pixels reflect.
+    /// What samples reflect.
     pub(super) fn probes(set: Option<ReflectionProbeSet>) -> Self {
         set.map_or(Self::Nothing, Self::Probes)
+    }
+
+    /// What lists of pixels reflect: what direct views do, if rays find it. Maps of points are of whole views.
+    pub(super) fn of_list(set: Option<ReflectionProbeSet>) -> Self {
+        match set {
+            Some(set) if set.settings.source == ProbeSource::Rays => Self::View(set),
+            set => Self::probes(set),
+        }
     }
 
     /// What direct views reflect.

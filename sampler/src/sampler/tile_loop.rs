@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use argus_gpu::Submitted;
-use argus_scene::{Cancel, Images, Output, RenderError, Stage};
+use argus_scene::{Cancel, Images, Output, Outputs, RenderError, Stage};
 use bytes::Bytes;
 
 use super::gpu_sampler::GpuSampler;
@@ -12,7 +12,7 @@ use super::surface_programs::{ReflectionLookup, SurfacePrograms};
 use crate::frame::{Frame, check_wanted};
 use crate::layers::RayLayers;
 use crate::ray_tile::RayTile;
-use crate::scratch::Extras;
+use crate::scratch::{Extras, Scratch};
 use crate::stages::{self, Part, PartJob, PartOutput, RenderedPart, ViewReflecting};
 use crate::timing;
 
@@ -142,6 +142,101 @@ impl GpuSampler {
         };
         timing::add_since(&mut scene.stages, "trace layers", begin);
         found
+    }
+}
+
+/// A list of pixels of one of several jobs, and what is rendered of it.
+pub(super) struct ListOf {
+    /// Index of the job.
+    pub(super) job: usize,
+    pub(super) part: Part,
+    pub(super) outputs: Outputs,
+}
+
+impl GpuSampler {
+    /// Renders lists of pixels of several jobs beside each other: the device shades them all while the CPU finds the light of the first.
+    /// The scenes are those of the jobs, at one moment and in one light, without transparent surfaces. `place` gets the pixels of each.
+    ///
+    /// # Errors
+    /// [`RenderError::Cancelled`], or the errors of the device.
+    pub(super) fn render_lists_of(
+        &mut self,
+        scenes: &mut [ReadyScene],
+        lists: &[ListOf],
+        cancel: &Cancel,
+        mut place: impl FnMut(&ListOf, Images),
+    ) -> Result<(), RenderError> {
+        if self.list_scratch.len() < lists.len() {
+            self.list_scratch.resize_with(lists.len(), Scratch::default);
+        }
+        let g_buffer = self.lights.any();
+        let Self { gpu, resident, surface_programs, lights, list_scratch, .. } = self;
+        let mut stages: Vec<Vec<Stage>> = lists.iter().map(|_| Vec::new()).collect();
+        let SurfacePrograms { of_views, reflected, .. } = &*surface_programs;
+        let (layer_scratch, point_scratch) = (&mut self.layer_scratch, &mut self.point_scratch);
+        let mut frames = Vec::with_capacity(lists.len());
+        let mut rendered = Vec::with_capacity(lists.len());
+        // A macro, because what it borrows is given back between two lists.
+        macro_rules! job_of {
+            ($list:expr) => {{
+                let ListOf { job, part, outputs } = $list;
+                let scene = &scenes[*job];
+                let output = PartOutput::Pixels(*outputs);
+                let defers = matches!(scene.reflections, ReflectionLookup::View(_)) && output.is_shaded();
+                let extras = match output.is_shaded() {
+                    true => Extras { g_buffer: g_buffer || defers, reflectors: defers, ..Extras::default() },
+                    false => Extras::default(),
+                };
+                let reflecting = match (defers, of_views, reflected) {
+                    (true, Some(programs), Some(reflected)) => Some(ViewReflecting {
+                        programs,
+                        by: &reflected.found_by,
+                        maps: None,
+                        lighting: &scene.lighting,
+                        scratch: &mut *point_scratch,
+                        cancel,
+                    }),
+                    _ => None,
+                };
+                PartJob {
+                    part,
+                    output,
+                    extras,
+                    layers: &[],
+                    layer_scratch: &mut *layer_scratch,
+                    visibility: &self.visibility,
+                    backend: scene.backend,
+                    programs: surface_programs.of(scene.reflections),
+                    reflecting,
+                    lights: &mut *lights,
+                    exposure: scene.lighting.exposure,
+                    blend: None,
+                    resolve_view: &self.resolve_view,
+                    settings: &self.settings,
+                    cancel,
+                }
+            }};
+        }
+        for ((list, scratch), stages) in lists.iter().zip(list_scratch).zip(&mut stages) {
+            check_wanted(cancel)?;
+            let job = job_of!(list);
+            let context = list.part.context(gpu, resident, &scenes[list.job].eye, scratch, job.extras);
+            let sharing = job.output.sharing(&list.part);
+            let mut frame = Frame { is_view: true, ..Frame::new(context, sharing, "render list", stages) };
+            let begun = stages::begin_list(&mut frame, &job)?;
+            frames.push((frame, begun));
+        }
+        for (list, (frame, begun)) in lists.iter().zip(frames) {
+            check_wanted(cancel)?;
+            let mut job = job_of!(list);
+            rendered.push(stages::end_list(frame, &mut job, begun)?);
+        }
+        for ((list, rendered), mut stages) in lists.iter().zip(rendered).zip(stages) {
+            let (pixels, _) = pixels_of(rendered, &mut stages)?;
+            timing::add(&mut scenes[list.job].stages, stages);
+            place(list, pixels);
+        }
+        Ok(())
     }
 }
 

@@ -1,11 +1,11 @@
-//! Renders direct views, and lists of their pixels.
+//! Renders direct views.
 
 use std::time::Instant;
 
 use argus_scene::camera::Face;
 use argus_scene::{
-    Camera, Cancel, Detail, Frame, Images, InvalidField, Output, Outputs, PixelJob, Pixels, Plan,
-    RenderError, SampleCamera, Sampling, Specification, ViewJob, Visibility,
+    Camera, Cancel, Detail, Frame, Images, InvalidField, Output, Outputs, Plan, RenderError, SampleCamera,
+    Sampling, Specification, ViewJob, Visibility,
 };
 
 use super::gpu_sampler::{GpuSampler, Moment};
@@ -13,7 +13,6 @@ use super::ready_scene::{BetweenTiles, JobScene};
 use super::slices::Slices;
 use super::surface_programs::ReflectionLookup;
 use crate::enlarge::enlarged;
-use crate::pixel_list::pixel_lists;
 use crate::ray_tile::RayTile;
 use crate::stages::{Part, PartOutput};
 use crate::tile::{Tile, tiles};
@@ -163,70 +162,13 @@ impl GpuSampler {
             exposure: self.lighting.exposure,
         }
     }
-
-    /// Renders some pixels of a direct view. They are traced and shaded as a list, so that the cost is that of the list.
-    pub(super) fn render_list(&mut self, job: &PixelJob, cancel: &Cancel) -> Result<Pixels, RenderError> {
-        if !job.camera.is_pinhole() {
-            return Err(InvalidField::new("camera", "lists of pixels are of pinholes").into());
-        }
-        let side = grid_side(&Plan::direct(job.samples_per_pixel))?;
-        let faces = faces_of(job.camera, checked_size(job.width, job.height)?);
-        let job_scene = JobScene {
-            position: job.camera.eye,
-            moment: Moment::of(job.state, job.time_secs),
-            lighting: None,
-            light: job.state.light,
-            ray_divisor: 1,
-            cells: self.cells_of_samples(),
-            // As views from samples, into which the pixels go.
-            reflections: ReflectionLookup::probes(job.reflections),
-            // Lists are traced on the CPU.
-            visibility: Visibility::Cpu,
-            is_shaded: true,
-        };
-        let mut scene = self.make_ready(job_scene, cancel)?;
-        let mut render = |side, outputs: Outputs| -> Result<Images, RenderError> {
-            let image = |output: Output| (output, vec![0; job.pixels.len() * output.pixel_bytes()]);
-            let mut images: Vec<(Output, Vec<u8>)> = outputs.iter().map(image).collect();
-            for face in &faces {
-                let parts: Vec<Part> =
-                    pixel_lists(face, side, &job.pixels)?.into_iter().map(Part::Pixels).collect();
-                self.render_image(
-                    &mut scene,
-                    &parts,
-                    PartOutput::Pixels(outputs),
-                    cancel,
-                    |part, pixels| {
-                        let Part::Pixels(list) = part else { return };
-                        for (output, image) in &mut images {
-                            let (pixels, bytes) =
-                                (pixels[*output].as_deref().unwrap_or_default(), output.pixel_bytes());
-                            for (&asked, pixel) in list.asked.iter().zip(pixels.chunks_exact(bytes)) {
-                                let at = asked as usize * bytes;
-                                image[at..at + bytes].copy_from_slice(pixel);
-                            }
-                        }
-                    },
-                )?;
-            }
-            Ok(images.into_iter().map(|(output, image)| (output, image.into())).collect())
-        };
-        let range = Outputs::only(Output::Range);
-        let mut images = render(side, if side == 1 { Outputs::COLOR.union(range) } else { Outputs::COLOR })?;
-        if side > 1 {
-            images.take_over(render(1, range)?);
-        }
-        let [color, range] =
-            [Output::Color, Output::Range].map(|output| images[output].take().unwrap_or_default());
-        Ok(Pixels { color, range, stages: scene.into_stages() })
-    }
 }
 
 /// The size of an image, columns and rows.
 ///
 /// # Errors
 /// A size without pixels.
-fn checked_size(width: u32, height: u32) -> Result<[u32; 2], InvalidField> {
+pub(super) fn checked_size(width: u32, height: u32) -> Result<[u32; 2], InvalidField> {
     match width == 0 || height == 0 {
         true => Err(InvalidField::new("width", "width and height must be at least 1")),
         false => Ok([width, height]),
@@ -251,6 +193,6 @@ fn detail_of(plan: &Plan) -> Detail {
 }
 
 /// A view's camera as the faces of a sample camera.
-fn faces_of(camera: Camera, [width, height]: [u32; 2]) -> Vec<Face> {
+pub(super) fn faces_of(camera: Camera, [width, height]: [u32; 2]) -> Vec<Face> {
     SampleCamera::Perspective { camera, width, height }.faces()
 }

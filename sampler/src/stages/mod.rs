@@ -7,6 +7,7 @@
 //! | list | what it renders |
 //! |---|---|
 //! | [`part`] | a part of a view or sample |
+//! | [`begin_list`], [`end_list`] | a list of pixels, beside lists of other views |
 //! | [`surfaces`] | what a part's rays see, or one of its layers |
 //! | [`reflections`], [`follow_rays`] | what reflective surfaces of a view show |
 //! | [`points`] | points on surfaces: of reflections, and of reflection probes |
@@ -25,6 +26,7 @@ use std::time::Instant;
 use argus_gpu::wgpu;
 use argus_scene::reflection::BOUNCES;
 use argus_scene::{RenderError, Stage};
+use bytes::Bytes;
 use glam::Vec3;
 use rayon::prelude::*;
 
@@ -33,7 +35,7 @@ pub(crate) use self::points::PointShading;
 use self::points::PointsOnDevice;
 pub(crate) use self::reflections::ViewReflecting;
 pub(crate) use self::shade::SurfaceProgram;
-use crate::frame::{Frame, check_wanted};
+use crate::frame::{BegunRead, Frame, check_wanted};
 use crate::indirect::{IndirectLight, Lights};
 use crate::point_shading::{GBufferTexel, Points, ShadedPoints};
 use crate::reflected_light::{Bounces, Met, Paths, ReflectionSource};
@@ -72,6 +74,46 @@ pub(crate) fn part(mut frame: Frame<'_>, job: &mut PartJob<'_>) -> Result<Render
     Ok(resolve::image(frame, job))
 }
 
+/// Begins a list of pixels: finds what they see, and shades it. What the CPU needs for its light is being read when this returns, so
+/// that the device works at several lists at once. `None` if nothing is read.
+///
+/// # Errors
+/// The errors of the device.
+pub(crate) fn begin_list(frame: &mut Frame<'_>, job: &PartJob<'_>) -> Result<Option<BegunRead>, RenderError> {
+    visibility::find(frame, job)?;
+    if !job.output.is_shaded() {
+        return Ok(None);
+    }
+    shade::visible(frame, &job.programs);
+    let Some(g_buffer) = frame.context.targets.g_buffer.clone() else { return Ok(None) };
+    let (count, reflectors) = (frame.sub_samples(), frame.context.targets.reflectors.clone());
+    let mut buffers = vec![(&g_buffer.surfaces, count * 16), (&g_buffer.materials, count * 16)];
+    buffers
+        .extend(reflectors.as_ref().filter(|_| job.reflecting.is_some()).map(|buffer| (buffer, count * 4)));
+    Ok(Some(frame.begin_read(&buffers, "render colour")))
+}
+
+/// Completes a list of pixels that was begun.
+///
+/// # Errors
+/// The errors of the device.
+pub(crate) fn end_list(
+    mut frame: Frame<'_>,
+    job: &mut PartJob<'_>,
+    begun: Option<BegunRead>,
+) -> Result<RenderedPart, RenderError> {
+    if let Some(begun) = begun {
+        let read = frame.end_read(begun)?;
+        let g_buffer = [0, 1].map(|i| read.get(i).cloned().unwrap_or_default());
+        light_from(&mut frame, job.lights, Some(&g_buffer))?;
+        if let (Some(reflecting), Some(words)) = (&mut job.reflecting, read.get(2)) {
+            let [surfaces, materials] = g_buffer;
+            reflections_from(&mut frame, reflecting, job.lights, &[surfaces, materials, words.clone()])?;
+        }
+    }
+    Ok(resolve::image(frame, job))
+}
+
 /// Shades and lights what is visible.
 fn surfaces(frame: &mut Frame<'_>, job: &mut PartJob<'_>) -> Result<(), RenderError> {
     shade::visible(frame, &job.programs);
@@ -98,8 +140,24 @@ fn reflections(
     let buffers =
         [(&g_buffer.surfaces, count * 16), (&g_buffer.materials, count * 16), (&reflectors, count * 4)];
     let read = frame.read_back(buffers, "render colour")?;
+    reflections_from(frame, reflecting, lights, &read)
+}
+
+/// Adds what reflective surfaces show, by surfaces, materials and numbers of reflectors that were read back.
+fn reflections_from(
+    frame: &mut Frame<'_>,
+    reflecting: &mut ViewReflecting<'_>,
+    lights: &mut Lights,
+    read: &[Bytes; 3],
+) -> Result<(), RenderError> {
+    let (Some(g_buffer), Some(reflectors)) =
+        (frame.context.targets.g_buffer.clone(), frame.context.targets.reflectors.clone())
+    else {
+        return Ok(());
+    };
+    let count = frame.sub_samples();
     let begin = Instant::now();
-    let lobes = reflections::lobes(frame, reflecting, &read);
+    let lobes = reflections::lobes(frame, reflecting, read);
     if lobes.rays.is_empty() {
         timing::add_since(frame.stages, "find reflections", begin);
         return Ok(());
@@ -205,16 +263,28 @@ pub(crate) fn points(
 /// # Errors
 /// The errors of the device.
 pub(crate) fn light(frame: &mut Frame<'_>, lights: &mut Lights) -> Result<(), RenderError> {
+    light_from(frame, lights, None)
+}
+
+/// Adds the light that arrives at what was shaded. The CPU finds it by surfaces and materials that were read back, if there are any.
+fn light_from(
+    frame: &mut Frame<'_>,
+    lights: &mut Lights,
+    read: Option<&[Bytes; 2]>,
+) -> Result<(), RenderError> {
     let Lights { direct, indirect } = lights;
     if let (Some(direct), Some(g_buffer)) = (direct, frame.context.targets.g_buffer.clone()) {
         let paths = indirect.as_ref().and_then(IndirectLight::paths);
         // Where the device traces faster, it does so for the neighbours of an image. Then nothing is read back here, but which
         // light cells lack, and that only where some may.
-        let tile = direct.begin(frame, &g_buffer, paths)?;
+        let tile = if read.is_some() { None } else { direct.begin(frame, &g_buffer, paths)? };
         if let Some(tile) = direct.look_up_cells(frame, tile, paths)? {
             direct.trace(frame, tile, paths);
         } else {
-            let read = frame.read_g_buffer(&g_buffer, "add direct light")?;
+            let read = match read {
+                Some(read) => read.clone(),
+                None => frame.read_g_buffer(&g_buffer, "add direct light")?,
+            };
             let mut found = direct.on_cpu(frame, &read, paths);
             found.look_up_cells();
             found.trace_lights();
