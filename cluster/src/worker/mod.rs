@@ -17,6 +17,7 @@ mod from_sources;
 mod health;
 mod histories;
 mod join;
+mod measured_error;
 mod meter;
 mod node;
 mod order;
