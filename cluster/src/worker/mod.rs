@@ -2,8 +2,8 @@
 //!
 //! `join` holds the connection to the coordinator. `views` and `samples` are the gRPC services. `fetch` gets the
 //! samples of a view, and `trace` the pixels that no sample saw. `render` is the render thread, which alone calls the
-//! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples. `node` is the state that all of
-//! these share.
+//! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples, `sources` direct frames that
+//! other views are warped from; `purchases` renders those that are ordered. `node` is the state that all of these share.
 
 mod bound;
 mod cells;
