@@ -28,14 +28,18 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// Interval at which a probe checks for spare time.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Parts of a view that are judged.
-const PARTS: u32 = 4;
+/// Parts of a view that are judged, in two columns.
+///
+/// Of 200×150 pixels of terrain, in six directions, eight parts of 16 find the excess of half and quarter detail (.019, .062) with a mean
+/// deviation of −.000 and +.002 and a root mean square of .005 and .011. Four parts of 32 take twice the time, and find it with .012 and
+/// .025: where the parts lie matters more than how large they are.
+const PARTS: u32 = 8;
 
 /// Pixels along the side of a part.
-const SIDE: u32 = 32;
+const SIDE: u32 = 16;
 
 /// Rows of a part that are rendered together.
-const BAND_ROWS: u32 = 8;
+const BAND_ROWS: u32 = 16;
 
 /// Samples per pixel of the reference.
 const REFERENCE_SAMPLES: u32 = 16;
@@ -161,7 +165,7 @@ fn error_of(parts: &[Part], shown: &[Bytes], reference: &[Bytes]) -> Option<f64>
     (pixels > 0.0).then(|| sum / pixels)
 }
 
-/// The parts of a view of this size: one in each quarter. `turn` moves them.
+/// The parts of a view of this size: one in each of as many cells. `turn` moves them.
 fn parts_of(size: [u32; 2], turn: u64) -> Vec<Part> {
     let size = UVec2::from(size);
     let of_part = size.min(UVec2::splat(SIDE));
@@ -169,8 +173,8 @@ fn parts_of(size: [u32; 2], turn: u64) -> Vec<Part> {
         // Roberts' two-dimensional sequence (2018) spreads positions evenly.
         let step = (turn % (1 << 32) * u64::from(PARTS) + u64::from(number)) as f64;
         let share = DVec2::new(step * 0.754_877_666_246_69, step * 0.569_840_290_998_05).fract();
-        let quarter = DVec2::new(f64::from(number % 2), f64::from(number / 2));
-        let place = (quarter + share) * 0.5 * (size - of_part).as_dvec2();
+        let cell = DVec2::new(f64::from(number % 2), f64::from(number / 2)) + share;
+        let place = cell / DVec2::new(2.0, f64::from(PARTS / 2)) * (size - of_part).as_dvec2();
         Part { begin: place.as_uvec2(), size: of_part }
     };
     (0..PARTS).map(part).collect()
@@ -223,9 +227,9 @@ mod tests {
         for camera in [camera, Camera { lens: Some(lens), ..camera }] {
             for part in parts_of([200, 150], 3) {
                 let of_part = part.camera(&camera, [200, 150]);
-                for pixel in [DVec2::new(0.5, 0.5), DVec2::new(31.5, 7.25)] {
+                for pixel in [DVec2::new(0.5, 0.5), DVec2::new(15.5, 7.25)] {
                     let whole = camera.direction(pixel + part.begin.as_dvec2(), 200, 150);
-                    assert!((whole - of_part.direction(pixel, 32, 32)).length() < 1e-12);
+                    assert!((whole - of_part.direction(pixel, SIDE, SIDE)).length() < 1e-12);
                 }
             }
         }
