@@ -15,6 +15,9 @@ use serde_json::Value;
 use super::Settings;
 use crate::exit::bad_arguments;
 
+/// Settings that have another name now: the earlier name and the present one.
+const RENAMED: [(&str, &str); 1] = [("worker.recent_frames_mib", "worker.sources_mib")];
+
 /// The configuration file in the current folder.
 const FILE: &str = "argus.toml";
 /// The environment variable that names another configuration file.
@@ -264,11 +267,13 @@ impl Layers {
             names.join(", ")
         };
         let section = key.split('.').next().unwrap_or_default();
-        match self.defaults.get(section) {
-            Some(keys) => {
+        let renamed = RENAMED.iter().find(|(before, _)| *before == key);
+        match (renamed, self.defaults.get(section)) {
+            (Some((_, now)), _) => format!("the setting is now called {now}"),
+            (None, Some(keys)) => {
                 format!("there is no such setting; [{section}] has {}", names(keys))
             }
-            None => format!("there is no such section; there are {}", names(&self.defaults)),
+            (None, None) => format!("there is no such section; there are {}", names(&self.defaults)),
         }
     }
 
@@ -358,6 +363,8 @@ mod tests {
         let unknown = reason("[limits]\nveiws = 1\n");
         assert!(unknown.contains("argus.toml: limits.veiws: there is no such setting"), "{unknown}");
         assert!(unknown.contains("views_per_client"), "{unknown}");
+        let renamed = reason("[worker]\nrecent_frames_mib = 1\n");
+        assert!(renamed.contains("the setting is now called worker.sources_mib"), "{renamed}");
         let section = reason("[limit]\nviews = 1\n");
         assert!(section.contains("no such section") && section.contains("security"), "{section}");
         assert!(reason("views = 1\n").contains("no such section"));

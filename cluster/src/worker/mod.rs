@@ -2,8 +2,8 @@
 //!
 //! `join` holds the connection to the coordinator. `views` and `samples` are the gRPC services. `fetch` gets the
 //! samples of a view, and `trace` the pixels that no sample saw. `render` is the render thread, which alone calls the
-//! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples. `node` is the state that all of
-//! these share.
+//! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples, `sources` direct frames that
+//! other views are warped from; `purchases` renders those that are ordered. `node` is the state that all of these share.
 
 mod cells;
 mod claim;
@@ -16,6 +16,7 @@ mod from_sources;
 mod health;
 mod histories;
 mod join;
+mod measured_error;
 mod meter;
 mod node;
 mod order;

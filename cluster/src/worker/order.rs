@@ -29,13 +29,13 @@ pub(super) const SAMPLES: &str = "samples";
 /// A validated order.
 pub(super) struct Ordered {
     pub(super) job: ViewJob,
-    info: Arc<SampleSetInfo>,
+    pub(super) info: Arc<SampleSetInfo>,
     /// The plan's samples, in the plan's order.
     samples: Vec<Source>,
     /// Where other workers hold the plan's frames.
-    frames: Vec<Source>,
+    pub(super) frames: Vec<Source>,
     /// Addresses of workers that trace holes, if the plan traces them.
-    tracers: Vec<String>,
+    pub(super) tracers: Vec<String>,
     /// The plan is pinned: a frame by another plan is an error.
     pinned: bool,
     /// Required device; empty: any.

@@ -15,14 +15,14 @@
 //!    from samples; one *slice* of background work. Each waiting kind gets one batch per round.
 //! 5. *Prefetched samples*, one at a time, if nothing else waits.
 //!
-//! Background work uploads samples to the compositor before views need them. No view waits for it: it is done in
+//! Background work uploads samples to the compositor before views need them, and renders sources. No view waits for it: it is done in
 //! slices of at most [`SLICE_MS`], so a view that arrives waits for at most one slice. After a slice, waiting views
 //! get three times as much time as the slice took. So background work gets at most a quarter of a busy worker's time, and still
 //! finishes. If views had strict priority, an overloaded worker would never hold the samples that make its views
 //! cheaper.
 //!
-//! Two kinds of longer work have slices: samples, whether awaited or prefetched, and the first use of the
-//! compositor's programs, which an order to measure causes. Between two slices, the thread does one round without
+//! Three kinds of longer work have slices: samples, whether awaited or prefetched; sources; and the first use of the
+//! compositor's programs, which an order to measure causes. A source is given up for orders and awaited samples, and tried again. Between two slices, the thread does one round without
 //! background work, and further rounds while views are owed time for the slice. It does none while an order for
 //! another scene waits, because the views behind that order show the other scene.
 //!

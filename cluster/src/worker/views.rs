@@ -23,7 +23,7 @@ use tracing::{Instrument, Span, debug_span, field};
 use super::frame_memory::{self, FramePermit};
 use super::node::{ActiveRequest, Node};
 use super::order::{SAMPLES, check, good_enough};
-use super::probe;
+use super::{measured_error, probe};
 use crate::core::quality::Observed;
 use crate::sealed::Kind;
 use crate::send_timeout::with_send_timeout;
@@ -216,9 +216,9 @@ impl ViewsService {
             // Where nothing predicts whether the bound is kept, it is measured.
             let predicted =
                 match (predicted, ordered.is_bounded && matches!(frame.provenance.plan, Plan::Warp(_))) {
-                    (None, true) => {
-                        Some(probe::error_of(&self.node, &ordered.job, &frame, trace_until).await.into())
-                    }
+                    (None, true) => Some(
+                        measured_error::error_of(&self.node, &ordered.job, &frame, trace_until).await.into(),
+                    ),
                     (predicted, _) => predicted,
                 };
             Ok::<_, Fault>((frame, predicted, permit))
@@ -231,7 +231,7 @@ impl ViewsService {
                 tokio::time::timeout(deadline, answer).await.map_err(late)??
             }
         };
-        probe::consider(&self.node, ordered.probe.as_ref(), &ordered.job, &frame);
+        probe::consider(&self.node, &ordered, &frame);
         // Fetched samples have their own spans.
         let measured = frame.stages.iter().filter(|stage| stage.name != SAMPLES);
         stages(&span, measured.map(|stage| (stage.name.as_str(), stage.ms)));

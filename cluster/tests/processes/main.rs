@@ -14,6 +14,7 @@ mod network;
 mod redirect;
 mod services;
 mod several_scenes;
+mod sources;
 mod specification;
 mod transforms;
 mod views;

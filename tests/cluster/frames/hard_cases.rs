@@ -64,6 +64,7 @@ impl Stage {
             width: SIZE[0],
             height: SIZE[1],
             outputs: Outputs::COLOR.with(Output::Range).with(Output::Mask),
+            band_rows: 0,
             plan,
             state: SceneState::default(),
             time_secs: 0.0,

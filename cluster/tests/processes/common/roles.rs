@@ -343,6 +343,22 @@ impl Sampler for FakeSampler {
         self.render_samples(job, cancel)
     }
 
+    fn render_view_in_slices(
+        &mut self,
+        view: &ViewJob,
+        cancel: &Cancel,
+        give_way: &mut dyn FnMut(&mut dyn Sampler, f64),
+    ) -> Result<Frame, RenderError> {
+        let parts = self.settings.sample_parts.load(Ordering::SeqCst);
+        for part in 1..parts {
+            if self.settings.work(&self.settings.sample_us, cancel) {
+                return Err(RenderError::Cancelled);
+            }
+            give_way(self, part as f64 / parts as f64);
+        }
+        self.render_views(std::slice::from_ref(view), cancel).remove(0)
+    }
+
     fn render_views(&mut self, views: &[ViewJob], cancel: &Cancel) -> Vec<Result<Frame, RenderError>> {
         let one = |job: &ViewJob| {
             assert!(matches!(job.plan, Plan::Direct { .. }));

@@ -244,7 +244,8 @@ impl LightCells {
     fn of_pixels(&self, state: &mut State, question: Question<'_>) -> Option<Vec<Answer>> {
         let light = match (state.job.asked, state.job.found) {
             (CellUse::Later, _) => {
-                self.ask(state, question);
+                // Those that lack wait in the queue.
+                let _ = self.answers(state, question, 0, 0.0);
                 None
             }
             (CellUse::Rays, _) | (_, Some(None)) => None,

@@ -62,6 +62,7 @@ fn encoders(gpu: &Arc<Gpu>, options: &Options) -> Result<Vec<Measure>> {
         width,
         height,
         outputs: Outputs::COLOR.with(Output::Range),
+        band_rows: 0,
         plan: Plan::direct(1),
         state: SceneState::default(),
         time_secs: 0.0,

@@ -229,6 +229,7 @@ impl Stage {
             width,
             height,
             outputs: Outputs::COLOR,
+            band_rows: 0,
             plan: Plan::direct(1),
             state: SceneState::default(),
             time_secs: 0.0,
