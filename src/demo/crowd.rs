@@ -89,10 +89,13 @@ fn share_of_changes(looks: &BTreeMap<u32, BTreeMap<u64, u8>>) -> f64 {
 /// # Errors
 /// The service cannot render views of this size. Views that fail are counted.
 pub(crate) async fn run(client: &Client, load: &Load, progress: &ProgressBar) -> anyhow::Result<Crowd> {
+    let rate = load.per_sec / f64::from(load.viewers);
+    // A load rounds its views up; none may be due after the crowd's time. Half a view less is certain to be rounded up to this.
+    let views = (load.seconds * rate).floor().max(1.0);
     let options = LoadOptions {
         clients: load.viewers.into(),
-        duration: Duration::try_from_secs_f64(load.seconds)?,
-        rate: load.per_sec / f64::from(load.viewers),
+        duration: Duration::try_from_secs_f64((views - 0.5) / rate)?,
+        rate,
         size: load.size,
         plan: load.plan,
         mode: load.mode,

@@ -66,3 +66,34 @@ fn a_second_run_with_equal_rates_needs_no_new_references() {
     // Sources of the contact sheet may differ.
     assert!(second <= first + 8, "{first}, then {second} references");
 }
+
+#[test]
+fn a_crowd_of_three_times_what_triangles_carry_is_served_from_samples_and_looks_as_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let load = [
+        "--times",
+        "3",
+        "--seconds",
+        "10",
+        "--views",
+        "8",
+        "--size",
+        "96x72",
+        "--judged",
+        "40",
+        "--no-direct",
+    ];
+    let mut arguments = vec!["demo", "--scene", SMALL, "--out", out, "--json"];
+    arguments.extend(load);
+    let figures = json(&arguments);
+    let default = &figures["default"];
+    let kinds = default["by_second"].as_array().unwrap().iter().map(|row| &row["kinds"]);
+    let warped: u64 = kinds
+        .flat_map(|kinds| ["from frames", "from samples"].map(|kind| kinds[kind].as_u64().unwrap()))
+        .sum();
+    assert!(warped > 0 && default["samples"].as_u64().unwrap() > 0, "{figures:#}");
+    // The bar of the first seconds; it falls to less than half of it later.
+    let excess = default["excess"].as_f64().unwrap();
+    assert!(excess <= 0.04, "{figures:#}");
+}
