@@ -34,6 +34,11 @@ mod cull;
 mod draw_batch;
 mod frames;
 mod geometry;
+#[allow(
+    clippy::needless_range_loop,
+    clippy::manual_clamp,
+    reason = "the compiler computes eight lanes of such loops at a time, and a number that is none becomes a bound"
+)]
 mod host;
 mod layout;
 mod lights;

@@ -1,12 +1,12 @@
 //! Prepares views: their samples, transforms and uniforms, computed in f64.
 
+mod on_host;
+
 use std::sync::Arc;
 
 use argus_gpu::{EnvironmentTexture, ReflectionProbes};
 use argus_scene::camera::Face;
-use argus_scene::{
-    FaceMask, InvalidField, Output, Outputs, Plan, RenderError, SampleId, Search, ViewJob, Warp,
-};
+use argus_scene::{FaceMask, InvalidField, Output, Plan, RenderError, SampleId, Search, ViewJob, Warp};
 use argus_shaders::layout::compositor::{
     CellProjection, Fill, MAX_SAMPLES, Reproject, Splat, ViewSample, ViewUniform,
 };
@@ -17,7 +17,6 @@ use crate::arrays::PoolClass;
 use crate::cull::{VisibleTile, cell_size, push_blocks, spacings, visible_tiles};
 use crate::draw_batch::SplatCall;
 use crate::geometry::{PixelFromFace, ViewGeometry, bounds_about, view_sample};
-use crate::host::{HostInputs, HostSource};
 use crate::layout::{Piece, Rect};
 use crate::lights::lighting_uniform;
 use crate::reprojection::Reprojection;
@@ -185,49 +184,6 @@ impl PreparedView {
         self.cell = cell_size(spacing, self.geometry.size).saturating_mul(coarser);
         self.level = level_of(spacing) as u32;
         self.between_levels = self.search == Search::Splat && level_of(dense) > f64::from(self.level);
-    }
-
-    /// What the view is computed from on the processor.
-    ///
-    /// # Errors
-    /// [`RenderError::Internal`] for a view without samples.
-    pub(crate) fn host_inputs(&self, outputs: Outputs) -> Result<HostInputs<'_>, RenderError> {
-        let none = || RenderError::Internal("a view from frames has none".to_owned());
-        let lighting = &self.samples.first().ok_or_else(none)?.info.lighting;
-        let [width, height] = self.geometry.size.to_array().map(|sub_pixels| sub_pixels as u32 / self.side);
-        let piece =
-            Piece { view: 0, part: Rect { x: 0, y: 0, width, height }, target: [0, 0], side: self.side };
-        let view = self.uniform(&piece, &ChunkOffsets::default());
-        let mut blocks = Vec::new();
-        let splats = self.splats(&piece, 0, &mut blocks);
-        let sources =
-            self.samples.iter().zip(view.samples).enumerate().filter_map(|(index, (held, sample))| {
-                let tiles = self.sources.iter().filter(|source| source.sample == index);
-                // A frame that is not splatted is read like one at the distance of the view's eye.
-                let [dense, sparse] = match tiles.clone().next() {
-                    Some(_) => spacings(tiles.flat_map(|source| &source.tiles), self.geometry.size),
-                    None => [1.0 / f64::from(self.footprint_in(held)); 2],
-                };
-                let level = level_of(sparse) as usize;
-                Some(HostSource {
-                    sample,
-                    frame: held.host()?,
-                    footprint: self.footprint_in(held),
-                    level,
-                    between: level_of(dense) > level as f64,
-                })
-            });
-        Ok(HostInputs {
-            view,
-            sources: sources.collect(),
-            splats,
-            blocks,
-            fill: self.fill(&piece, 0),
-            lighting,
-            side: self.side,
-            linear: self.linear,
-            outputs,
-        })
     }
 
     /// Factor from linear radiance to display-linear.

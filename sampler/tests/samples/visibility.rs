@@ -8,8 +8,8 @@ use std::sync::Arc;
 use argus_sampler::{GpuSampler, SamplerSettings};
 use argus_scene::material::{AlphaMode, Filter, Wrap};
 use argus_scene::{
-    Camera, Cancel, Material, Output, PixelJob, Rig, RigSettings, SampleJob, SampleSetInfo, Sampler, Scene,
-    SceneState, Texture, TextureRef, ViewJob, Visibility, procedural,
+    Camera, Cancel, LightEffects, Material, Output, PixelJob, Rig, RigSettings, SampleJob, SampleSetInfo,
+    Sampler, Scene, SceneState, Texture, TextureRef, ViewJob, Visibility, procedural,
 };
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
@@ -223,6 +223,32 @@ fn a_list_of_pixels_holds_what_the_traced_view_holds_byte_for_byte() {
                 assert_eq!(found.color[3 * i..3 * i + 3], color[3 * p..3 * p + 3], "colour of {pixel}");
                 assert_eq!(found.range[4 * i..4 * i + 4], range[4 * p..4 * p + 4], "range of {pixel}");
             }
+        }
+    }
+}
+
+#[test]
+fn lists_of_several_views_have_the_bytes_that_each_has_alone() {
+    let scene = Arc::new(procedural::terrain(20_000));
+    let usual = scene.default_camera();
+    for effects in [LightEffects::NONE, LightEffects::ALL] {
+        let mut sampler = sampler_with(&scene, SamplerSettings { effects, ..SamplerSettings::default() });
+        let job = |i: u32| PixelJob {
+            camera: Camera { eye: usual.eye + DVec3::X * f64::from(i), ..usual },
+            width: SIZE[0] + i,
+            height: SIZE[1],
+            pixels: (i..SIZE[0] * SIZE[1]).step_by(40 + 90 * i as usize).collect(),
+            samples_per_pixel: if i == 2 { 4 } else { 1 },
+            state: SceneState::default(),
+            time_secs: 0.0,
+            reflections: None,
+        };
+        let jobs: Vec<PixelJob> = (0..5).map(job).collect();
+        let together = sampler.render_pixels(&jobs, &Cancel::new());
+        for (job, together) in jobs.iter().zip(together) {
+            let alone = sampler.render_pixels(std::slice::from_ref(job), &Cancel::new()).remove(0).unwrap();
+            let together = together.unwrap();
+            assert!(alone.color == together.color && alone.range == together.range, "{} wide", job.width);
         }
     }
 }
