@@ -91,7 +91,6 @@ impl Alone {
             width: view.width,
             height: view.height,
             outputs: derived::rendered(view.outputs),
-            band_rows: 0,
             plan: Plan::Direct {
                 samples_per_pixel: side * side,
                 detail: view.plan.detail.unwrap_or_default(),

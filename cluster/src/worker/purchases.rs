@@ -110,6 +110,7 @@ fn is_passing(fault: &Fault) -> bool {
 
 /// Renders a source and keeps it.
 async fn bought(node: &Arc<Node>, Purchase { source, state }: Purchase) -> Result<(), Fault> {
+    debug!(eye = %source.camera.eye, samples = source.samples_per_pixel, "a source is ordered");
     node.transforms.known(state.revision).await?;
     let (info, limits) = node.served.set_showing(state)?;
     source.validate(&limits)?;

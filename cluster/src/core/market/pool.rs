@@ -90,10 +90,10 @@ impl Pool {
             Arc::make_mut(self.held.entry(id).or_insert_with(new)).holders.insert(worker);
         }
         let is_it = |coming: &Coming| {
-            let light = coming.source.light;
-            coming.worker == worker
-                && coming.state == state
-                && coming.source == FrameSource { light, ..source }
+            // The worker chose both.
+            let FrameSource { light, band_rows, .. } = coming.source;
+            let same = FrameSource { light, band_rows, ..source };
+            coming.worker == worker && coming.state == state && coming.source == same
         };
         let done = self.coming.iter().position(is_it).map(|at| self.coming.swap_remove(at))?;
         Some((done, f64::from(render_ms) * 1e-3))

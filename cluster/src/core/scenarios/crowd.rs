@@ -235,7 +235,9 @@ impl Run {
                 let (purchase, secs) = (*purchase, ratio(&purchase.source) * full_secs);
                 (hands.source, hands.slice) = (None, 0.0);
                 hands.done.push(purchase.source);
-                self.keep(id, purchase.source, purchase.state, (true, secs));
+                // As real workers do, it chooses the bands.
+                let source = FrameSource { band_rows: 8, ..purchase.source };
+                self.keep(id, source, purchase.state, (true, secs));
             }
             return;
         }
