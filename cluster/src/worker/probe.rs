@@ -23,10 +23,7 @@ use crate::core::{ProbeResult, Source};
 use crate::wire::Probe;
 
 /// A probe is given up after this time.
-const PATIENCE: Duration = Duration::from_secs(2);
-
-/// Interval at which a probe checks for spare time.
-const PAUSE: Duration = Duration::from_millis(5);
+const PATIENCE: Duration = Duration::from_secs(8);
 
 /// Parts of a view that are judged, in two columns.
 ///
@@ -113,18 +110,10 @@ async fn measured(node: &Arc<Node>, view: &View, plans: &[Plan]) -> Option<Vec<f
     tokio::task::spawn_blocking(excess).await.ok().flatten()
 }
 
-/// Waits until no view waits.
-async fn spare_time(node: &Node) {
-    while node.render_thread.has_views() {
-        tokio::time::sleep(PAUSE).await;
-    }
-}
-
 /// Colours of the parts by a plan from triangles.
 async fn from_triangles(node: &Node, view: &View, plan: &Plan) -> Option<Vec<Bytes>> {
     let mut all = Vec::with_capacity(view.parts.len());
     for part in &view.parts {
-        spare_time(node).await;
         let UVec2 { x: width, y: height } = part.size;
         let camera = part.camera(&view.job.camera, [view.job.width, view.job.height]);
         let band_rows = if plan.is_whole() { BAND_ROWS } else { 0 };
@@ -142,12 +131,10 @@ async fn from_sources(node: &Arc<Node>, view: &View, warp: &Warp) -> Option<Vec<
     let job = ViewJob { plan: Plan::Warp(warp.clone()), outputs, ..view.job.clone() };
     let from = From { others: &view.others, renders: false };
     let gathered = from_sources::gather(node, &job, warp, &view.info, from).await.ok()?;
-    spare_time(node).await;
     let rendered =
         node.render_thread.render_view(gathered.job, gathered.info, gathered.samples, false).await.ok()?;
     let mut frame = rendered.frame;
     if traces {
-        spare_time(node).await;
         trace::fill(node, &job, warp, &view.tracers, None, &mut frame).await.ok()?;
     }
     let color = frame.images[Output::Color].as_ref()?;

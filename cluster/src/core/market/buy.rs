@@ -11,7 +11,6 @@ use std::collections::BTreeMap;
 use argus_scene::{Camera, FrameSource, Lens, SampleId};
 use glam::DVec2;
 
-use super::time_price::MOST;
 use crate::core::time::Uptime;
 
 /// Size of a bought source's image plane over that of the view, in each direction.
@@ -134,7 +133,7 @@ impl Account {
         let fades = (-now.since(self.at).as_secs_f64() / FADE_SECS).exp();
         let worth = fades * (gain.error + price * gain.secs) / secs;
         // A price that is not known buys nothing.
-        if worth.is_finite() { worth.min(MOST) } else { 0.0 }
+        if worth.is_finite() { worth } else { 0.0 }
     }
 }
 

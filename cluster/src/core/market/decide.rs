@@ -1,4 +1,4 @@
-//! Which offer a view takes: the one with the least E + λ·(C + wait).
+//! Which offer a view takes: the one with the least E + λ·C, plus a little for each second that its viewer waits.
 //!
 //! Way and worker are one decision. Each worker with room offers the view from triangles, in full and in less detail, and warped from
 //! sources. Sources that another worker holds can be had, for the time of a transfer. What a request demands removes offers; it never
@@ -16,10 +16,16 @@ use crate::core::event::WorkerId;
 /// Most sources of a warp.
 const MOST_SOURCES: usize = 4;
 
-/// Seconds of a view at the worker that fetches a source for it.
+/// Seconds that a view waits for a source that its worker fetches, and of these the worker's own.
 ///
 /// Tuned: transfer of 250×188 texels between processes of one machine.
 const FETCH_SECS: f64 = 0.01;
+const FETCH_WORK_SECS: f64 = 0.003;
+
+/// What a second of waiting costs the viewer, FLIP: it takes nobody's time, so that the price of time says nothing of it.
+///
+/// Tuned: .1 (`crowd/proto.py`, `mu`). At the price of time, views under load would leave near sources for idle workers.
+const WAITING: f64 = 0.1;
 
 /// What a view allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,7 +87,7 @@ pub struct Chosen {
     pub secs: f64,
     /// Predicted seconds until the worker can begin.
     pub wait_secs: f64,
-    /// E + λ·(C + wait).
+    /// E + λ·C, and the price of waiting.
     pub cost: f64,
     /// Order among equal offers.
     pub tie_break: (usize, u64),
@@ -162,7 +168,7 @@ fn offer(asked: &Asked<'_>, hand: &Hand<'_>, kind: OfferKind, excess: f64, secs:
         excess,
         secs,
         wait_secs: hand.wait_secs,
-        cost: excess + asked.price * (secs + hand.wait_secs),
+        cost: excess + asked.price * secs + WAITING * hand.wait_secs,
         tie_break: hand.tie_break,
     }
 }
@@ -179,12 +185,15 @@ fn warped(
     let priced = |sources: &[&Near<'_>]| {
         let features = features(sources);
         let missing = sources.iter().filter(|near| !near.held.holders.contains(&hand.worker)).count();
-        let mut secs = prices.warp_secs(sources.len(), asked.pixels) + FETCH_SECS * missing as f64;
+        let mut secs = prices.warp_secs(sources.len(), asked.pixels) + FETCH_WORK_SECS * missing as f64;
         if !guessed {
             secs += prices.tracing_secs(features.holes(), asked.pixels);
         }
         let excess = errors.of_warp(&features, guessed);
-        Chosen { features, ..offer(asked, hand, kind, excess, secs) }
+        let offer = offer(asked, hand, kind, excess, secs);
+        // Sources are fetched beside one another.
+        let cost = offer.cost + if missing > 0 { WAITING * FETCH_SECS } else { 0.0 };
+        Chosen { features, cost, ..offer }
     };
     let mut sources: Vec<&Near<'_>> = Vec::new();
     let mut best: Option<Chosen> = None;

@@ -219,12 +219,6 @@ impl RenderThread {
         self.queue.backlog()
     }
 
-    /// Whether a view, or a part of one, is queued or in progress.
-    pub(in crate::worker) fn has_views(&self) -> bool {
-        let Waiting { warped, direct, pixels, .. } = self.backlog();
-        warped + direct + pixels > 0
-    }
-
     /// How long the render thread has been at its present work; zero while it waits.
     pub(in crate::worker) fn busy_for(&self) -> Duration {
         self.queue.busy_for()
