@@ -52,7 +52,6 @@ fn ask(core: &mut Core, view: View, now: Uptime) {
         client: "c".into(),
         view: Box::new(view),
         deadline: None,
-        estimate: None,
         last: None,
     };
     core.step(event, now);

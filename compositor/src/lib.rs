@@ -36,6 +36,7 @@ mod frames;
 mod geometry;
 #[allow(
     clippy::needless_range_loop,
+    clippy::manual_range_contains,
     clippy::manual_clamp,
     reason = "the compiler computes eight lanes of such loops at a time, and a number that is none becomes a bound"
 )]

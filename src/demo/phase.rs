@@ -92,7 +92,7 @@ impl Phase {
         let all = |what: &dyn Fn(&Judged) -> f64| mean(&|_| true, what).unwrap_or_default();
         let settled = |view: &Judged| view.due_secs >= SETTLED as f64;
         let close = judged.iter().filter(|view| view.excess() <= CLOSE).count();
-        let (answered, from_sources) = crowd.timeline.from_sources();
+        let (answered, from_sources) = crowd.timeline.sourced();
         let share = |count: u64| count as f64 / answered.max(1) as f64;
         Self {
             times: rate.times(),

@@ -91,7 +91,7 @@ impl Timeline {
     }
 
     /// Answered views, and those of them that are warped from sources.
-    pub(crate) fn from_sources(&self) -> (u64, u64) {
+    pub(crate) fn sourced(&self) -> (u64, u64) {
         let answered = self.0.iter().map(Second::answered).sum();
         let kinds = self.0.iter().flat_map(|second| second.kinds.iter().enumerate());
         (answered, kinds.filter(|(kind, _)| is_from_sources(*kind)).map(|(_, count)| count).sum())

@@ -15,7 +15,7 @@ use crate::common::roles::Settings;
 use crate::common::{Opener, Worker, answer_to, channel, direct, request, start_worker_with, view};
 
 fn started(leader: &Leader, name: &str, settings: &Arc<Settings>) -> Worker {
-    let config = worker::Config { id: Some(name.to_owned()), ..worker::Config::new(&leader.url()) };
+    let config = worker::Config { id: Some(name.to_owned()), ..worker::Config::new(leader.url()) };
     start_worker_with(config, settings, Arc::new(Opener::default()))
 }
 
@@ -48,7 +48,7 @@ async fn bought(leader: &Leader, i: usize) -> v1::HeldSource {
 async fn warped(worker: &Worker, held: &v1::HeldSource, holders: Vec<String>) -> Frame {
     let frames = vec![FrameSource::try_from(held.source.unwrap()).unwrap()];
     let plan = Plan::Warp(Warp { frames, ..Warp::default() });
-    let fallback = v1::Fallback { plan: Some((&Plan::direct(1)).into()), max_excess: 1.0 };
+    let fallback = v1::Fallback { plan: Some((&Plan::direct(1)).into()), max_uncovered: 1.0 };
     let order = v1::ViewOrder {
         term: 1,
         state: held.state,

@@ -42,7 +42,14 @@ fn source(x: f64, width: u32, height: u32) -> FrameSource {
     let usual = eye(x);
     let wider = f64::from(height) / 75.0;
     let fov_deg = 2.0 * (wider * (usual.fov_deg.to_radians() / 2.0).tan()).atan().to_degrees();
-    FrameSource { camera: Camera { fov_deg, ..usual }, width, height, samples_per_pixel: 1, light: None }
+    FrameSource {
+        camera: Camera { fov_deg, ..usual },
+        width,
+        height,
+        samples_per_pixel: 1,
+        band_rows: 0,
+        light: None,
+    }
 }
 
 /// The set of some frames.
@@ -51,7 +58,9 @@ fn frames(sources: &[FrameSource]) -> SampleSet {
     let plain = sample_set(&garden, &[], false, 1);
     let version = Version { number: SampleId::FRAMES, ..plain.info.version };
     let info = Arc::new(SampleSetInfo { version, ..(*plain.info).clone() });
-    let sample = |source: &FrameSource| Arc::new(source.sample(&frame(&garden, source)).unwrap());
+    let sample = |source: &FrameSource| {
+        Arc::new(source.sample(&frame(&garden, source)).expect("it has colour and range"))
+    };
     SampleSet { info, samples: sources.iter().map(sample).collect() }
 }
 
@@ -65,7 +74,7 @@ fn with(set: &SampleSet, search_backend: SearchBackend) -> GpuCompositor {
 
 /// Mean difference of two colours, of 255.
 fn difference(a: &Frame, b: &Frame) -> f64 {
-    let [a, b] = [a, b].map(|frame| frame.images[Output::Color].clone().unwrap());
+    let [a, b] = [a, b].map(|frame| frame.images[Output::Color].clone().expect("colour was asked for"));
     let sum: f64 = a.iter().zip(&b).map(|(a, b)| f64::from(a.abs_diff(*b))).sum();
     sum / a.len() as f64
 }

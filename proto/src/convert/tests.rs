@@ -229,6 +229,7 @@ fn a_plan_whose_frames_cannot_be_rendered_is_refused_with_the_frame_and_its_fiel
         samples_per_pixel: 1,
         light: 0,
         reflections_by_rays: false,
+        band_rows: 0,
     };
     let refused = |frames: Vec<v1::FrameSource>, samples: Vec<v1::SampleId>| {
         let (search, steps, supersampling) = (v1::Search::Splat as i32, 0, 1);

@@ -315,7 +315,8 @@ fn beside(camera: &Camera) -> Camera {
 
 /// The provenance of a view that is warped from the direct frame of a camera, like another frame of its cluster.
 fn warped_from(like: &Provenance, camera: Camera, [width, height]: [u32; 2]) -> Provenance {
-    let source = FrameSource { camera, width, height, samples_per_pixel: 1, band_rows: 0, light: like.plan.light() };
+    let source =
+        FrameSource { camera, width, height, samples_per_pixel: 1, band_rows: 0, light: like.plan.light() };
     let warp = Warp { frames: vec![source], holes: Holes::Trace, ..Warp::default() };
     Provenance { plan: Plan::Warp(warp), ..like.clone() }
 }

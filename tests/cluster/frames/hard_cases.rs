@@ -84,8 +84,14 @@ impl Stage {
     /// The view of `to`, warped from the direct frame of `from`.
     fn warped(&mut self, from: Camera, to: Camera) -> Frame {
         let frame = self.direct(from);
-        let source =
-            FrameSource { camera: from, width: SIZE[0], height: SIZE[1], samples_per_pixel: 1, band_rows: 0, light: None };
+        let source = FrameSource {
+            camera: from,
+            width: SIZE[0],
+            height: SIZE[1],
+            samples_per_pixel: 1,
+            band_rows: 0,
+            light: None,
+        };
         let sample = Arc::new(source.sample(&frame).unwrap());
         let id = sample.id;
         self.compositor.hold(&SampleSet { info: Arc::clone(&self.info), samples: vec![sample] }).unwrap();

@@ -109,8 +109,14 @@ async fn pinned_frames_of_another_size_are_refused_by_field() {
     let client = Client::connect(&coordinator.url).await.unwrap();
     let camera = client.description().cameras[0].camera;
     let frame = rendered(&client, &view(camera)).await;
-    let source =
-        argus_scene::FrameSource { camera, width: 320, height: 240, samples_per_pixel: 1, band_rows: 0, light: None };
+    let source = argus_scene::FrameSource {
+        camera,
+        width: 320,
+        height: 240,
+        samples_per_pixel: 1,
+        band_rows: 0,
+        light: None,
+    };
     let pin = |source| {
         let plan = Plan::Warp(argus_scene::Warp { frames: vec![source], ..argus_scene::Warp::default() });
         let provenance = argus_scene::Provenance { plan, ..frame.provenance.clone() };

@@ -111,7 +111,7 @@ impl Group {
 
 /// A viewer's place across the trail: the leader in its middle, others on both sides in turn (−1 to 1).
 fn place(viewer: u32, row: u32, column: u32) -> f64 {
-    let side = if viewer % 2 == 0 { 1.0 } else { -1.0 };
+    let side = if viewer.is_multiple_of(2) { 1.0 } else { -1.0 };
     match viewer {
         0 => 0.0,
         _ => side * [1.0, 0.8, 0.5, 0.9, 0.6][(row + 3 * column) as usize % 5],

@@ -161,7 +161,7 @@ impl Run {
     fn camera(&self, viewer: u32) -> Camera {
         let phase = f64::from(viewer) * 0.618;
         let group = f64::from(viewer % 4);
-        let sways = (0.5 * self.secs + 6.28 * phase).sin();
+        let sways = (0.5 * self.secs + std::f64::consts::TAU * phase).sin();
         let x = match self.crowd.speed > 0.0 {
             true => self.crowd.speed * self.secs + 0.6 * f64::from(viewer / 4),
             false => 0.4 * sways,

@@ -185,8 +185,8 @@ fn notes(options: &Options, measured: &[(Mode, Phase, Measured)]) -> Vec<String>
         error_bounded, error_ratio: for judged frames from samples, the share whose mean FLIP is at most the predicted one \
         (the direct view's plus the predicted excess), and the median of predicted over true FLIP. regret: queueing and \
         rendering time over that of the best method within bound, minus 1, view by view. planning_us: microseconds per \
-        view in which the coordinator chose method and worker. error_factor: the factor on predicted excess, learned from \
-        probes."
+        view in which the coordinator chose method and worker. speed_up: the time that views would have taken from \
+        triangles over the time that they took."
             .to_owned(),
     );
     if measured.iter().any(|(.., of)| of.settled == Some(false)) {

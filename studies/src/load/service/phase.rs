@@ -114,7 +114,7 @@ pub(super) async fn of_phase(
     measured.unresolved = (!unresolved.is_empty()).then(|| mean(unresolved));
     let after = client.status().await?;
     measured.planning_us = planning_us(&before, &after);
-    measured.error_factor = (measured.timed.share().is_some()).then_some(after.error_factor);
+    measured.speed_up = (measured.timed.share().is_some()).then(|| after.priced().speed_up);
     measured.samples = Samples::of(client).await?;
     Ok((measured, views))
 }

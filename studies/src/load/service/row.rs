@@ -42,8 +42,8 @@ pub(super) struct Measured {
     pub(super) timed: Timed,
     /// Microseconds per view in which the coordinator chose method and worker; `None` if every view named its plan.
     pub(super) planning_us: Option<f64>,
-    /// The probes' factor on predicted errors, at the end of the phase.
-    pub(super) error_factor: Option<f64>,
+    /// Time of open views, if all were from triangles, over that of the views as they were, at the end of the phase.
+    pub(super) speed_up: Option<f64>,
     /// Regret against the best method of each view; warm default phase only.
     pub(super) regret: Regret,
     /// Views due per second; overloads only.
@@ -106,7 +106,7 @@ const COLUMNS: [Column; 27] = [
     count("warped_judged", |m| Some(m.errors.warped as f64)),
     judged("error_bounded", |m| m.errors.bounded),
     judged("error_ratio", |m| m.errors.ratio),
-    beside("error_factor", |m| m.error_factor),
+    beside("speed_up", |m| m.speed_up),
     count("regret_views", |m| Some(m.regret.views as f64)),
     judged("regret", |m| m.regret.share),
     beside("planning_us", |m| m.planning_us),

@@ -249,14 +249,8 @@ impl World {
         };
         let view = Box::new(View::new(camera, [200, 150], plan));
         let latency = self.latency();
-        let requested = Event::Requested {
-            view_id,
-            client: client.to_string().into(),
-            view,
-            deadline: None,
-            estimate: None,
-            last: None,
-        };
+        let requested =
+            Event::Requested { view_id, client: client.to_string().into(), view, deadline: None, last: None };
         self.after(latency, SimEvent::ToCoordinator(Box::new(requested)));
         view_id
     }
