@@ -168,15 +168,12 @@ async fn a_frame_from_insufficient_samples_is_replaced_by_one_from_triangles() {
         good.images[Output::Range].is_none() && good.images[Output::Source].is_none(),
         "what it is judged by was not asked for"
     );
-    cluster.settings.coarse.store(true, Ordering::SeqCst);
-    let coarse = ordered().await;
-    assert_eq!(
-        (reason(&coarse), &coarse.images[Output::Color]),
-        (Some(Reason::FrameFellShort), &from_triangles.images[Output::Color])
-    );
-    cluster.settings.coarse.store(false, Ordering::SeqCst);
     cluster.settings.unresolved_percent.store(6, Ordering::SeqCst);
     let with_holes = ordered().await;
+    assert_eq!(
+        (reason(&with_holes), &with_holes.images[Output::Color]),
+        (Some(Reason::FrameFellShort), &from_triangles.images[Output::Color])
+    );
     assert_eq!(with_holes.provenance.plan, Plan::direct(1));
 }
 

@@ -63,10 +63,10 @@ async fn a_view_near_a_direct_frame_is_warped_from_it_and_its_pin_repeats_it_on_
     let client = Client::connect(&coordinator.url).await.unwrap();
     let (view, frame) = warped(&client).await;
     let Plan::Warp(warp) = &frame.provenance.plan else { panic!("a warp") };
-    assert!(warp.samples.is_empty() && (1..=2).contains(&warp.frames.len()));
-    assert_eq!(frame.unresolved_fraction, 0.0, "missing pixels are traced");
-    let pixels = u64::from(frame.width) * u64::from(frame.height);
-    assert_eq!(frame.served.warped + frame.served.other_sample + frame.served.traced, pixels);
+    assert!(warp.samples.is_empty() && (1..=4).contains(&warp.frames.len()));
+    assert!(frame.unresolved_fraction < 0.03, "{} is guessed", frame.unresolved_fraction);
+    let (pixels, served) = (u64::from(frame.width) * u64::from(frame.height), frame.served);
+    assert_eq!(served.warped + served.other_sample + served.traced + served.unresolved, pixels);
 
     // It is nearly as near the truth as a direct view.
     let by = |supersampling| {
@@ -102,7 +102,7 @@ fn workers_device(status: &serde_json::Value) -> &str {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn pinned_frames_of_another_size_are_refused_by_field() {
+async fn pinned_frames_much_larger_or_finer_than_the_view_are_refused_by_field() {
     let coordinator = Coordinator::start(SMALL, &FIXED);
     let _workers = coordinator.workers(1);
     coordinator.wait_for_workers(1);
@@ -126,9 +126,9 @@ async fn pinned_frames_of_another_size_are_refused_by_field() {
         let client = &client;
         async move { client.render(&view, &RenderOptions::default()).await.unwrap_err().to_string() }
     };
-    let larger = argus_scene::FrameSource { width: 640, height: 480, ..source };
+    let larger = argus_scene::FrameSource { width: 641, height: 480, ..source };
     assert!(refused(pin(larger)).await.contains("pin.plan.warp.frames"));
-    let finer = argus_scene::FrameSource { samples_per_pixel: 4, ..source };
+    let finer = argus_scene::FrameSource { samples_per_pixel: 64, ..source };
     assert!(refused(pin(finer)).await.contains("pin.plan.warp.frames"));
     // A frame of the view's own camera is the view itself, to within rounding.
     let again = rendered(&client, &pin(source)).await;

@@ -51,8 +51,6 @@ pub struct Settings {
     pub no_device: AtomicBool,
     /// Slices in which a compositor uploads a background sample; 0: no slices.
     pub hold_slices: AtomicUsize,
-    /// Reconstructed views show surfaces at the viewer's eye, for which distant samples have coarse texels.
-    pub coarse: AtomicBool,
     /// Time of a slice.
     pub hold_us: AtomicU64,
     /// Slices and views, in the order in which they were done.
@@ -458,12 +456,6 @@ impl Compositor for FakeCompositor {
             let mut made = frame(job, &super::scene("test"), info.specification(), seed_of(job, &texels));
             made.provenance.scene = info.scene;
             made.stages = stages(&self.settings.view_us);
-            if self.settings.coarse.load(Ordering::SeqCst) {
-                let pixels = (job.width * job.height) as usize;
-                made.images[Output::Range] =
-                    job.outputs.has(Output::Range).then(|| 1e-3_f32.to_le_bytes().repeat(pixels).into());
-                made.images[Output::Source] = job.outputs.has(Output::Source).then(|| vec![1; pixels].into());
-            }
             made.unresolved_fraction = self.settings.unresolved_percent.load(Ordering::SeqCst) as f64 * 1e-2;
             Ok(made)
         };
