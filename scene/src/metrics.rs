@@ -60,15 +60,6 @@ pub fn flip_mean(reference: &RgbImage, test: &RgbImage) -> Result<f64, CompareEr
     Ok(flip.iter().map(|&e| f64::from(e)).sum::<f64>() / flip.len() as f64)
 }
 
-/// The mean FLIP error of images of this size in sRGB, 3 bytes a pixel; `None` if one has another size, or no pixels.
-pub fn flip_mean_of_bytes([width, height]: [u32; 2], reference: &[u8], test: &[u8]) -> Option<f64> {
-    let image = |bytes: &[u8]| RgbImage::from_raw(width, height, bytes.to_vec());
-    let (reference, test) = (image(reference)?, image(test)?);
-    // A longer buffer is accepted, and cut off.
-    let is_whole = |bytes: &[u8]| bytes.len() as u64 == 3 * u64::from(width) * u64::from(height);
-    (is_whole(&reference) && is_whole(&test)).then(|| flip_mean(&reference, &test).ok())?
-}
-
 /// Mean FLIP errors of a whole image and of its tiles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FlipTiles {

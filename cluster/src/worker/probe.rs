@@ -7,12 +7,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use argus_scene::metrics::flip_mean_of_bytes;
 use argus_scene::{
     Camera, Frame, Holes, Intrinsics, Lens, Output, Outputs, Plan, SampleSetInfo, ViewJob, Warp,
 };
 use bytes::Bytes;
 use glam::{DVec2, UVec2};
+use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8, flip};
 use tracing::debug;
 
 use super::from_sources::{self, From};
@@ -146,10 +146,21 @@ fn error_of(parts: &[Part], shown: &[Bytes], reference: &[Bytes]) -> Option<f64>
     let (mut sum, mut pixels) = (0.0, 0.0);
     for ((part, shown), reference) in parts.iter().zip(shown).zip(reference) {
         let count = f64::from(part.size.x * part.size.y);
-        sum += count * flip_mean_of_bytes(part.size.to_array(), reference, shown)?;
+        sum += count * flip_mean(part.size.to_array(), reference, shown)?;
         pixels += count;
     }
     (pixels > 0.0).then(|| sum / pixels)
+}
+
+/// Mean FLIP of an image in sRGB, 3 bytes a pixel; `None` if one of the two has another size, or no pixels.
+fn flip_mean([width, height]: [u32; 2], reference: &[u8], shown: &[u8]) -> Option<f64> {
+    let bytes = 3 * width as usize * height as usize;
+    if bytes == 0 || [reference, shown].iter().any(|image| image.len() != bytes) {
+        return None;
+    }
+    let image = |bytes: &[u8]| FlipImageRgb8::with_data(width, height, bytes);
+    let errors = flip(image(reference), image(shown), DEFAULT_PIXELS_PER_DEGREE).to_vec();
+    Some(errors.iter().map(|error| f64::from(*error)).sum::<f64>() / errors.len() as f64)
 }
 
 /// The parts of a view of this size: one in each of as many cells. `turn` moves them.

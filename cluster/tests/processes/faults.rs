@@ -399,6 +399,10 @@ async fn an_unused_sampler_is_dropped_after_a_while() {
         cluster.render(&view(1)).await.unwrap();
     }
     let count = |count: &std::sync::atomic::AtomicUsize| count.load(Ordering::SeqCst);
+    // The first worker finishes its old role's work first.
+    let plays =
+        |status: &argus_proto::v1::StatusResponse| status.workers.iter().any(|w| w.role() == Role::Sampler);
+    cluster.wait_for(plays).await;
     let status = cluster.status().await;
     let sampler = status.workers.iter().find(|w| w.role() == Role::Sampler).unwrap().address.clone();
     cluster.worker_at(&sampler).kill();

@@ -1,6 +1,6 @@
 //! `shaders/compositor/fill.wgsl` and `sky_mask.wgsl`: depths of a band of cells from those that texels left there.
 
-use super::lookup::{CONTINUES, Depth, SKY, bits_of, depth_of_cell};
+use super::lookup::{CONTINUES, Depth, SKY, bits_of, depth_of_cell, farther};
 use super::second::ray_is_sky;
 use super::view::View;
 
@@ -48,13 +48,6 @@ fn between(a: Depth, b: Depth) -> Depth {
 #[inline(always)]
 fn nearer(a: Depth, b: Depth) -> Depth {
     let second = b.q > a.q;
-    Depth { q: if second { b.q } else { a.q }, source: if second { b.source } else { a.source } }
-}
-
-/// The farther of two depths; none is ignored.
-#[inline(always)]
-pub(super) fn farther(a: Depth, b: Depth) -> Depth {
-    let second = (a.q == 0.0) | ((b.q > 0.0) & (b.q < a.q));
     Depth { q: if second { b.q } else { a.q }, source: if second { b.source } else { a.source } }
 }
 

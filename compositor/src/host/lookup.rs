@@ -58,6 +58,13 @@ pub(super) fn depth_of_cell(cell: u32) -> Depth {
     Depth { q: if cell >= 8 { f32::from_bits(bits) } else { 0.0 }, source }
 }
 
+/// The farther of two depths; none is ignored.
+#[inline(always)]
+pub(super) fn farther(a: Depth, b: Depth) -> Depth {
+    let second = (a.q == 0.0) | ((b.q > 0.0) & (b.q < a.q));
+    Depth { q: if second { b.q } else { a.q }, source: if second { b.source } else { a.source } }
+}
+
 /// Whether two positive inverse depths belong to one surface.
 #[inline(always)]
 pub(super) fn continues(a: f32, b: f32) -> bool {

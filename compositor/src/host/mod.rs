@@ -17,7 +17,11 @@
 //! | [`lookup`] | a point is looked up in a frame: the depth-corrected fetch |
 //! | [`warp`] | a row of pixels, eight at a time |
 //! | [`second`] | the pixels that this did not settle |
+//! | [`colors`] | their colours, from the places that were found |
+//! | [`compose`] | all of these, in bands of rows |
 
+mod colors;
+mod compose;
 mod fill;
 mod lookup;
 mod second;

@@ -2,8 +2,9 @@
 //! They are looked up in all frames at the depths splatted nearby; then they are sky if the frames see past every point of their
 //! ray; the others are searched along the ray.
 
-use super::fill::farther;
-use super::lookup::{Depth, Fetches, LANES, SETTLED, depth_of, depth_of_cell, dot3, fetch, splat, splat3};
+use super::lookup::{
+    Depth, Fetches, LANES, SETTLED, depth_of, depth_of_cell, dot3, farther, fetch, splat, splat3,
+};
 use super::source::HostFrame;
 use super::view::{OTHER_SAMPLE, Pixel, UNRESOLVED, View};
 
