@@ -20,7 +20,7 @@ use super::config::RunError;
 use super::node::Node;
 use super::prefetches::WantedSample;
 use super::queue::BackendCosts;
-use super::{policy, prefetch, purchases, scene};
+use super::{policy, prefetch, purchase, scene};
 use crate::core::{Purchase, Report, Role};
 use crate::rate_limited_log::RateLimitedLog;
 use crate::sealed::SealKey;
@@ -205,7 +205,7 @@ async fn once(
     tokio::select! {
         ended = listen => ended,
         ended = obey(node, opener, channel, newest) => ended,
-        () = purchases::carry_out(node) => Err(Ended::Lost("sources are no longer rendered".to_owned())),
+        () = purchase::carry_out(node) => Err(Ended::Lost("sources are no longer rendered".to_owned())),
         () = super::cells::take(node) => Err(Ended::Lost("light cells are no longer taken".to_owned())),
         () = report(node, reports, interval.subscribe()) => Err(Ended::Lost("reports cannot be sent".to_owned())),
     }

@@ -3,7 +3,7 @@
 //! `join` holds the connection to the coordinator. `views` and `samples` are the gRPC services. `fetch` gets the
 //! samples of a view, and `trace` the pixels that no sample saw. `render` is the render thread, which alone calls the
 //! two roles; `queue` feeds it in the order of [`policy`]. `store` holds samples, `sources` direct frames that
-//! other views are warped from; `purchases` renders those that are ordered. `node` is the state that all of these share.
+//! other views are warped from; `purchase` renders those that are ordered. `node` is the state that all of these share.
 
 mod cells;
 mod claim;
@@ -26,6 +26,7 @@ mod prefetch;
 mod prefetches;
 mod probe;
 mod probes;
+mod purchase;
 mod purchases;
 mod queue;
 mod render;

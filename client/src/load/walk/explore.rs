@@ -6,8 +6,8 @@ use argus_scene::path::uniform;
 use argus_scene::{Bounds, Camera};
 use glam::{DQuat, DVec3};
 
+use super::pose::up;
 use super::surroundings::{Probe, Surroundings};
-use super::up;
 use crate::ClientError;
 
 /// Walking speed in a scene of metres, metres a second.

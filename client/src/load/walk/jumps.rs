@@ -6,8 +6,8 @@ use futures::future::try_join_all;
 use glam::DVec3;
 
 use super::explore::{Region, explore, speed};
+use super::pose::{Walk, moved, up};
 use super::surroundings::Probe;
-use super::{Walk, moved, up};
 use crate::ClientError;
 use crate::load::path::GOLDEN;
 

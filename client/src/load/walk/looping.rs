@@ -4,7 +4,7 @@ use argus_proto::Description;
 use argus_scene::Camera;
 use futures::future::try_join_all;
 
-use super::Walk;
+use super::pose::Walk;
 use super::surroundings::{Probe, Surroundings};
 use crate::ClientError;
 use crate::load::path::CameraPath;

@@ -6,6 +6,7 @@
 mod explore;
 mod jumps;
 mod looping;
+mod pose;
 mod roam;
 mod surroundings;
 #[cfg(test)]
@@ -18,11 +19,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use argus_scene::{Camera, InvalidField};
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use self::jumps::Jumps;
 use self::looping::Looping;
+use self::pose::Walk;
 use self::roam::Roam;
 use super::schedule::Cameras;
 use crate::{Client, ClientError};
@@ -73,12 +74,6 @@ impl FromStr for WalkKind {
     }
 }
 
-/// The moving viewpoints of all viewers of a load.
-trait Walk: fmt::Debug + Send + Sync {
-    /// The camera of a viewer, counted from 0, at a time in seconds. It is valid.
-    fn camera(&self, viewer: u32, secs: f64) -> Camera;
-}
-
 /// The cameras of a walk that is to last for a time; after it, viewers who roam turn back. The service renders the range views that
 /// keep the walk in free space: no light is computed for them.
 ///
@@ -105,15 +100,4 @@ impl Walk for Rest {
     fn camera(&self, viewer: u32, _: f64) -> Camera {
         self.0[viewer as usize % self.0.len()]
     }
-}
-
-/// A camera moved to an eye and turned to a direction. Where that is no valid camera, the base stays.
-fn moved(base: Camera, eye: DVec3, look: DVec3) -> Camera {
-    let moved = Camera { eye, target: eye + look, ..base };
-    if moved.validate().is_ok() { moved } else { base }
-}
-
-/// The upward direction of a camera's image.
-fn up(camera: &Camera) -> DVec3 {
-    camera.up.normalize_or(DVec3::Y)
 }

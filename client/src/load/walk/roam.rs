@@ -9,9 +9,9 @@ use futures::future::try_join_all;
 use glam::{DQuat, DVec3};
 
 use super::explore::{Region, explore, speed, unit};
+use super::pose::{Walk, moved, up};
 use super::surroundings::Probe;
 use super::trail::Trail;
-use super::{Walk, moved, up};
 use crate::ClientError;
 
 /// Groups of viewers.

@@ -6,8 +6,8 @@
 
 use argus_scene::{Detail, SampleId};
 
-use super::OfferKind;
 use super::errors::{Errors, WarpFeatures};
+use super::offer_kind::OfferKind;
 use super::pool::Near;
 use super::prices::Prices;
 use super::source_grid::POINTS;

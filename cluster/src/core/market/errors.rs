@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 use argus_scene::Detail;
 
-use super::OfferKind;
+use super::offer_kind::OfferKind;
 
 /// Weight of a probe.
 ///

@@ -14,41 +14,24 @@
 //! | [`errors`] | which error each kind of offer has in this scene |
 //! | [`source_grid`] | how much of a view a source sees, by the source's own depth |
 //! | [`pool`] | which worker holds which source |
+//! | [`offer_kind`] | which ways there are |
 //!
 //! All are pure: the coordinator, the simulator and the tests call the same functions.
 
 pub mod buy;
 pub mod decide;
 pub mod errors;
+pub mod offer_kind;
 pub mod pool;
 pub mod prices;
 pub mod source_grid;
 pub mod time_price;
 
-use argus_scene::Detail;
-
 pub use buy::{Accounts, Gain, Purchasable, Site, buy};
 pub use decide::{Allowed, Asked, Chosen, Decision, Hand, decide};
 pub use errors::{Errors, WarpFeatures};
+pub use offer_kind::OfferKind;
 pub use pool::{Coming, Pool};
 pub use prices::Prices;
 pub use source_grid::{Place, Seen, SourceGrid, ViewGrid};
 pub use time_price::TimePrice;
-
-/// A way to answer a view.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum OfferKind {
-    /// From triangles, in some detail.
-    Direct(Detail),
-    /// Warped from sources; pixels that none sees are guessed.
-    Guessed,
-    /// Warped from sources; pixels that none sees are traced.
-    Traced,
-}
-
-impl OfferKind {
-    /// Whether it is warped from sources.
-    pub fn is_warped(self) -> bool {
-        matches!(self, Self::Guessed | Self::Traced)
-    }
-}

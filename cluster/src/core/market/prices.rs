@@ -6,8 +6,8 @@
 
 use argus_scene::Detail;
 
-use super::OfferKind;
 use super::buy::Purchasable;
+use super::offer_kind::OfferKind;
 use crate::core::quality::Cost;
 
 /// Time of one warp over that of the view from triangles in full.
