@@ -98,7 +98,7 @@ pub(super) async fn explore(
         let at = around.at;
         let back = way.corners.len().checked_sub(2).map(|before| way.corners[before]);
         let Some(to) = step.next(&way.corners, &mut chance).or(back) else {
-            // There is no way at all: walkers stay where they are.
+            // Without a way walkers stay where they are.
             break;
         };
         walked += (to - at).length().max(0.05 * region.stride);
@@ -142,7 +142,7 @@ impl Step<'_> {
         open.into_iter().take(DIRECTIONS as usize / 2).map(|(_, direction)| direction).collect()
     }
 
-    /// The best next corner: ahead, and away from where the walk has been. `None` if there is no room for a step.
+    /// The best next corner: ahead, and away from where the walk has been. `None` without room for a step.
     fn next(&self, corners: &[DVec3], chance: &mut impl FnMut() -> f64) -> Option<DVec3> {
         let stride = self.region.stride;
         let at = self.around.at;

@@ -11,7 +11,7 @@ use crate::load::path::CameraPath;
 
 /// Moments of a swing whose room is known.
 const MOMENTS: usize = 96;
-/// The share of a swing changes no faster than over so many moments.
+/// Moments over which the share of a swing changes at the fastest.
 const SMOOTH: usize = 6;
 
 /// Viewers who swing about the scene's viewpoints, in turn.
@@ -56,7 +56,7 @@ fn room(path: &CameraPath, around: &Surroundings) -> [f64; MOMENTS] {
             if length > 0.0 { (around.free(displacement / length, margin) / length).min(1.0) } else { 1.0 }
         })
         .collect();
-    // The mean of least values nearby is no greater than the value itself, and has no steps.
+    // The mean of least values nearby is at most the value itself, and has no steps.
     let nearby = |moment: usize| (0..=2 * SMOOTH).map(move |i| (moment + MOMENTS + i - SMOOTH) % MOMENTS);
     let least = |moment: usize| nearby(moment).map(|near| shares[near]).fold(1.0, f64::min);
     std::array::from_fn(|moment| nearby(moment).map(least).sum::<f64>() / (2 * SMOOTH + 1) as f64)

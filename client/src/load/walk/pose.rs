@@ -11,7 +11,7 @@ pub(super) trait Walk: fmt::Debug + Send + Sync {
     fn camera(&self, viewer: u32, secs: f64) -> Camera;
 }
 
-/// A camera moved to an eye and turned to a direction. Where that is no valid camera, the base stays.
+/// A camera moved to an eye and turned to a direction. If that camera is invalid, the base stays.
 pub(super) fn moved(base: Camera, eye: DVec3, look: DVec3) -> Camera {
     let moved = Camera { eye, target: eye + look, ..base };
     if moved.validate().is_ok() { moved } else { base }

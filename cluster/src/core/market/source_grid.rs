@@ -12,9 +12,9 @@ use argus_scene::{Camera, FrameSource};
 use glam::{DMat3, DVec2, DVec3};
 
 /// Columns and rows of a grid.
-pub const COLUMNS: usize = 12;
+pub const COLUMNS: usize = FrameSource::GRID[0] as usize;
 /// Rows of a grid.
-pub const ROWS: usize = 9;
+pub const ROWS: usize = FrameSource::GRID[1] as usize;
 /// Points of a grid.
 pub const POINTS: usize = COLUMNS * ROWS;
 
